@@ -1,0 +1,41 @@
+"""The one model base, canonical JSON, and content digests.
+
+Anything that is kept, compared or signed is identified by the SHA-256 of its canonical JSON:
+sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity.
+"""
+
+import hashlib
+import json
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Document(BaseModel):
+    """Immutable and strict: an unknown key is an error, a number never comes from a string."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, populate_by_name=True, ser_json_inf_nan="null"
+    )
+
+
+def canonical_json(value: Any) -> bytes:
+    """Return the one byte string that stands for a JSON value.
+
+    Args:
+        value: A JSON-compatible value, or a `Document`.
+
+    Raises:
+        ValueError: A number is NaN or infinite.
+    """
+    if isinstance(value, BaseModel):
+        value = value.model_dump(mode="json", by_alias=True)
+    text = json.dumps(
+        value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+    )
+    return text.encode("utf-8")
+
+
+def content_digest(value: Any) -> str:
+    """Return `sha256:` and the hex digest of the canonical JSON of `value`."""
+    return "sha256:" + hashlib.sha256(canonical_json(value)).hexdigest()

@@ -1,0 +1,173 @@
+"""The two challenges as data: which file they take, which metrics they give, what ranks.
+
+A challenge differs from its sibling only here, in the scoring package (measure, grade) and in the
+submission file's form. Check, upload, jobs, records, rescoring, boards and pages are the same code.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Literal
+
+from exceptiondrive_schemas.base import Document
+
+
+class ChallengeId(StrEnum):
+    """Identifier of a challenge."""
+
+    PLANNING = "planning"
+    STRATEGY = "strategy"
+
+
+class Metric(Document):
+    """One column of a board: what it is called, which way is better, what it may decide."""
+
+    key: str
+    label: str
+    title: str
+    unit: Literal["fraction", "metre"]
+    better: Literal["higher", "lower"] | None
+    role: Literal["primary", "diagnostic"]
+    meaning: str
+
+
+class Challenge(Document):
+    """A challenge: the schema of its submission file and its metrics in column order."""
+
+    id: ChallengeId
+    title: str
+    file_schema: str
+    metrics: tuple[Metric, ...]
+
+    @property
+    def metric_keys(self) -> tuple[str, ...]:
+        """Keys of all metrics, in column order."""
+        return tuple(metric.key for metric in self.metrics)
+
+    def metric(self, key: str) -> Metric:
+        """Return the metric called `key`.
+
+        Raises:
+            KeyError: This challenge has no such metric.
+        """
+        for metric in self.metrics:
+            if metric.key == key:
+                return metric
+        raise KeyError(key)
+
+
+PLANNING = Challenge(
+    id=ChallengeId.PLANNING,
+    title="Planning",
+    file_schema="exceptiondrive.planning/1",
+    metrics=(
+        Metric(
+            key="hcc",
+            label="HCC",
+            title="Hazard Clearance Compliance",
+            unit="fraction",
+            better="higher",
+            role="primary",
+            meaning="Zero inside the hazard, then grows with clearance until the required "
+            "clearance is met.",
+        ),
+        Metric(
+            key="ur",
+            label="UR",
+            title="Unsafe Rate",
+            unit="fraction",
+            better="lower",
+            role="primary",
+            meaning="Share of samples in which the collision tube touches the hazard region.",
+        ),
+        Metric(
+            key="hpr",
+            label="HPR",
+            title="Hazard Proximity Response",
+            unit="fraction",
+            better=None,
+            role="diagnostic",
+            meaning="Peaks where clearance equals the required clearance; too close and too far "
+            "both cost. Not a safety score.",
+        ),
+        Metric(
+            key="cts",
+            label="CTS",
+            title="Counterfactual Trajectory Shift",
+            unit="metre",
+            better=None,
+            role="diagnostic",
+            meaning="How far the trajectory moved once the hazard appeared. Moving is not the "
+            "same as avoiding.",
+        ),
+        Metric(
+            key="cts_x",
+            label="CTSx",
+            title="CTS, longitudinal",
+            unit="metre",
+            better=None,
+            role="diagnostic",
+            meaning="Longitudinal part of the shift.",
+        ),
+        Metric(
+            key="cts_y",
+            label="CTSy",
+            title="CTS, lateral",
+            unit="metre",
+            better=None,
+            role="diagnostic",
+            meaning="Lateral part of the shift.",
+        ),
+    ),
+)
+
+STRATEGY = Challenge(
+    id=ChallengeId.STRATEGY,
+    title="Strategy",
+    file_schema="exceptiondrive.strategy/1",
+    metrics=(
+        Metric(
+            key="accuracy",
+            label="Accuracy",
+            title="Strategy accuracy",
+            unit="fraction",
+            better="higher",
+            role="primary",
+            meaning="Share of samples whose strategy is in the acceptable set.",
+        ),
+        Metric(
+            key="under_warning",
+            label="Under-warning",
+            title="Under-warning rate",
+            unit="fraction",
+            better="lower",
+            role="primary",
+            meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
+        ),
+        Metric(
+            key="over_warning",
+            label="Over-warning",
+            title="Over-warning rate",
+            unit="fraction",
+            better=None,
+            role="diagnostic",
+            meaning="Wrong, but not too little caution.",
+        ),
+        Metric(
+            key="missing",
+            label="Missing",
+            title="Missing answers",
+            unit="fraction",
+            better="lower",
+            role="diagnostic",
+            meaning="No answer given; counted as wrong and under-warning.",
+        ),
+    ),
+)
+
+CHALLENGES: Mapping[ChallengeId, Challenge] = MappingProxyType(
+    {challenge.id: challenge for challenge in (PLANNING, STRATEGY)}
+)
+CHALLENGE_OF_FILE_SCHEMA: Mapping[str, Challenge] = MappingProxyType(
+    {challenge.file_schema: challenge for challenge in CHALLENGES.values()}
+)

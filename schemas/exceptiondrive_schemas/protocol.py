@@ -1,0 +1,219 @@
+"""The protocol document: every constant that turns a trajectory into a score (PROTOCOL.md).
+
+A protocol is TOML on disk, immutable once used, and identified by version and content digest.
+Its sections are digested apart, so that a change repeats only the steps that read the section:
+`geometry` -> measure, `grading` and the taxonomy -> grade, `ranking` -> rank.
+"""
+
+import json
+import tomllib
+from importlib import resources
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
+
+PositiveMetres = Annotated[float, Field(gt=0, le=1000)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class GeometrySection(Document):
+    """Read by check and measure: frame, waypoints, heading, footprint, tube, contact."""
+
+    frame: Literal["rear_axle_flu"]
+    waypoints: Annotated[int, Field(ge=1, le=200)]
+    time_step_s: Annotated[float, Field(gt=0, le=5)]
+    max_coordinate_m: PositiveMetres
+    max_step_m: PositiveMetres
+    heading_hold_m: Annotated[float, Field(ge=0, le=5)]
+    heading_hold_tolerance_m: Annotated[float, Field(ge=0, le=0.01)]
+    reverse_above_deg: Annotated[float, Field(gt=0, le=180)]
+    footprint_length_m: PositiveMetres
+    footprint_width_m: PositiveMetres
+    footprint_centre_ahead_m: Annotated[float, Field(ge=-20, le=20)]
+    collision_tube: Literal["hulls", "footprints"]
+    contact_tolerance_m: Annotated[float, Field(gt=0, le=0.001)]
+    min_region_area_m2: Annotated[float, Field(gt=0, le=100)]
+    max_region_distance_m: PositiveMetres
+
+    @property
+    def horizon_s(self) -> float:
+        """Time of the last waypoint."""
+        return self.waypoints * self.time_step_s
+
+
+class GradingSection(Document):
+    """Read by grade; the required clearances stand with the tasks."""
+
+    headline: Literal["micro", "macro_family"]
+    d_safe_scale: Annotated[float, Field(gt=0, le=10)] = 1.0
+    caution: dict[str, Annotated[int, Field(ge=0, le=100)]]
+
+    @model_validator(mode="after")
+    def _every_strategy_has_a_caution_rank(self) -> Self:
+        expected = [strategy.value for strategy in Strategy]
+        if sorted(self.caution) != expected:
+            raise ValueError(f"caution must rank exactly the strategies {', '.join(expected)}")
+        return self
+
+
+class RankKey(Document):
+    """One key of the rank order."""
+
+    metric: str
+    order: Literal["descending", "ascending"]
+
+
+class RankingSection(Document):
+    """Read by rank: order, coverage that ranks, bootstrap."""
+
+    order: dict[str, Annotated[tuple[RankKey, ...], Field(min_length=1)]]
+    min_coverage: Share
+    bootstrap_draws: Annotated[int, Field(ge=100, le=100_000)]
+    bootstrap_seed: Annotated[int, Field(ge=0, lt=2**63)]
+    confidence: Annotated[float, Field(gt=0.5, lt=1)]
+
+    @model_validator(mode="after")
+    def _order_names_primary_metrics(self) -> Self:
+        if sorted(self.order) != sorted(CHALLENGES):
+            raise ValueError(f"order needs exactly the challenges {', '.join(CHALLENGES)}")
+        for challenge_id, keys in self.order.items():
+            challenge = next(c for c in CHALLENGES.values() if c.id == challenge_id)
+            primary = {metric.key for metric in challenge.metrics if metric.role == "primary"}
+            for key in keys:
+                if key.metric not in primary:
+                    raise ValueError(
+                        f"{key.metric!r} cannot rank the {challenge_id} challenge; "
+                        f"its primary metrics are {', '.join(sorted(primary))}"
+                    )
+        return self
+
+
+class PlausibilitySection(Document):
+    """Published beside the score, never folded into it; and the frame check at upload."""
+
+    stationary_below_m: PositiveMetres
+    blind_shift_below_m: PositiveMetres
+    max_acceleration_mps2: Annotated[float, Field(gt=0, le=1000)]
+    min_turn_radius_m: PositiveMetres
+    flag_edited_stationary_excess: Share
+    flag_source_stationary: Share
+    flag_blind: Share
+    flag_impossible: Share
+    frame_check_min_motion_m: PositiveMetres
+    frame_check_max_angle_deg: Annotated[float, Field(gt=0, lt=180)]
+    frame_check_min_samples: Annotated[int, Field(ge=1)]
+
+
+class PublicationSection(Document):
+    """How many digits leave the server: per cent for fractions, metres for shifts."""
+
+    percent_decimals: Annotated[int, Field(ge=0, le=4)]
+    metre_decimals: Annotated[int, Field(ge=0, le=4)]
+    min_samples_per_cell: Annotated[int, Field(ge=1)]
+
+
+class Protocol(Document):
+    """A complete, versioned protocol."""
+
+    schema_: Literal["exceptiondrive.protocol/1"] = Field(alias="schema")
+    version: Annotated[str, Field(pattern=r"^\d+\.\d+(\.\d+)?(-[a-z0-9.]+)?$")]
+    title: str
+    changes: str
+    geometry: GeometrySection
+    grading: GradingSection
+    ranking: RankingSection
+    plausibility: PlausibilitySection
+    publication: PublicationSection
+    families: tuple[Family, ...]
+    tasks: tuple[Task, ...]
+
+    @model_validator(mode="after")
+    def _taxonomy_is_sound(self) -> Self:
+        _ = self.taxonomy
+        return self
+
+    @property
+    def taxonomy(self) -> Taxonomy:
+        """Families and tasks."""
+        return Taxonomy(families=self.families, tasks=self.tasks)
+
+    @property
+    def digest(self) -> str:
+        """Digest of the whole document."""
+        return content_digest(self)
+
+    @property
+    def geometry_digest(self) -> str:
+        """Digest of what `measure` reads."""
+        return content_digest(self.geometry)
+
+    @property
+    def grading_digest(self) -> str:
+        """Digest of what `grade` reads besides measurements and the split."""
+        return content_digest(
+            {
+                "grading": self.grading.model_dump(mode="json"),
+                "plausibility": self.plausibility.model_dump(mode="json"),
+                "taxonomy": self.taxonomy.model_dump(mode="json"),
+            }
+        )
+
+    @property
+    def ranking_digest(self) -> str:
+        """Digest of what `rank` reads besides score sheets."""
+        return content_digest(
+            {
+                "ranking": self.ranking.model_dump(mode="json"),
+                "publication": self.publication.model_dump(mode="json"),
+            }
+        )
+
+
+class ProtocolError(ValueError):
+    """The protocol document cannot be used; each line says where and why."""
+
+    def __init__(self, problems: list[str]) -> None:
+        self.problems = problems
+        super().__init__("the protocol document is not valid:\n" + "\n".join(problems))
+
+
+def parse_protocol(toml: str) -> Protocol:
+    """Read a protocol from TOML.
+
+    Raises:
+        ProtocolError: Not TOML, or the document breaks the schema; every problem is listed.
+    """
+    try:
+        document = json.dumps(tomllib.loads(toml), allow_nan=False)
+    except tomllib.TOMLDecodeError as error:
+        raise ProtocolError([f"not TOML: {error}"]) from None
+    except (TypeError, ValueError):
+        raise ProtocolError(["a protocol holds finite numbers, text and lists only"]) from None
+    try:
+        return Protocol.model_validate_json(document)
+    except ValidationError as error:
+        raise ProtocolError(
+            [
+                f"{'.'.join(str(part) for part in item['loc']) or 'document'}: {item['msg']}"
+                for item in error.errors(include_url=False, include_input=False)
+            ]
+        ) from None
+
+
+def packaged_protocol_toml(version: str = "1.0") -> str:
+    """TOML text of a protocol that ships with this package.
+
+    Raises:
+        FileNotFoundError: No such version ships.
+    """
+    folder = resources.files("exceptiondrive_schemas") / "protocols"
+    return (folder / f"{version}.toml").read_text(encoding="utf-8")
+
+
+def packaged_protocol(version: str = "1.0") -> Protocol:
+    """Return a protocol that ships with this package."""
+    return parse_protocol(packaged_protocol_toml(version))
