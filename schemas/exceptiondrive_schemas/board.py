@@ -1,0 +1,84 @@
+"""The published board: an immutable snapshot of ranked entries (DESIGN.md 3)."""
+
+from datetime import datetime
+from typing import Literal
+
+from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Flag,
+    Interval,
+    MetricRow,
+    ProtocolRef,
+)
+from exceptiondrive_schemas.split import SplitRef
+
+EntrySource = Literal["scored", "reported", "reference"]
+
+
+class Links(Document):
+    """Where a method is described; https only."""
+
+    paper: str | None = None
+    code: str | None = None
+
+
+class FamilyCell(BreakdownRow):
+    """One family of one entry; `n` is None where a paper does not report it."""
+
+    intervals: dict[str, Interval | None] = {}
+
+
+class BoardEntry(Document):
+    """One row of a board. Only scored entries carry a rank."""
+
+    source: EntrySource
+    rank: int | None
+    rank_interval: tuple[int, int] | None
+    previous_rank: int | None = None
+    unranked_because: str | None = None
+    submission_id: str | None
+    method: str
+    team: str
+    description: str = ""
+    links: Links = Links()
+    submitted_at: datetime | None
+    metrics: MetricRow
+    micro: MetricRow
+    macro_family: MetricRow
+    intervals: dict[str, Interval | None]
+    families: dict[str, FamilyCell]
+    coverage: dict[str, float | None] = {}
+    flags: tuple[Flag, ...] = ()
+    cite: str | None = None
+
+
+class FamilyHead(Document):
+    """A family column: its title and how many samples it has on this split."""
+
+    id: str
+    title: str
+    n: int
+
+
+class Board(Document):
+    """A whole board. Its digest is its strong ETag."""
+
+    challenge: str
+    phase: str
+    split: SplitRef
+    protocol: ProtocolRef
+    headline: Literal["micro", "macro_family"]
+    board: int
+    published_at: datetime
+    n_samples: int
+    confidence: float
+    families: tuple[FamilyHead, ...]
+    entries: tuple[BoardEntry, ...]
+
+    @property
+    def content_digest(self) -> str:
+        """Digest of what the board says, whatever its number and date."""
+        document = self.model_dump(mode="json", by_alias=True)
+        del document["board"], document["published_at"]
+        return content_digest(document)

@@ -1,0 +1,45 @@
+"""Problem codes: one vocabulary for server answers and client errors (RFC 9457)."""
+
+from enum import StrEnum
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.faults import CheckReport
+
+PROBLEM_MEDIA_TYPE = "application/problem+json"
+
+
+class ProblemCode(StrEnum):
+    """Why a request was not carried out. Each has a help page at `/problems/<code>`."""
+
+    BAD_REQUEST = "bad_request"
+    NOT_SIGNED_IN = "not_signed_in"
+    NOT_ALLOWED = "not_allowed"
+    NOT_FOUND = "not_found"
+    METHOD_NOT_ALLOWED = "method_not_allowed"
+    CONFLICT = "conflict"
+    PHASE_CLOSED = "phase_closed"
+    UPLOAD_TOO_LARGE = "upload_too_large"
+    UPLOAD_EMPTY = "upload_empty"
+    UNSUPPORTED_MEDIA_TYPE = "unsupported_media_type"
+    QUOTA_EXCEEDED = "quota_exceeded"
+    REJECTED_CAP_EXCEEDED = "rejected_cap_exceeded"
+    FILE_INVALID = "file_invalid"
+    TOO_MANY_REQUESTS = "too_many_requests"
+    STORE_UNAVAILABLE = "store_unavailable"
+    INTERNAL = "internal"
+
+
+class Problem(Document):
+    """An RFC 9457 problem document."""
+
+    type: str
+    title: str
+    status: int
+    code: ProblemCode
+    detail: str
+    instance: str | None = None
+    request_id: str | None = None
+    retry_after_s: int | None = None
+    report: CheckReport | None = None
+    fields: dict[str, str] = {}
+    """Request fields that are wrong, each with a sentence."""

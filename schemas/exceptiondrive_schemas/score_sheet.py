@@ -1,0 +1,79 @@
+"""The score sheet: totals and breakdown of one scoring run, all that may ever be published."""
+
+from typing import Self
+
+from pydantic import ConfigDict, Field
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.split import SplitRef
+
+MetricRow = dict[str, float | None]
+"""Metric key to value: fractions, CTS in metres, undefined = None."""
+
+Interval = tuple[float, float]
+
+
+class ProtocolRef(Document):
+    """Which protocol, by version and digest."""
+
+    version: str
+    digest: str
+
+
+class Coverage(Document):
+    """Share of samples that carry an answer."""
+
+    edited: float
+    source: float | None = None
+
+
+class Flag(Document):
+    """A visible mark on an entry, with the sentence that explains it."""
+
+    code: str
+    label: str
+    detail: str
+
+
+class Plausibility(Document):
+    """Shares published beside the score, never folded into it (PROTOCOL.md 5)."""
+
+    shares: dict[str, float | None]
+    flags: tuple[Flag, ...] = ()
+
+
+class BreakdownRow(Document):
+    """One family or task: `n` and the metrics, flat: `{"n": 12, "hcc": 0.4, ...}`."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: MetricRow = Field(init=False)
+
+    n: int | None
+
+    @classmethod
+    def of(cls, n: int | None, metrics: MetricRow) -> Self:
+        """Return the row of `n` samples with these metrics."""
+        return cls.model_validate({"n": n, **metrics})
+
+    @property
+    def metrics(self) -> MetricRow:
+        """Metric key to value."""
+        return dict(self.__pydantic_extra__)
+
+
+class ScoreSheet(Document):
+    """Totals, families and tasks of one (submission, protocol version, split revision)."""
+
+    challenge: str
+    protocol: ProtocolRef
+    split: SplitRef
+    scorer_version: str
+    n: int
+    coverage: Coverage
+    micro: MetricRow
+    macro_family: MetricRow
+    families: dict[str, BreakdownRow]
+    tasks: dict[str, BreakdownRow]
+    plausibility: Plausibility
+    extra: dict[str, MetricRow] = {}
+    """Further named rows: sensitivity to d_safe, confusion, reminder scores."""

@@ -1,0 +1,41 @@
+"""The strategy submission file `exceptiondrive.strategy/1` (PROTOCOL.md 6, DESIGN.md 3)."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.planning import SampleId
+from exceptiondrive_schemas.taxonomy import Strategy
+
+ShortText = Annotated[str, Field(max_length=2000)]
+
+
+class ReminderRecord(Document):
+    """What the Reminder Agent says about one sample; presence, type and strategy are scored."""
+
+    hazard_present: bool | None = None
+    hazard_type: Annotated[str, Field(max_length=64)] | None = Field(
+        default=None, description="a task id of the protocol's taxonomy"
+    )
+    relative_location: ShortText | None = None
+    risk_level: Literal["none", "low", "medium", "high"] | None = None
+    evidence: ShortText | None = None
+    safety_constraint: ShortText | None = None
+    recommended_strategy: Strategy | None = None
+
+
+class StrategyPrediction(Document):
+    """The chosen strategy of one sample; `null` where the agent gave none."""
+
+    sample_id: SampleId
+    strategy: Strategy | None
+    reminder: ReminderRecord | None = None
+
+
+class StrategySubmission(Document):
+    """A whole strategy file: every sample of the split exactly once, in any order."""
+
+    schema_: Literal["exceptiondrive.strategy/1"] = Field(alias="schema")
+    split: str
+    predictions: tuple[StrategyPrediction, ...]

@@ -1,0 +1,131 @@
+"""Submissions and their statuses as the API shows them."""
+
+from datetime import datetime
+from enum import StrEnum
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+
+
+class SubmissionStatus(StrEnum):
+    """Where a submission stands. `rejected` = the file is wrong; `failed` = we are wrong."""
+
+    RECEIVED = "received"
+    """The row is committed: the submission cannot be lost any more."""
+    QUEUED = "queued"
+    """A worker has been called."""
+    SCORING = "scoring"
+    """A worker holds the lease."""
+    SCORED = "scored"
+    REJECTED = "rejected"
+    FAILED = "failed"
+    WITHDRAWN = "withdrawn"
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether scoring has ended."""
+        return self in _TERMINAL
+
+
+_TERMINAL = frozenset(
+    {
+        SubmissionStatus.SCORED,
+        SubmissionStatus.REJECTED,
+        SubmissionStatus.FAILED,
+        SubmissionStatus.WITHDRAWN,
+    }
+)
+
+
+class QueuePlace(Document):
+    """How long until a worker is free, as an estimate."""
+
+    position: int
+    expected_wait_s: float | None
+    attempts: int
+    workers_alive: int
+
+
+class Failure(Document):
+    """Why we could not score: a stable code and a sentence, never a traceback."""
+
+    code: str
+    message: str
+
+
+class SubmissionView(Document):
+    """A submission as its team sees it."""
+
+    id: str
+    phase: str
+    challenge: str
+    team: str
+    method: str
+    description: str
+    links: Links
+    file_digest: str
+    size_bytes: int
+    status: SubmissionStatus
+    received_at: datetime
+    status_at: datetime
+    queue: QueuePlace | None = None
+    report: CheckReport | None = None
+    failure: Failure | None = None
+    sheet: ScoreSheet | None = None
+    rank: int | None = None
+    is_duplicate: bool = False
+    """The same bytes were there before: this is the first submission, and no quota was spent."""
+
+
+class SubmissionPage(Document):
+    """A page of submissions, newest first; `next` continues it."""
+
+    submissions: tuple[SubmissionView, ...]
+    next: str | None = None
+
+
+class Quota(Document):
+    """What a team may still submit in a phase."""
+
+    per_day: int
+    used_today: int
+    remaining_today: int
+    total: int | None
+    used_total: int
+    resets_at: datetime
+    rejected_per_day: int
+    rejected_today: int
+
+
+class PhaseView(Document):
+    """A dated stage of a challenge, with its own split, protocol and limits."""
+
+    id: str
+    challenge: str
+    title: str
+    description: str
+    split: str
+    split_revision: str
+    split_is_public: bool
+    n_samples: int
+    protocol: str
+    protocol_digest: str
+    opens_at: datetime | None
+    closes_at: datetime | None
+    is_open: bool
+    quota_per_day: int
+    quota_total: int | None
+    max_upload_bytes: int
+    quota: Quota | None = None
+    """The asking team's own, when a token was sent."""
+
+
+class Me(Document):
+    """Who the token speaks for."""
+
+    team: str | None
+    token_name: str
+    scopes: tuple[str, ...]
+    expires_at: datetime | None
