@@ -28,7 +28,15 @@ setup: $(STAMP)  ## install everything into $(VENV)
 run: $(STAMP)  ## API, worker, broker and page at http://127.0.0.1:$(PORT); Ctrl-C ends all
 	@PATH="$(abspath $(BIN)):$$PATH" exec $(BIN)/exceptiondrive-server run --port $(PORT) --data $(DATA) --sample
 
-test: $(STAMP)  ## all tests; T=path picks some
+# The page is tested in a real browser where one is or can be installed; elsewhere those tests skip and say so.
+$(VENV)/.browser: $(STAMP)
+	@command -v chromium >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null \
+	  && { echo "installing Chromium for the browser tests (once)"; \
+	       { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium; } >$(VENV)/browser.log 2>&1; }; } \
+	  || echo "no Chromium: the browser tests will skip (as root: apt-get install chromium)"
+	@touch $@
+
+test: $(STAMP) $(VENV)/.browser  ## all tests; T=path picks some
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(T)
 
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
@@ -44,6 +52,8 @@ format: $(STAMP)  ## rewrite the code in the project's format
 lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --all-extras --group dev -o requirements/dev.txt pyproject.toml
 	grep -A 100 '^uv==' requirements/dev.txt | awk 'NR==1 || /^ /{print; next} {exit}' | sed '/# via/d' > requirements/bootstrap.txt
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra server -c requirements/dev.txt -o requirements/server.txt pyproject.toml
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra worker -c requirements/dev.txt -o requirements/worker.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
 .PHONY: help setup run test lint format lock

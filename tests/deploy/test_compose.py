@@ -1,0 +1,102 @@
+"""The production topology: valid by the compose specification, and with the walls of the design."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import compose_spec
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+
+
+class _Expanded(yaml.SafeDumper):
+    """Writes merged anchors out in full."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _set_variables(text: str) -> str:
+    """Put a value where compose would interpolate one."""
+    return re.sub(r"\$\{(\w+):\?[^}]*\}", r"/srv/\1", text)
+
+
+@pytest.fixture
+def compose() -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load(
+        _set_variables((ROOT / "compose.yaml").read_text("utf-8"))
+    )
+    return document
+
+
+def _validate(compose: dict[str, Any]) -> None:
+    compose_spec.PyCompose.from_yaml(yaml.dump(compose, Dumper=_Expanded))
+
+
+def test_it_is_valid_by_the_compose_specification(compose: dict[str, Any]) -> None:
+    _validate(compose)
+
+
+def test_the_validator_refuses_a_misspelt_key(compose: dict[str, Any]) -> None:
+    compose["services"]["server"]["read_onli"] = True
+    with pytest.raises(ValueError, match="read_onli"):
+        _validate(compose)
+
+
+def test_only_workers_mount_the_withheld_splits_and_read_only(compose: dict[str, Any]) -> None:
+    mounts = {
+        name: volume
+        for name, service in compose["services"].items()
+        for volume in service.get("volumes", [])
+        if "splits" in str(volume).lower()
+    }
+    assert sorted(mounts) == ["worker-live", "worker-rescore"]
+    assert all(volume["read_only"] for volume in mounts.values())
+
+
+def test_only_workers_mount_the_private_store(compose: dict[str, Any]) -> None:
+    users = [
+        name
+        for name, service in compose["services"].items()
+        if any("private" in str(volume) for volume in service.get("volumes", []))
+    ]
+    assert sorted(users) == ["worker-live", "worker-rescore"]
+
+
+def test_every_service_is_confined(compose: dict[str, Any]) -> None:
+    for name, service in compose["services"].items():
+        assert service["read_only"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert "no-new-privileges:true" in service["security_opt"], name
+        assert service["user"].split(":")[0] not in {"0", "root"}, name
+        assert service["deploy"]["resources"]["limits"]["memory"], name
+
+
+def test_server_and_worker_run_as_different_users(compose: dict[str, Any]) -> None:
+    services = compose["services"]
+    assert services["server"]["user"] != services["worker-live"]["user"]
+
+
+def test_every_lasting_service_has_a_health_check(compose: dict[str, Any]) -> None:
+    without = {name for name, service in compose["services"].items() if not _is_watched(service)}
+    assert without == {"migrate", "reconciler"}  # one runs once; a lease watches the other
+
+
+def _is_watched(service: dict[str, Any]) -> bool:
+    return "healthcheck" in service
+
+
+def test_no_secret_stands_in_the_file(compose: dict[str, Any]) -> None:
+    for name, service in compose["services"].items():
+        for key, value in service.get("environment", {}).items():
+            is_secret = any(word in key for word in ("PASSWORD", "TOKEN", "KEY", "DATABASE_URL"))
+            assert not is_secret or str(value).startswith("/run/secrets/"), (name, key)
+    assert all(set(secret) == {"file"} for secret in compose["secrets"].values())
+
+
+def test_the_data_network_reaches_nothing_outside(compose: dict[str, Any]) -> None:
+    assert compose["networks"]["data"]["internal"] is True
+    outside = [n for n, s in compose["services"].items() if "edge" in s.get("networks", [])]
+    assert outside == ["proxy"]
