@@ -1,0 +1,110 @@
+import os
+import stat
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exceptiondrive_worker.private_store import (
+    PrivateStore,
+    Shelf,
+    array_digest,
+    content_key,
+    pack_columns,
+)
+
+COLUMNS = {
+    "clearance_m": np.array([0.0, 1.25, np.nan]),
+    "intrusion": np.array([True, False, True]),
+    "edited": np.arange(12, dtype=np.float64).reshape(3, 2, 2),
+}
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> PrivateStore:
+    return PrivateStore(tmp_path / "private")
+
+
+def test_columns_come_back_bit_for_bit(store: PrivateStore) -> None:
+    store.write_columns(Shelf.MEASUREMENTS, "k", COLUMNS)
+    found = store.read_columns(Shelf.MEASUREMENTS, "k")
+    assert found is not None
+    assert pack_columns(found) == pack_columns(COLUMNS)
+    assert found["edited"].shape == (3, 2, 2)
+    assert found["intrusion"].dtype == np.bool_
+
+
+def test_an_unknown_key_is_absent(store: PrivateStore) -> None:
+    assert store.read_columns(Shelf.MEASUREMENTS, "k") is None
+
+
+def test_a_file_cut_short_is_absent_and_can_be_written_again(store: PrivateStore) -> None:
+    store.write_columns(Shelf.MEASUREMENTS, "k", COLUMNS)
+    path = store.root / Shelf.MEASUREMENTS / "k"
+    path.write_bytes(path.read_bytes()[:-3])
+    assert store.read_columns(Shelf.MEASUREMENTS, "k") is None
+    store.write_columns(Shelf.MEASUREMENTS, "k", COLUMNS)
+    assert store.read_columns(Shelf.MEASUREMENTS, "k") is not None
+
+
+@pytest.mark.parametrize("place", [0, 40, -1], ids=["digest", "head", "body"])
+def test_one_flipped_bit_makes_a_file_absent(store: PrivateStore, place: int) -> None:
+    store.write_columns(Shelf.SUMS, "k", COLUMNS)
+    path = store.root / Shelf.SUMS / "k"
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+    assert store.read_columns(Shelf.SUMS, "k") is None
+
+
+def test_an_empty_file_is_absent(store: PrivateStore) -> None:
+    (store.root / Shelf.SHEETS / "k").write_bytes(b"")
+    assert store.read(Shelf.SHEETS, "k") is None
+
+
+def test_only_the_owner_may_enter_or_read(store: PrivateStore) -> None:
+    store.write(Shelf.SHEETS, "k", b"{}")
+    for folder in (store.root, store.root / Shelf.SHEETS):
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert stat.S_IMODE((store.root / Shelf.SHEETS / "k").stat().st_mode) == 0o600
+
+
+def test_a_folder_that_stood_open_is_closed(tmp_path: Path) -> None:
+    root = tmp_path / "private"
+    root.mkdir(mode=0o755)
+    PrivateStore(root)
+    assert stat.S_IMODE(root.stat().st_mode) == 0o700
+
+
+def test_the_sweep_removes_old_leftovers_and_nothing_else(store: PrivateStore) -> None:
+    store.write(Shelf.SHEETS, "k", b"{}")
+    old, young = (store.root / Shelf.SHEETS / f".writing-{age}" for age in ("old", "young"))
+    old.write_bytes(b"half")
+    young.write_bytes(b"half")
+    os.utime(old, (time.time() - 7200,) * 2)
+    store.sweep()
+    assert sorted(path.name for path in (store.root / Shelf.SHEETS).iterdir()) == [
+        ".writing-young",
+        "k",
+    ]
+
+
+def test_keys_tell_apart_what_joining_would_confuse() -> None:
+    assert content_key("ab", "c") != content_key("a", "bc")
+
+
+def test_array_digests_see_type_shape_and_bits() -> None:
+    zeros = np.zeros((2, 3))
+    digests = {
+        array_digest(zeros),
+        array_digest(zeros.T),
+        array_digest(zeros.astype(np.float32)),
+        array_digest(-zeros),
+        array_digest(zeros, zeros),
+    }
+    assert len(digests) == 5
+
+
+def test_the_order_of_columns_does_not_matter() -> None:
+    assert pack_columns(dict(reversed(COLUMNS.items()))) == pack_columns(COLUMNS)

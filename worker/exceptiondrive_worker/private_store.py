@@ -1,0 +1,128 @@
+"""The worker's private store: what scoring keeps, under the hash of what made it.
+
+Per-sample columns and exact score sheets are withheld: only workers may read this folder (0700).
+Nothing here is the truth. Every file can be made again from the uploads and the splits, so a file
+that is missing, cut short or damaged is simply absent, and the next run writes it anew.
+"""
+
+import hashlib
+import json
+import os
+import tempfile
+import time
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Columns = Mapping[str, NDArray[Any]]
+
+_DIGEST_BYTES = 32
+_TEMPORARY_PREFIX = ".writing-"
+_STALE_AFTER_S = 3600
+
+
+class Shelf(StrEnum):
+    """One folder of the store."""
+
+    READS = "reads"
+    """Which answers an upload holds: file digest and manifest -> digest of the answers."""
+    ANSWERS = "answers"
+    """What was submitted, as columns in the split's order; the key is their own digest."""
+    MEASUREMENTS = "measurements"
+    """Per sample: clearance, intrusion, shifts. Key: answers, regions, geometry."""
+    SHEETS = "sheets"
+    """Exact totals and breakdown. Key: measurement, grading, tasks of the split."""
+    SUMS = "sums"
+    """Sums per scene, for the bootstrap. Key: as the sheet."""
+
+
+def content_key(*parts: str) -> str:
+    """Return the hex key that stands for an ordered list of parts."""
+    return hashlib.sha256(json.dumps(parts).encode("utf-8")).hexdigest()
+
+
+def array_digest(*arrays: NDArray[Any]) -> str:
+    """Return the hex digest of arrays: type, shape and every bit."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def pack_columns(columns: Columns) -> bytes:
+    """Return columns as one byte string: a JSON line of names and types, then the arrays."""
+    arrays = {name: np.ascontiguousarray(columns[name]) for name in sorted(columns)}
+    head = [[name, array.dtype.str, array.shape] for name, array in arrays.items()]
+    body = b"".join(array.tobytes() for array in arrays.values())
+    return json.dumps(head).encode() + b"\n" + body
+
+
+def unpack_columns(data: bytes) -> dict[str, NDArray[Any]]:
+    """Read what `pack_columns` wrote; the arrays are views and cannot be written to."""
+    end_of_head = data.index(b"\n")
+    columns: dict[str, NDArray[Any]] = {}
+    start = end_of_head + 1
+    for name, type_text, shape in json.loads(data[:end_of_head]):
+        dtype = np.dtype(type_text)
+        count = int(np.prod(shape, dtype=np.int64))
+        columns[name] = np.frombuffer(data, dtype, count, start).reshape(shape)
+        start += count * dtype.itemsize
+    return columns
+
+
+class PrivateStore:
+    """Content-keyed files under one folder that nobody but the worker may enter."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        for folder in (root, *(root / shelf for shelf in Shelf)):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.chmod(0o700)
+
+    def read(self, shelf: Shelf, key: str) -> bytes | None:
+        """Return the bytes kept under `key`, or None where they are absent or damaged."""
+        try:
+            framed = self._path(shelf, key).read_bytes()
+        except FileNotFoundError:
+            return None
+        digest, data = framed[:_DIGEST_BYTES], framed[_DIGEST_BYTES:]
+        return data if hashlib.sha256(data).digest() == digest else None
+
+    def write(self, shelf: Shelf, key: str, data: bytes) -> None:
+        """Keep `data` under `key`; a reader sees all of it or none."""
+        folder = self.root / shelf
+        handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY_PREFIX, dir=folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(hashlib.sha256(data).digest())
+                file.write(data)
+            os.replace(temporary, self._path(shelf, key))
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+
+    def read_columns(self, shelf: Shelf, key: str) -> dict[str, NDArray[Any]] | None:
+        """Return the columns kept under `key`, or None."""
+        data = self.read(shelf, key)
+        return None if data is None else unpack_columns(data)
+
+    def write_columns(self, shelf: Shelf, key: str, columns: Columns) -> None:
+        """Keep columns under `key`."""
+        self.write(shelf, key, pack_columns(columns))
+
+    def sweep(self) -> None:
+        """Remove what killed writers left behind more than an hour ago."""
+        for path in self.root.glob(f"*/{_TEMPORARY_PREFIX}*"):
+            try:
+                if time.time() - path.stat().st_mtime > _STALE_AFTER_S:
+                    path.unlink()
+            except FileNotFoundError:
+                continue
+
+    def _path(self, shelf: Shelf, key: str) -> Path:
+        return self.root / shelf / key
