@@ -10,7 +10,6 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Columns = Mapping[str, NDArray[Any]]
+from exceptiondrive_scoring.aliases import Columns
 
 _DIGEST_BYTES = 32
 _TEMPORARY_PREFIX = ".writing-"

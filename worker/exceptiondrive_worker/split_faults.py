@@ -1,0 +1,110 @@
+"""What makes a split unusable (PROTOCOL.md section 2), found for all samples in one pass.
+
+The findings name sample ids and say nothing else that is withheld; they are for the operator's
+terminal and the worker's own log.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray
+from exceptiondrive_scoring.arrays import TrajectoryPairs
+from exceptiondrive_scoring.measure import measure
+from exceptiondrive_scoring.region import signed_area_m2
+
+
+@dataclass(frozen=True)
+class SplitFault:
+    """One kind of fault, with every sample that has it."""
+
+    what: str
+    sample_ids: tuple[str, ...]
+
+
+class SplitRefusedError(ValueError):
+    """The split cannot be scored under this protocol; every offending sample is listed."""
+
+    def __init__(self, split_name: str, faults: tuple[SplitFault, ...]) -> None:
+        self.faults = faults
+        lines = [
+            f"{fault.what} ({len(fault.sample_ids)}): {', '.join(fault.sample_ids)}"
+            for fault in faults
+        ]
+        super().__init__(f"split {split_name} is refused:\n" + "\n".join(lines))
+
+
+def regions_of(split: Split) -> FloatArray:
+    """Corners of all hazard regions in the order of the samples, (N, 4, 2) metres."""
+    return np.array([sample.region for sample in split.samples], dtype=np.float64)
+
+
+def split_faults(split: Split, protocol: Protocol) -> tuple[SplitFault, ...]:
+    """Every fault of a split under a protocol; none means that it can be scored."""
+    ids = [sample.sample_id for sample in split.samples]
+    repeated = [sample_id for sample_id, count in Counter(ids).items() if count > 1]
+    known = {task.id for task in protocol.tasks}
+    strangers = [sample.sample_id for sample in split.samples if sample.task not in known]
+    found = [
+        SplitFault("sample ids that occur more than once", tuple(sorted(repeated))),
+        SplitFault(
+            f"samples of a task that protocol {protocol.version} does not know",
+            tuple(sorted(strangers)),
+        ),
+        *_region_faults(np.array(ids), regions_of(split), protocol.geometry),
+    ]
+    return tuple(fault for fault in found if fault.sample_ids)
+
+
+def _region_faults(
+    ids: NDArray[np.str_], regions_m: FloatArray, geometry: GeometrySection
+) -> list[SplitFault]:
+    """Faults of the regions; each later question is asked only where the earlier ones are well."""
+    sound: BoolArray = np.isfinite(regions_m).all(axis=(1, 2))
+    faults = [_fault("hazard regions with a corner that is not finite", ids, ~sound)]
+
+    def ask(what: str, question: Callable[[FloatArray], BoolArray]) -> BoolArray:
+        has_it = np.zeros(len(ids), dtype=np.bool_)
+        has_it[sound] = question(regions_m[sound])
+        faults.append(_fault(what, ids, has_it))
+        return has_it
+
+    limit_m, least_m2 = geometry.max_region_distance_m, geometry.min_region_area_m2
+    ask(
+        f"hazard regions with a corner more than {limit_m:g} m away",
+        lambda regions: np.hypot(regions[..., 0], regions[..., 1]).max(axis=1) > limit_m,
+    )
+    sound[ask("hazard regions that cross or touch themselves", _crosses_itself)] = False
+    small = ask(
+        f"hazard regions smaller than {least_m2:g} m2",
+        lambda regions: np.abs(signed_area_m2(regions)) < least_m2,
+    )
+    sound[small] = False
+    ask(
+        "hazard regions that touch the footprint at t = 0",
+        lambda regions: _touches_start(regions, geometry),
+    )
+    return faults
+
+
+def _crosses_itself(regions_m: FloatArray) -> BoolArray:
+    simple: BoolArray = np.asarray(shapely.is_valid(shapely.polygons(regions_m)), dtype=np.bool_)
+    return ~simple
+
+
+def _touches_start(regions_m: FloatArray, geometry: GeometrySection) -> BoolArray:
+    """Whether each region meets the footprint at t = 0: what a car that stands still measures."""
+    n_samples = len(regions_m)
+    still = np.zeros((n_samples, geometry.waypoints, 2))
+    given = np.ones(n_samples, dtype=np.bool_)
+    return measure(TrajectoryPairs(still, still, given, given), regions_m, geometry).intrusion
+
+
+def _fault(what: str, ids: NDArray[np.str_], has_it: BoolArray) -> SplitFault:
+    return SplitFault(what, tuple(sorted(str(sample_id) for sample_id in ids[has_it])))

@@ -1,0 +1,217 @@
+"""The split store: the only door to withheld splits.
+
+A split lies at `<folder>/<name>/split.json` or `split.json.gz`. Older revisions may stay beside it
+(`split-2026.json.gz`), so that what was scored against them can be scored again. Nothing read
+here leaves the worker: the manifest carries sample ids only.
+"""
+
+import gzip
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest, Split, SplitSample
+from exceptiondrive_schemas.taxonomy import Strategy, Task
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_worker.private_store import array_digest
+from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
+
+MAX_SPLIT_BYTES = 256 * 2**20
+
+
+class SplitUnavailableError(LookupError):
+    """No file holds the registered revision of a split: nothing may be scored against it."""
+
+
+class SplitUnreadableError(ValueError):
+    """The file is not a split."""
+
+
+@dataclass(frozen=True)
+class LoadedSplit:
+    """A split under one protocol: its public manifest and its withheld arrays.
+
+    Attributes:
+        manifest: What participants may know; sample ids in canonical order.
+        arrays: Regions, tasks and scenes in the same order.
+        regions_digest: Digest of what `measure` reads.
+        grading_digest: Digest of what `grade` reads: tasks, families, d_safe, acceptable.
+        scenes_digest: Digest of what the bootstrap reads besides.
+    """
+
+    manifest: Manifest
+    arrays: SplitArrays
+    regions_digest: str
+    grading_digest: str
+    scenes_digest: str
+
+
+def read_split(path: Path) -> Split:
+    """Read a split file, gzipped or not.
+
+    Raises:
+        SplitUnreadableError: Not a split; every problem is listed, none with a withheld value.
+    """
+    try:
+        data = path.read_bytes()
+        if data[:2] == b"\x1f\x8b":
+            with gzip.open(path) as file:
+                data = file.read(MAX_SPLIT_BYTES + 1)
+    except (OSError, EOFError) as error:
+        raise SplitUnreadableError(f"{path.name} cannot be read ({type(error).__name__})") from None
+    if len(data) > MAX_SPLIT_BYTES:
+        raise SplitUnreadableError(f"{path.name} is larger than {MAX_SPLIT_BYTES} bytes")
+    try:
+        return Split.model_validate_json(data)
+    except ValidationError as error:
+        lines = "\n".join(_problems(error, data))
+        raise SplitUnreadableError(f"{path.name} is not a split:\n{lines}") from None
+
+
+def _problems(error: ValidationError, data: bytes) -> list[str]:
+    """One line per problem, with the sample's id in place of its position where it has one."""
+    items = error.errors(include_url=False, include_input=False, include_context=False)
+    if items[0]["type"] == "json_invalid":
+        return ["not JSON"]
+    document = json.loads(data)
+    return [f"{_place(item['loc'], document) or 'file'}: {item['msg']}" for item in items]
+
+
+def _place(location: tuple[int | str, ...], document: Any) -> str:
+    parts = [str(part) for part in location]
+    match location:
+        case ("samples", int(index), _, *_):
+            sample = document["samples"][index]
+            if isinstance(sample, dict) and isinstance(sample.get("sample_id"), str):
+                parts[:2] = [f"sample {sample['sample_id']}"]
+    return ".".join(parts)
+
+
+def load_split(split: Split, protocol: Protocol) -> LoadedSplit:
+    """Return manifest and arrays of a split, in the canonical order of sample ids.
+
+    Raises:
+        SplitRefusedError: A sample cannot be scored under this protocol; all are listed.
+    """
+    faults = split_faults(split, protocol)
+    if faults:
+        raise SplitRefusedError(split.name, faults)
+    samples = sorted(split.samples, key=lambda sample: sample.sample_id)
+    arrays = _arrays(samples, protocol)
+    return LoadedSplit(
+        manifest=_manifest(split, samples, protocol),
+        arrays=arrays,
+        regions_digest=array_digest(arrays.regions_m),
+        grading_digest=array_digest(
+            arrays.task_index, arrays.family_index, arrays.d_safe_m, arrays.acceptable
+        ),
+        scenes_digest=array_digest(arrays.scene_index),
+    )
+
+
+def family_counts(split: Split, protocol: Protocol) -> dict[str, int]:
+    """How many samples each family has, in taxonomy order; families without samples are absent."""
+    family_of = {task.id: task.family for task in protocol.tasks}
+    counts = Counter(family_of[sample.task] for sample in split.samples)
+    return {family.id: counts[family.id] for family in protocol.families if counts[family.id]}
+
+
+class SplitStore:
+    """Finds splits by name and revision, and keeps each loaded one for this process."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._split_of_revision: dict[tuple[str, str], Split] = {}
+        self._loaded: dict[tuple[str, str, str], LoadedSplit] = {}
+
+    def files(self) -> list[Path]:
+        """Every split file, the current one of each split first."""
+        found = [
+            path
+            for folder in sorted(self._folder.glob("*/"))
+            for path in (*folder.glob("split*.json"), *folder.glob("split*.json.gz"))
+        ]
+        return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
+
+    def find(self, name: str, revision: str, protocol: Protocol) -> LoadedSplit:
+        """Return a split at exactly this revision.
+
+        Raises:
+            SplitUnavailableError: No file holds it.
+            SplitRefusedError: It cannot be scored under this protocol.
+        """
+        key = (name, revision, protocol.digest)
+        if key not in self._loaded:
+            self._loaded[key] = load_split(self._find_split(name, revision), protocol)
+        return self._loaded[key]
+
+    def _find_split(self, name: str, revision: str) -> Split:
+        if (name, revision) not in self._split_of_revision:
+            seen = self._read_all_of(name)
+            if revision not in seen:
+                raise SplitUnavailableError(
+                    f"no file holds split {name} at the registered revision {revision}; found "
+                    f"{', '.join(sorted(seen)) or 'no readable file'}. Nothing is scored against "
+                    "it until the file is back or the split is registered anew."
+                )
+        return self._split_of_revision[name, revision]
+
+    def _read_all_of(self, name: str) -> set[str]:
+        seen = set()
+        for path in self.files():
+            if path.parent.name != name:
+                continue
+            try:
+                split = read_split(path)
+            except SplitUnreadableError:
+                continue
+            revision = split.revision
+            seen.add(revision)
+            self._split_of_revision[split.name, revision] = split
+        return seen
+
+
+def _manifest(split: Split, samples: list[SplitSample], protocol: Protocol) -> Manifest:
+    return Manifest(
+        schema_="exceptiondrive.manifest/1",
+        name=split.name,
+        title=split.title,
+        revision=split.revision,
+        waypoints=protocol.geometry.waypoints,
+        time_step_s=protocol.geometry.time_step_s,
+        sample_ids=tuple(sample.sample_id for sample in samples),
+    )
+
+
+def _arrays(samples: list[SplitSample], protocol: Protocol) -> SplitArrays:
+    tasks = protocol.tasks
+    position = {task.id: index for index, task in enumerate(tasks)}
+    family_position = {family.id: index for index, family in enumerate(protocol.families)}
+    family_of_task = np.array([family_position[task.family] for task in tasks], dtype=np.int64)
+    task_index = np.array([position[sample.task] for sample in samples], dtype=np.int64)
+    pairs = [(sample, tasks[position[sample.task]]) for sample in samples]
+    scenes, scene_index = np.unique([s.scene_id for s in samples], return_inverse=True)
+    return SplitArrays(
+        regions_m=np.array([sample.region for sample in samples], dtype=np.float64),
+        task_index=task_index,
+        family_index=family_of_task[task_index],
+        scene_index=scene_index.astype(np.int64),
+        n_scenes=len(scenes),
+        d_safe_m=np.array([_d_safe_m(*pair) for pair in pairs], dtype=np.float64),
+        acceptable=np.array([_acceptable(*pair) for pair in pairs], dtype=np.bool_),
+    )
+
+
+def _d_safe_m(sample: SplitSample, task: Task) -> float:
+    return task.d_safe_m if sample.d_safe_m is None else sample.d_safe_m
+
+
+def _acceptable(sample: SplitSample, task: Task) -> list[bool]:
+    accepted = task.acceptable if sample.acceptable is None else sample.acceptable
+    return [strategy in accepted for strategy in Strategy]
