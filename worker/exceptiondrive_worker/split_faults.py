@@ -66,7 +66,7 @@ def _region_faults(
     ids: NDArray[np.str_], regions_m: FloatArray, geometry: GeometrySection
 ) -> list[SplitFault]:
     """Faults of the regions; each later question is asked only where the earlier ones are well."""
-    sound: BoolArray = np.isfinite(regions_m).all(axis=(1, 2))
+    sound = np.asarray(np.isfinite(regions_m).all(axis=(1, 2)), dtype=np.bool_)
     faults = [_fault("hazard regions with a corner that is not finite", ids, ~sound)]
 
     def ask(what: str, question: Callable[[FloatArray], BoolArray]) -> BoolArray:

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
-from exceptiondrive_schemas.taxonomy import Strategy, Task
 from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_worker.private_store import array_digest
 from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
 
@@ -103,7 +102,7 @@ def load_split(split: Split, protocol: Protocol) -> LoadedSplit:
     if faults:
         raise SplitRefusedError(split.name, faults)
     samples = sorted(split.samples, key=lambda sample: sample.sample_id)
-    arrays = _arrays(samples, protocol)
+    arrays = split_arrays(samples, protocol.taxonomy)
     return LoadedSplit(
         manifest=_manifest(split, samples, protocol),
         arrays=arrays,
@@ -187,31 +186,3 @@ def _manifest(split: Split, samples: list[SplitSample], protocol: Protocol) -> M
         time_step_s=protocol.geometry.time_step_s,
         sample_ids=tuple(sample.sample_id for sample in samples),
     )
-
-
-def _arrays(samples: list[SplitSample], protocol: Protocol) -> SplitArrays:
-    tasks = protocol.tasks
-    position = {task.id: index for index, task in enumerate(tasks)}
-    family_position = {family.id: index for index, family in enumerate(protocol.families)}
-    family_of_task = np.array([family_position[task.family] for task in tasks], dtype=np.int64)
-    task_index = np.array([position[sample.task] for sample in samples], dtype=np.int64)
-    pairs = [(sample, tasks[position[sample.task]]) for sample in samples]
-    scenes, scene_index = np.unique([s.scene_id for s in samples], return_inverse=True)
-    return SplitArrays(
-        regions_m=np.array([sample.region for sample in samples], dtype=np.float64),
-        task_index=task_index,
-        family_index=family_of_task[task_index],
-        scene_index=scene_index.astype(np.int64),
-        n_scenes=len(scenes),
-        d_safe_m=np.array([_d_safe_m(*pair) for pair in pairs], dtype=np.float64),
-        acceptable=np.array([_acceptable(*pair) for pair in pairs], dtype=np.bool_),
-    )
-
-
-def _d_safe_m(sample: SplitSample, task: Task) -> float:
-    return task.d_safe_m if sample.d_safe_m is None else sample.d_safe_m
-
-
-def _acceptable(sample: SplitSample, task: Task) -> list[bool]:
-    accepted = task.acceptable if sample.acceptable is None else sample.acceptable
-    return [strategy in accepted for strategy in Strategy]
