@@ -1,0 +1,306 @@
+"""Write ExceptionDrive submission files from a planner's loop.
+
+One file, standard library only, Python 3.6 or newer: copy it into your planner's repository, or
+import it from the `exceptiondrive` package.
+
+    from recorder import Recorder
+
+    with Recorder("planner.json.gz", split="nuscenes-test") as recorder:
+        for sample in samples:
+            if sample.id in recorder:      # already there from a run that died: go on
+                continue
+            recorder.add(sample.id, source=plan(sample.source), edited=plan(sample.edited))
+
+A trajectory is six waypoints `[x, y]` in metres at t = 0.5 ... 3.0 s, x forward, y left, origin at
+the rear axle at t = 0; a list, a tuple, a numpy array or a tensor. `None` means that the planner
+gave none (standing still is a trajectory: six times `[0, 0]`).
+
+Every call of `add` appends one line to `<path>.journal` at once. When the `with` block ends
+well, the journal becomes the submission file in one step and goes away. When the planner dies,
+the journal stays, and the next `Recorder` of the same path goes on from it.
+"""
+
+import gzip
+import io
+import json
+import math
+import os
+from typing import Any, TypeVar, Union
+
+WAYPOINTS = 6
+STRATEGIES = ("A", "B", "C", "D", "E")
+REMINDER_KEYS = (
+    "hazard_present",
+    "hazard_type",
+    "relative_location",
+    "risk_level",
+    "evidence",
+    "safety_constraint",
+    "recommended_strategy",
+)
+
+Path = Union[str, "os.PathLike[str]"]
+Self = TypeVar("Self", bound="Journal")
+
+
+class RecorderError(ValueError):
+    """A sample, or the whole recording, cannot become a valid file; the message says why."""
+
+
+class Journal:
+    """Predictions of one file, kept line by line until the file is written."""
+
+    schema = ""
+
+    def __init__(self, path: Path, split: str, manifest: Path | None = None) -> None:
+        """Open a recording, or go on with the one that a dead run left behind.
+
+        Args:
+            path: The submission file to write; ends in `.gz` to be compressed.
+            split: Name of the split, as the manifest has it.
+            manifest: Path of the split's manifest (`exceptiondrive manifest PHASE -o FILE`).
+                When given, unknown samples are refused at once, and missing ones at the end.
+
+        Raises:
+            RecorderError: The manifest or the journal belongs to something else.
+        """
+        self.path = os.fspath(path)
+        self.split = split
+        self.journal_path = self.path + ".journal"
+        self._expected = set()  # type: Set[str]
+        if manifest is not None:
+            self._expected = _manifest_ids(os.fspath(manifest), split)
+        self._predictions = {}  # type: Dict[str, Dict[str, Any]]
+        self._resume()
+        self._stream = open(self.journal_path, "a", encoding="utf-8")
+        if self._stream.tell() == 0:
+            self._append(self._header())
+
+    def __enter__(self: Self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self.write()
+        finally:
+            self.close()
+
+    def __contains__(self, sample_id: object) -> bool:
+        return sample_id in self._predictions
+
+    def __len__(self) -> int:
+        return len(self._predictions)
+
+    @property
+    def missing(self) -> set[str]:
+        """Samples of the manifest that are not recorded yet; empty without a manifest."""
+        return self._expected - set(self._predictions)
+
+    def write(self) -> str:
+        """Write the submission file in one step, drop the journal, and return the path.
+
+        Raises:
+            RecorderError: Nothing was recorded, or samples of the manifest are missing.
+        """
+        if not self._predictions:
+            raise RecorderError("nothing was recorded: call add() for every sample first")
+        missing = sorted(self.missing)
+        if missing:
+            raise RecorderError(
+                f"{len(missing)} samples of split {self.split!r} are missing, the first: "
+                f"{', '.join(missing[:5])}. Add them (with None where the planner gives nothing); "
+                f"what is recorded stays in {self.journal_path}"
+            )
+        _write_in_one_step(
+            self.path, dict(self._header(), predictions=list(self._predictions.values()))
+        )
+        self.close()
+        os.remove(self.journal_path)
+        return self.path
+
+    def close(self) -> None:
+        """Stop recording and keep the journal, to go on later."""
+        self._stream.close()
+
+    def _record(self, prediction: dict[str, Any]) -> None:
+        sample_id = prediction["sample_id"]
+        if not isinstance(sample_id, str) or not 1 <= len(sample_id) <= 128:
+            raise RecorderError(f"sample_id must be text of 1 to 128 characters: {sample_id!r}")
+        if sample_id in self._predictions:
+            raise RecorderError(
+                f"{sample_id} is already recorded; skip it with "
+                "`if sample_id in recorder: continue`"
+            )
+        if self._expected and sample_id not in self._expected:
+            raise RecorderError(f"{sample_id}: no such sample in split {self.split!r}")
+        self._append(prediction)
+        self._predictions[sample_id] = prediction
+
+    def _header(self) -> dict[str, Any]:
+        return {"schema": self.schema, "split": self.split}
+
+    def _append(self, value: dict[str, Any]) -> None:
+        self._stream.write(json.dumps(value, allow_nan=False) + "\n")
+        self._stream.flush()
+
+    def _resume(self) -> None:
+        """Take over what a dead run recorded; drop the line that it did not finish."""
+        if not os.path.exists(self.journal_path):
+            return
+        with open(self.journal_path, "r+b") as journal:
+            data = journal.read()
+            whole = data[: data.rfind(b"\n") + 1]
+            journal.truncate(len(whole))
+        lines = [self._parse(line) for line in whole.splitlines()]
+        if lines and lines[0] != self._header():
+            raise RecorderError(
+                f"{self.journal_path} belongs to another recording ({lines[0]}); "
+                "remove it, or record to another path"
+            )
+        self._predictions.update((line["sample_id"], line) for line in lines[1:])
+
+    def _parse(self, line: bytes) -> dict[str, Any]:
+        try:
+            value = json.loads(line.decode("utf-8"))
+        except ValueError:
+            value = None
+        if not isinstance(value, dict) or not {"schema", "sample_id"} & set(value):
+            raise RecorderError(
+                f"{self.journal_path} is damaged at {line[:60]!r}: repair or remove it"
+            )
+        return value
+
+
+class Recorder(Journal):
+    """Records trajectory pairs of the planning challenge."""
+
+    schema = "exceptiondrive.planning/1"
+
+    def add(self, sample_id: str, source: Any, edited: Any) -> None:
+        """Record the trajectories that the planner gave for the source and the edited input.
+
+        Args:
+            sample_id: Id of the sample.
+            source: Six waypoints `[x, y]`, metres, shape (6, 2), or None.
+            edited: The same, for the edited input.
+
+        Raises:
+            RecorderError: Wrong number of waypoints, wrong shape, or a value that is not finite.
+        """
+        self._record(
+            {
+                "sample_id": sample_id,
+                "source": _trajectory(source, f"{sample_id}: source"),
+                "edited": _trajectory(edited, f"{sample_id}: edited"),
+            }
+        )
+
+
+class StrategyRecorder(Journal):
+    """Records answers of the strategy challenge."""
+
+    schema = "exceptiondrive.strategy/1"
+
+    def add(
+        self, sample_id: str, strategy: str | None, reminder: dict[str, Any] | None = None
+    ) -> None:
+        """Record the chosen strategy, and the reminder record where there is one.
+
+        Args:
+            sample_id: Id of the sample.
+            strategy: One of A, B, C, D, E, or None.
+            reminder: Any of the keys in `REMINDER_KEYS`.
+
+        Raises:
+            RecorderError: Unknown strategy or unknown reminder key.
+        """
+        if strategy is not None and strategy not in STRATEGIES:
+            raise RecorderError(
+                f"{sample_id}: strategy must be one of {', '.join(STRATEGIES)} or None, "
+                f"not {strategy!r}"
+            )
+        prediction = {"sample_id": sample_id, "strategy": strategy}  # type: Dict[str, Any]
+        if reminder is not None:
+            unknown = sorted(set(reminder) - set(REMINDER_KEYS))
+            if unknown:
+                raise RecorderError(
+                    f"{sample_id}: unknown reminder key {', '.join(unknown)}; "
+                    f"known are {', '.join(REMINDER_KEYS)}"
+                )
+            prediction["reminder"] = dict(reminder)
+        self._record(prediction)
+
+
+def _trajectory(value: Any, where: str) -> list[list[float]] | None:
+    """Return six `[x, y]` pairs of plain floats, or None."""
+    value = _plain(value)
+    if value is None:
+        return None
+    if not isinstance(value, (list, tuple)):
+        raise RecorderError(f"{where} must be a list of waypoints or None, not {value!r}")
+    if len(value) != WAYPOINTS:
+        hint = ""
+        if len(value) == WAYPOINTS + 1:
+            hint = "; leave out the point at t = 0, the first is at 0.5 s"
+        elif len(value) > WAYPOINTS:
+            hint = f"; cut it to the first {WAYPOINTS}"
+        raise RecorderError(f"{where} needs exactly {WAYPOINTS} waypoints, got {len(value)}{hint}")
+    return [_waypoint(point, f"{where}[{i}]") for i, point in enumerate(value)]
+
+
+def _waypoint(point: Any, where: str) -> list[float]:
+    point = _plain(point)
+    if not isinstance(point, (list, tuple)):
+        raise RecorderError(f"{where} must be [x, y], got {point!r}")
+    if len(point) != 2:
+        hint = "; leave out the heading: trajectory[:, :2]" if len(point) == 3 else ""
+        raise RecorderError(f"{where} must be [x, y], got {point!r}{hint}")
+    return [_coordinate(_plain(number), where) for number in point]
+
+
+def _coordinate(number: Any, where: str) -> float:
+    if isinstance(number, (bool, str, bytes)) or not hasattr(number, "__float__"):
+        raise RecorderError(f"{where} must hold numbers, got {number!r}")
+    number = float(number)
+    if not math.isfinite(number):
+        raise RecorderError(
+            f"{where} is not finite ({number}); record None where the planner failed"
+        )
+    return float(number)
+
+
+def _plain(value: Any) -> Any:
+    """Turn arrays, tensors and their scalars into lists and numbers."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _manifest_ids(path: str, split: str) -> set[str]:
+    """Read the sample ids of a manifest and make sure that it is the right one."""
+    with open(path, encoding="utf-8") as stream:
+        manifest = json.load(stream)
+    if not isinstance(manifest, dict) or not manifest.get("sample_ids"):
+        raise RecorderError(f"{path} is not a manifest: it has no sample_ids")
+    if manifest.get("name") != split:
+        raise RecorderError(f"{path} is the manifest of {manifest.get('name')!r}, not of {split!r}")
+    if manifest.get("waypoints", WAYPOINTS) != WAYPOINTS:
+        raise RecorderError(
+            f"{path} asks for {manifest['waypoints']} waypoints, this recorder writes {WAYPOINTS}"
+        )
+    return set(manifest["sample_ids"])
+
+
+def _write_in_one_step(path: str, document: dict[str, Any]) -> None:
+    """Write beside the target and rename: a reader sees the old file, or the whole new one."""
+    data = json.dumps(document, allow_nan=False, separators=(",", ":")).encode("utf-8")
+    if path.endswith(".gz"):
+        buffer = io.BytesIO()
+        with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0) as stream:
+            stream.write(data)
+        data = buffer.getvalue()
+    part_path = path + ".part"
+    with open(part_path, "wb") as part:
+        part.write(data)
+        part.flush()
+        os.fsync(part.fileno())
+    os.replace(part_path, path)
