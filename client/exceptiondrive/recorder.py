@@ -25,7 +25,7 @@ import io
 import json
 import math
 import os
-from typing import Any, TypeVar, Union
+from typing import Any, Dict, List, Optional, Set, Type, TypeVar, Union
 
 WAYPOINTS = 6
 STRATEGIES = ("A", "B", "C", "D", "E")
@@ -52,7 +52,7 @@ class Journal:
 
     schema = ""
 
-    def __init__(self, path: Path, split: str, manifest: Path | None = None) -> None:
+    def __init__(self, path: Path, split: str, manifest: Optional[Path] = None) -> None:
         """Open a recording, or go on with the one that a dead run left behind.
 
         Args:
@@ -79,7 +79,7 @@ class Journal:
     def __enter__(self: Self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, kind: Optional[Type[BaseException]], *_: object) -> None:
         try:
             if kind is None:
                 self.write()
@@ -93,7 +93,7 @@ class Journal:
         return len(self._predictions)
 
     @property
-    def missing(self) -> set[str]:
+    def missing(self) -> Set[str]:
         """Samples of the manifest that are not recorded yet; empty without a manifest."""
         return self._expected - set(self._predictions)
 
@@ -123,7 +123,7 @@ class Journal:
         """Stop recording and keep the journal, to go on later."""
         self._stream.close()
 
-    def _record(self, prediction: dict[str, Any]) -> None:
+    def _record(self, prediction: Dict[str, Any]) -> None:
         sample_id = prediction["sample_id"]
         if not isinstance(sample_id, str) or not 1 <= len(sample_id) <= 128:
             raise RecorderError(f"sample_id must be text of 1 to 128 characters: {sample_id!r}")
@@ -137,10 +137,10 @@ class Journal:
         self._append(prediction)
         self._predictions[sample_id] = prediction
 
-    def _header(self) -> dict[str, Any]:
+    def _header(self) -> Dict[str, Any]:
         return {"schema": self.schema, "split": self.split}
 
-    def _append(self, value: dict[str, Any]) -> None:
+    def _append(self, value: Dict[str, Any]) -> None:
         self._stream.write(json.dumps(value, allow_nan=False) + "\n")
         self._stream.flush()
 
@@ -160,7 +160,7 @@ class Journal:
             )
         self._predictions.update((line["sample_id"], line) for line in lines[1:])
 
-    def _parse(self, line: bytes) -> dict[str, Any]:
+    def _parse(self, line: bytes) -> Dict[str, Any]:
         try:
             value = json.loads(line.decode("utf-8"))
         except ValueError:
@@ -203,7 +203,7 @@ class StrategyRecorder(Journal):
     schema = "exceptiondrive.strategy/1"
 
     def add(
-        self, sample_id: str, strategy: str | None, reminder: dict[str, Any] | None = None
+        self, sample_id: str, strategy: Optional[str], reminder: Optional[Dict[str, Any]] = None
     ) -> None:
         """Record the chosen strategy, and the reminder record where there is one.
 
@@ -232,7 +232,7 @@ class StrategyRecorder(Journal):
         self._record(prediction)
 
 
-def _trajectory(value: Any, where: str) -> list[list[float]] | None:
+def _trajectory(value: Any, where: str) -> Optional[List[List[float]]]:
     """Return six `[x, y]` pairs of plain floats, or None."""
     value = _plain(value)
     if value is None:
@@ -249,7 +249,7 @@ def _trajectory(value: Any, where: str) -> list[list[float]] | None:
     return [_waypoint(point, f"{where}[{i}]") for i, point in enumerate(value)]
 
 
-def _waypoint(point: Any, where: str) -> list[float]:
+def _waypoint(point: Any, where: str) -> List[float]:
     point = _plain(point)
     if not isinstance(point, (list, tuple)):
         raise RecorderError(f"{where} must be [x, y], got {point!r}")
@@ -275,7 +275,7 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def _manifest_ids(path: str, split: str) -> set[str]:
+def _manifest_ids(path: str, split: str) -> Set[str]:
     """Read the sample ids of a manifest and make sure that it is the right one."""
     with open(path, encoding="utf-8") as stream:
         manifest = json.load(stream)
@@ -290,7 +290,7 @@ def _manifest_ids(path: str, split: str) -> set[str]:
     return set(manifest["sample_ids"])
 
 
-def _write_in_one_step(path: str, document: dict[str, Any]) -> None:
+def _write_in_one_step(path: str, document: Dict[str, Any]) -> None:
     """Write beside the target and rename: a reader sees the old file, or the whole new one."""
     data = json.dumps(document, allow_nan=False, separators=(",", ":")).encode("utf-8")
     if path.endswith(".gz"):
