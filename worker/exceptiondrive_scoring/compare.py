@@ -1,0 +1,117 @@
+"""Compare two entries on the same samples and the same draws: what a board cannot show alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.bootstrap import FEWEST_SCENES, resample
+from exceptiondrive_scoring.grade import SampleScores
+from exceptiondrive_scoring.interval import percentile_intervals
+from exceptiondrive_scoring.scene_sums import scene_sums
+from exceptiondrive_scoring.sheet import aggregate
+
+Interval = tuple[float, float]
+NOT_SEPARABLE = "not separable on this split"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A minus B in one metric, over the samples that both define.
+
+    Attributes:
+        difference: Difference of the means; None where nothing is defined.
+        interval: Its bootstrap interval over scenes; None with fewer than two scenes.
+        discordant: Share of the samples in which the two values differ.
+        verdict: Plain words.
+    """
+
+    difference: float | None
+    interval: Interval | None
+    discordant: float | None
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Differences by metric key: the headline aggregate, and each family that has samples."""
+
+    overall: dict[str, Difference]
+    families: dict[str, dict[str, Difference]]
+
+
+def compare(
+    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: Protocol, challenge: Challenge
+) -> Comparison:
+    """Compare entry A with entry B, paired by sample.
+
+    Args:
+        a: Sample scores of A.
+        b: Sample scores of B on the same split.
+        split: The split of both.
+        protocol: Headline aggregate, draws, seed, confidence.
+        challenge: Which way each metric is better.
+    """
+    headline, taxonomy = protocol.grading.headline, protocol.taxonomy
+    difference = SampleScores(a.metric_keys, a.values - b.values)
+    differs = np.where(difference.defined, (difference.values != 0).astype(np.float64), np.nan)
+    means = aggregate(difference, split, taxonomy)
+    discordant = aggregate(SampleScores(a.metric_keys, differs), split, taxonomy)
+    sums = scene_sums(difference, split, taxonomy)
+    ((_, draws),) = resample([sums], protocol.ranking)
+    confidence = protocol.ranking.confidence
+    n_scenes = np.count_nonzero(sums.counts.sum(axis=1), axis=0)
+    overall = _where_enough(percentile_intervals(draws.headline(headline), confidence), n_scenes)
+    by_family = _where_enough(
+        percentile_intervals(draws.families, confidence), np.count_nonzero(sums.counts, axis=0)
+    )
+    return Comparison(
+        overall=_differences(challenge, means.headline(headline), discordant.micro, overall),
+        families={
+            family.id: _differences(
+                challenge,
+                means.families[family.id].metrics,
+                discordant.families[family.id].metrics,
+                by_family[index],
+            )
+            for index, family in enumerate(taxonomy.families)
+            if family.id in means.families
+        },
+    )
+
+
+def _where_enough(intervals: FloatArray, n_scenes: IntArray) -> FloatArray:
+    return np.where((n_scenes >= FEWEST_SCENES)[..., None], intervals, np.nan)
+
+
+def _differences(
+    challenge: Challenge,
+    means: dict[str, float | None],
+    discordant: dict[str, float | None],
+    intervals: FloatArray,
+) -> dict[str, Difference]:
+    return {
+        metric.key: _difference(metric, means[metric.key], discordant[metric.key], ends)
+        for metric, ends in zip(challenge.metrics, intervals, strict=True)
+    }
+
+
+def _difference(
+    metric: Metric, mean: float | None, discordant: float | None, ends: FloatArray
+) -> Difference:
+    if mean is None or np.isnan(ends).any():
+        return Difference(mean, None, discordant, NOT_SEPARABLE)
+    interval = (float(ends[0]), float(ends[1]))
+    return Difference(mean, interval, discordant, _verdict(metric, *interval))
+
+
+def _verdict(metric: Metric, low: float, high: float) -> str:
+    if low <= 0 <= high:
+        return NOT_SEPARABLE
+    larger, smaller = ("A", "B") if low > 0 else ("B", "A")
+    if metric.better is None:
+        return f"{larger} is higher"
+    return f"{larger if metric.better == 'higher' else smaller} is better"

@@ -1,0 +1,97 @@
+"""Measure: trajectories and regions to one row of numbers per sample. The only geometry."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exceptiondrive_schemas.protocol import GeometrySection
+from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray
+from exceptiondrive_scoring.arrays import TrajectoryPairs
+from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.heading import with_origin
+from exceptiondrive_scoring.motion import net_motion_m, peak_acceleration_mps2, tightest_turn_m
+from exceptiondrive_scoring.region import PreparedRegions, prepare_regions
+from exceptiondrive_scoring.shift import shift
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What geometry gives, per sample; all arrays (N,). Withheld: never leaves the worker.
+
+    Attributes:
+        clearance_m: Distance of collision tube and region; NaN where edited is missing.
+        intrusion: Clearance within the contact tolerance; True where edited is missing.
+        shift_m: Mean distance of edited and source; NaN where either is missing.
+        shift_x_m: Its longitudinal part.
+        shift_y_m: Its lateral part.
+        edited_given: Whether there is an edited trajectory.
+        source_given: Whether there is a source trajectory.
+        edited_motion_m: Distance of the edited end from the start; NaN where missing.
+        source_motion_m: The same of the source trajectory.
+        peak_acceleration_mps2: Of the edited trajectory; NaN where missing.
+        tightest_turn_m: Of the edited trajectory; infinite where straight or missing.
+    """
+
+    clearance_m: FloatArray
+    intrusion: BoolArray
+    shift_m: FloatArray
+    shift_x_m: FloatArray
+    shift_y_m: FloatArray
+    edited_given: BoolArray
+    source_given: BoolArray
+    edited_motion_m: FloatArray
+    source_motion_m: FloatArray
+    peak_acceleration_mps2: FloatArray
+    tightest_turn_m: FloatArray
+
+    @classmethod
+    def from_columns(cls, columns: Columns) -> "Measurements":
+        """Read what `columns` wrote."""
+        return cls(**{field.name: columns[field.name] for field in fields(cls)})
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What a store keeps, one array per attribute."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def measure(
+    pairs: TrajectoryPairs, regions_m: FloatArray | PreparedRegions, geometry: GeometrySection
+) -> Measurements:
+    """Measure every sample (PROTOCOL.md section 2; the paper's d_i, ur_i and CTS terms).
+
+    Args:
+        pairs: Submitted waypoints of N samples.
+        regions_m: (N, 4, 2) corners, or the same regions prepared.
+        geometry: The section that fixes every choice made here.
+
+    Raises:
+        ValueError: A region crosses itself.
+    """
+    regions = regions_m if isinstance(regions_m, PreparedRegions) else prepare_regions(regions_m)
+    edited = with_origin(pairs.edited)
+    clearance = _clearance_where_given(edited, pairs.edited_given, regions, geometry)
+    moved = shift(pairs)
+    return Measurements(
+        clearance_m=clearance,
+        intrusion=~(clearance > geometry.contact_tolerance_m),
+        shift_m=moved.euclidean_m,
+        shift_x_m=moved.x_m,
+        shift_y_m=moved.y_m,
+        edited_given=pairs.edited_given,
+        source_given=pairs.source_given,
+        edited_motion_m=net_motion_m(pairs.edited),
+        source_motion_m=net_motion_m(pairs.source),
+        peak_acceleration_mps2=peak_acceleration_mps2(edited, geometry),
+        tightest_turn_m=tightest_turn_m(edited, geometry),
+    )
+
+
+def _clearance_where_given(
+    points_m: FloatArray, given: BoolArray, regions: PreparedRegions, geometry: GeometrySection
+) -> FloatArray:
+    """Missing trajectories stand still while the others are measured, and become NaN after."""
+    if not given.all():
+        points_m = np.where(given[:, None, None], points_m, 0.0)
+    return np.where(given, clearance_m(points_m, regions, geometry), np.nan)

@@ -1,0 +1,92 @@
+"""Hazard regions H_i: closed simple quadrilaterals, cut into convex pieces once per split."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exceptiondrive_scoring.aliases import FloatArray
+
+
+@dataclass(frozen=True)
+class PreparedRegions:
+    """Convex pieces of N regions, corners counter-clockwise, corner-major.
+
+    The first N pieces belong to the samples in order; the second pieces of the few concave regions
+    follow. A triangle repeats its last corner.
+
+    Attributes:
+        x_m: (4, P) longitudinal coordinates of the corners.
+        y_m: (4, P) lateral coordinates of the corners.
+        sample: (P,) index of the sample that each piece belongs to.
+        n_samples: N.
+    """
+
+    x_m: FloatArray
+    y_m: FloatArray
+    sample: NDArray[np.intp]
+    n_samples: int
+
+
+def corner_turns_m2(corners_m: FloatArray) -> FloatArray:
+    """Cross product of the two edges that meet at each corner.
+
+    Args:
+        corners_m: (N, 4, 2).
+
+    Returns:
+        (N, 4): positive where a counter-clockwise boundary turns left.
+    """
+    incoming = corners_m - np.roll(corners_m, 1, axis=1)
+    outgoing = np.roll(corners_m, -1, axis=1) - corners_m
+    turns: FloatArray = incoming[..., 0] * outgoing[..., 1] - incoming[..., 1] * outgoing[..., 0]
+    return turns
+
+
+def signed_area_m2(corners_m: FloatArray) -> FloatArray:
+    """Area of each quadrilateral, (N, 4, 2) -> (N,); positive if counter-clockwise."""
+    diagonal = corners_m[:, 2] - corners_m[:, 0]
+    other = corners_m[:, 3] - corners_m[:, 1]
+    area: FloatArray = (diagonal[:, 0] * other[:, 1] - diagonal[:, 1] * other[:, 0]) / 2
+    return area
+
+
+def counter_clockwise(corners_m: FloatArray) -> FloatArray:
+    """Return the corners in counter-clockwise order; (N, 4, 2), the argument is not changed."""
+    clockwise = signed_area_m2(corners_m) < 0
+    ordered: FloatArray = np.where(clockwise[:, None, None], corners_m[:, ::-1], corners_m)
+    return ordered
+
+
+def prepare_regions(regions_m: FloatArray) -> PreparedRegions:
+    """Cut every region into one or two convex pieces.
+
+    A concave quadrilateral has exactly one reflex corner; the diagonal from there cuts it into two
+    triangles. Either rotation of the corners is accepted.
+
+    Args:
+        regions_m: (N, 4, 2) finite corners.
+
+    Raises:
+        ValueError: A region crosses itself (two corners turn the wrong way).
+    """
+    corners = counter_clockwise(np.asarray(regions_m, dtype=np.float64).reshape(-1, 4, 2))
+    reflex = corner_turns_m2(corners) < 0
+    if (reflex.sum(axis=1) > 1).any():
+        raise ValueError("a hazard region crosses itself; the split has to be repaired")
+    concave = np.flatnonzero(reflex.any(axis=1))
+    first, second = _cut_at_reflex_corner(corners[concave], reflex[concave])
+    pieces = np.concatenate([corners, second])
+    pieces[concave] = first
+    sample = np.concatenate([np.arange(len(corners)), concave])
+    x_m, y_m = np.ascontiguousarray(pieces.transpose(2, 1, 0))
+    return PreparedRegions(x_m, y_m, sample, len(corners))
+
+
+def _cut_at_reflex_corner(
+    corners: FloatArray, reflex: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Triangles (r, r + 1, r + 2) and (r, r + 2, r + 3), r the reflex corner."""
+    turn = (reflex.argmax(axis=1)[:, None] + np.arange(4)) % 4
+    from_reflex = np.take_along_axis(corners, turn[..., None], axis=1)
+    return from_reflex[:, [0, 1, 2, 2]], from_reflex[:, [0, 2, 3, 3]]
