@@ -67,10 +67,10 @@ class Journal:
         self.path = os.fspath(path)
         self.split = split
         self.journal_path = self.path + ".journal"
-        self._expected = set()  # type: Set[str]
+        self._expected: Set[str] = set()
         if manifest is not None:
             self._expected = _manifest_ids(os.fspath(manifest), split)
-        self._predictions = {}  # type: Dict[str, Dict[str, Any]]
+        self._predictions: Dict[str, Dict[str, Any]] = {}
         self._resume()
         self._stream = open(self.journal_path, "a", encoding="utf-8")
         if self._stream.tell() == 0:
@@ -220,7 +220,7 @@ class StrategyRecorder(Journal):
                 f"{sample_id}: strategy must be one of {', '.join(STRATEGIES)} or None, "
                 f"not {strategy!r}"
             )
-        prediction = {"sample_id": sample_id, "strategy": strategy}  # type: Dict[str, Any]
+        prediction: Dict[str, Any] = {"sample_id": sample_id, "strategy": strategy}
         if reminder is not None:
             unknown = sorted(set(reminder) - set(REMINDER_KEYS))
             if unknown:

@@ -1,0 +1,124 @@
+import gzip
+import json
+from pathlib import Path
+
+import pytest
+
+from exceptiondrive.conversion import RawPair
+from exceptiondrive.conversion_files import read_pairs, write_submission
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.recorder import Recorder
+
+SIX = tuple((float(step), 0.5) for step in range(1, 7))
+LISTS = [list(point) for point in SIX]
+PAIR = RawPair("s1", source=SIX, edited=None)
+PREDICTION = {"sample_id": "s1", "source": LISTS, "edited": None}
+DOCUMENT = {"schema": "exceptiondrive.planning/1", "split": "sample", "predictions": [PREDICTION]}
+
+
+def written(tmp_path: Path, name: str, text: str) -> Path:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_submission_file_is_read_with_its_split(tmp_path: Path) -> None:
+    path = written(tmp_path, "a.json", json.dumps(DOCUMENT))
+    assert read_pairs([path]) == ((PAIR,), "sample")
+
+
+def test_gzip_is_recognised_by_its_content(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(gzip.compress(json.dumps(DOCUMENT).encode()))
+    assert read_pairs([path]) == ((PAIR,), "sample")
+
+
+def test_a_bare_list_and_json_lines_are_read(tmp_path: Path) -> None:
+    bare = written(tmp_path, "a.json", json.dumps([PREDICTION]))
+    lines = written(
+        tmp_path, "b.jsonl", "".join(json.dumps(PREDICTION | {"sample_id": i}) + "\n" for i in "xy")
+    )
+    assert read_pairs([bare]) == ((PAIR,), None)
+    assert [pair.sample_id for pair in read_pairs([lines])[0]] == ["x", "y"]
+
+
+def test_one_json_line_is_read(tmp_path: Path) -> None:
+    assert read_pairs([written(tmp_path, "a.jsonl", json.dumps(PREDICTION))]) == ((PAIR,), None)
+
+
+def test_the_journal_of_a_dead_run_is_read(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "p.json", split="sample")
+    recorder.add("s1", source=LISTS, edited=None)
+    recorder.close()
+    assert read_pairs([Path(recorder.journal_path)]) == ((PAIR,), "sample")
+
+
+def test_shards_become_one(tmp_path: Path) -> None:
+    first = written(tmp_path, "0.jsonl", json.dumps(PREDICTION))
+    second = written(tmp_path, "1.jsonl", json.dumps(PREDICTION | {"sample_id": "s2"}))
+    assert [pair.sample_id for pair in read_pairs([first, second])[0]] == ["s1", "s2"]
+    with pytest.raises(InvalidArgumentError, match="s1 occurs twice"):
+        read_pairs([first, first])
+
+
+def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
+    rows = [f"s1,source,{step},{x},{y}" for step, (x, y) in enumerate(SIX, start=1)]
+    text = "sample_id,trajectory,step,x_m,y_m\n" + "\n".join(reversed(rows)) + "\n"
+    assert read_pairs([written(tmp_path, "a.csv", text)]) == ((PAIR,), None)
+
+
+def test_csv_may_carry_headings_and_t_0(tmp_path: Path) -> None:
+    text = "sample_id,trajectory,step,x_m,y_m,heading_rad\ns1,edited,0,0,0,0.1\ns1,edited,1,1,0,0.2"
+    pairs, _ = read_pairs([written(tmp_path, "a.csv", text)])
+    assert pairs[0].edited == ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))
+
+
+HEADER = "sample_id,trajectory,step,x_m,y_m\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sample,x\n1,2\n", "has no column sample_id, step, trajectory, x_m, y_m"),
+        (HEADER + "s1,middle,1,0,0\n", "line 2: trajectory must be source or edited"),
+        (HEADER + "s1,source,one,0,0\n", "line 2: step must be a whole number"),
+        (HEADER + "s1,source,1,0\n", "line 2: step must be a whole number"),
+        (HEADER + "s1,source,1,0,0\ns1,source,1,0,0\n", "step 1 occurs twice"),
+        (HEADER + "s1,source,1,0,0\ns1,source,3,0,0\n", "without a gap"),
+        ('{"sample_id": "s1"}\nrubbish\n', "line 2 is not JSON"),
+        ('{"source": null}', "needs a sample_id"),
+        ('{"sample_id": "s1", "plan": []}', "unknown key plan"),
+        ('{"sample_id": "s1", "edited": 5}', "s1: edited must be a list"),
+        ('{"sample_id": "s1", "edited": [[true, 1]]}', "s1: edited must be a list"),
+        ('{"schema": "exceptiondrive.strategy/1", "split": "x"}', "only .* has trajectories"),
+    ],
+)
+def test_an_unreadable_file_says_where(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        read_pairs([written(tmp_path, "a.txt", text)])
+
+
+def test_a_missing_file_and_bytes_that_are_no_text_are_said(tmp_path: Path) -> None:
+    with pytest.raises(InvalidArgumentError, match="cannot be read"):
+        read_pairs([tmp_path / "none.json"])
+    (tmp_path / "a.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InvalidArgumentError, match="not UTF-8"):
+        read_pairs([tmp_path / "a.json"])
+
+
+def test_files_of_two_splits_are_not_mixed(tmp_path: Path) -> None:
+    other = json.dumps(DOCUMENT | {"split": "other", "predictions": []})
+    paths = [
+        written(tmp_path, "a.json", json.dumps(DOCUMENT)),
+        written(tmp_path, "b.json", other),
+    ]
+    with pytest.raises(InvalidArgumentError, match="different splits: other, sample"):
+        read_pairs(paths)
+
+
+@pytest.mark.parametrize("name", ["out.json", "out.json.gz"])
+def test_what_is_written_is_read_back(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    assert write_submission(path, "sample", [PAIR]) == path.stat().st_size
+    assert read_pairs([path]) == ((PAIR,), "sample")
+    assert sorted(tmp_path.iterdir()) == [path]
