@@ -1,0 +1,164 @@
+import gzip
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.planning import PlanningPrediction, PlanningSubmission
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.region import prepare_regions
+from exceptiondrive_scoring.sheet import Breakdown, aggregate
+from exceptiondrive_worker.sample.files import write_planners, write_sample_split
+from exceptiondrive_worker.sample.hazards import PLACEMENTS
+from exceptiondrive_worker.sample.planners import PLANNERS, Manoeuvre, Planner, predictions
+from exceptiondrive_worker.sample.road import Lane
+from exceptiondrive_worker.sample.scenes import SEED, SampleScene, sample_scenes
+from exceptiondrive_worker.split_store import LoadedSplit, load_split, read_split
+
+ROOT = Path(__file__).parents[2]
+COMMITTED = ROOT / "hidden_splits" / "sample" / "split.json.gz"
+RANKED = [planner for planner in PLANNERS if not planner.is_reference]
+by_file_name = pytest.mark.parametrize("planner", PLANNERS, ids=lambda planner: planner.file_name)
+
+
+@pytest.fixture(scope="module")
+def samples() -> tuple[SampleScene, ...]:
+    return sample_scenes()
+
+
+@pytest.fixture(scope="module")
+def loaded(protocol: Protocol) -> LoadedSplit:
+    return load_split(read_split(COMMITTED), protocol)
+
+
+def columns_of(answers: list[PlanningPrediction]) -> dict[str, np.ndarray]:
+    missing = np.full((6, 2), np.nan)
+    return {
+        key: np.array([missing if getattr(a, key) is None else getattr(a, key) for a in answers])
+        for key in ("source", "edited")
+    }
+
+
+def test_the_committed_split_is_what_the_generator_writes(tmp_path: Path) -> None:
+    again = write_sample_split(tmp_path).read_bytes()
+    committed = COMMITTED.read_bytes()
+    assert gzip.decompress(again) == gzip.decompress(committed)
+    assert again[4:8] == committed[4:8] == bytes(4), "the gzip header must carry no date"
+
+
+def test_the_committed_split_can_be_scored(loaded: LoadedSplit, protocol: Protocol) -> None:
+    assert loaded.arrays.n_samples == 420
+    assert loaded.arrays.n_scenes == 120
+    assert np.bincount(loaded.arrays.task_index).tolist() == [20] * len(protocol.tasks)
+
+
+def test_some_regions_are_concave(loaded: LoadedSplit) -> None:
+    pieces = prepare_regions(loaded.arrays.regions_m)
+    assert len(pieces.sample) > pieces.n_samples
+
+
+def test_every_task_of_the_protocol_has_a_placement(protocol: Protocol) -> None:
+    assert list(PLACEMENTS) == [task.id for task in protocol.tasks]
+
+
+def test_speeds_are_realistic_and_some_lanes_bend(samples: tuple[SampleScene, ...]) -> None:
+    speeds = [sample.speed_mps for sample in samples]
+    assert min(speeds) >= 2
+    assert max(speeds) <= 14
+    bent = sum(sample.lane.curvature_per_m != 0 for sample in samples)
+    assert 0.3 < bent / len(samples) < 0.6
+
+
+def test_sample_ids_tell_nothing_of_task_or_scene(samples: tuple[SampleScene, ...]) -> None:
+    tasks = [sample.task_id for sample in samples]
+    changes = sum(one != other for one, other in itertools.pairwise(tasks))
+    assert changes > 380, "neighbours in the order of ids would share a task"
+
+
+def test_planners_json_lists_the_files_beside_it(tmp_path: Path) -> None:
+    paths = write_planners(tmp_path)
+    listing = json.loads((tmp_path / "planners.json").read_text())
+    assert [row["file"] for row in listing] == [path.name for path in paths]
+    assert [row["method"] for row in listing if row["is_reference"]] == [
+        "FREEZE",
+        "CONSTANT VELOCITY",
+        "SOURCE AS EDITED",
+    ]
+    for row in listing:
+        submission = PlanningSubmission.model_validate_json(
+            gzip.decompress((tmp_path / row["file"]).read_bytes())
+        )
+        assert submission.split == "sample"
+        assert len(submission.predictions) == 420
+
+
+@by_file_name
+def test_a_planner_repeats_itself(planner: Planner, samples: tuple[SampleScene, ...]) -> None:
+    assert predictions(planner, samples, SEED) == predictions(planner, samples, SEED)
+
+
+@by_file_name
+def test_every_motion_is_one_a_car_can_make(
+    planner: Planner, samples: tuple[SampleScene, ...], loaded: LoadedSplit, protocol: Protocol
+) -> None:
+    scoring = SCORING[ChallengeId.PLANNING]
+    columns = columns_of(predictions(planner, samples, SEED))
+    measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
+    assert scoring.plausibility(measurements, protocol).shares["impossible"] == 0
+    assert np.nanmax(measurements["peak_acceleration_mps2"]) < 10
+
+
+@pytest.fixture(scope="module")
+def breakdowns(loaded: LoadedSplit, protocol: Protocol) -> dict[str, Breakdown]:
+    scoring, found = SCORING[ChallengeId.PLANNING], {}
+    for planner in PLANNERS:
+        columns = columns_of(predictions(planner, sample_scenes(), SEED))
+        measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
+        scores = scoring.grade(measurements, loaded.arrays, protocol)
+        found[planner.method] = aggregate(scores, loaded.arrays, protocol.taxonomy)
+    return found
+
+
+def test_the_board_of_the_planners_is_lively(breakdowns: dict[str, Breakdown]) -> None:
+    hcc = [breakdowns[planner.method].macro_family["hcc"] or 0 for planner in RANKED]
+    assert len({round(value, 4) for value in hcc}) == len(RANKED)
+    assert all(0.1 < value < 0.6 for value in hcc)
+    assert max(hcc) - min(hcc) < 0.2
+
+
+def test_standing_still_looks_best_and_that_is_why_it_is_flagged(
+    breakdowns: dict[str, Breakdown],
+) -> None:
+    still = breakdowns["FREEZE"].macro_family
+    assert still["ur"] == 0
+    others = [found.macro_family for method, found in breakdowns.items() if method != "FREEZE"]
+    assert (still["hcc"] or 0) > max(row["hcc"] or 0 for row in others)
+
+
+def test_one_planner_leaves_under_one_per_cent_out(samples: tuple[SampleScene, ...]) -> None:
+    missing = {
+        planner.method: sum(
+            (answer.source is None) + (answer.edited is None)
+            for answer in predictions(planner, samples, SEED)
+        )
+        for planner in PLANNERS
+    }
+    noisy = missing.pop("Noisy Human")
+    assert 0 < noisy < 0.01 * len(samples)
+    assert set(missing.values()) == {0}
+
+
+def test_a_lane_bends_left_with_positive_curvature() -> None:
+    quarter = Lane(1 / 10).position_m(np.pi * 5, 0.0)
+    assert quarter == pytest.approx((10, 10))
+    assert Lane(0.0).position_m(7, -1) == (7, -1)
+    assert Lane(1 / 10).position_m(0, 2) == pytest.approx((0, 2))
+
+
+def test_a_braking_car_stops_and_stays() -> None:
+    manoeuvre = Manoeuvre(speed_mps=5, brake_at_s=1, brake_mps2=5)
+    assert [manoeuvre.along_m(t) for t in (0.5, 1, 1.5, 2, 3)] == [2.5, 5, 6.875, 7.5, 7.5]

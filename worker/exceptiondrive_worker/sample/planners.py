@@ -1,0 +1,204 @@
+"""Synthetic planners: simple drivers that react to the hazard too late, sideways, or not at all.
+
+Each is a function of what the ego car knows, so that source and edited trajectories differ only by
+the hazard. All of them move as a car can.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+
+from exceptiondrive_schemas.planning import PlanningPrediction, Trajectory
+from exceptiondrive_worker.sample.road import Lane
+from exceptiondrive_worker.sample.scenes import SampleScene
+
+N_WAYPOINTS = 6
+TIME_STEP_S = 0.5
+SHIFT_LENGTH_M = 14.0
+"""Road that a change of lateral place takes at least."""
+PASSING_GAP_M = 1.6
+"""From the edge of the hazard to the middle of the car that passes it."""
+
+Driver = Callable[[SampleScene, Random], tuple[Trajectory | None, Trajectory | None]]
+
+
+@dataclass(frozen=True)
+class Planner:
+    """A synthetic planner: its name on the board, what it does, and how it drives."""
+
+    file_name: str
+    method: str
+    description: str
+    drive: Driver
+    is_reference: bool = False
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """One way through the next seconds, along the lane.
+
+    Attributes:
+        speed_mps: At the start.
+        acceleration_mps2: Before any braking.
+        brake_at_s: When braking begins.
+        brake_mps2: How hard.
+        aside_m: Where the car goes to, to the left of the lane's centre.
+    """
+
+    speed_mps: float
+    acceleration_mps2: float = 0.0
+    brake_at_s: float = math.inf
+    brake_mps2: float = 0.0
+    aside_m: float = 0.0
+
+    def along_m(self, time_s: float) -> float:
+        """Distance driven along the lane; a car that has stopped stays."""
+        before_s = min(time_s, self.brake_at_s)
+        driven = self.speed_mps * before_s + self.acceleration_mps2 * before_s**2 / 2
+        if time_s <= self.brake_at_s:
+            return driven
+        speed = self.speed_mps + self.acceleration_mps2 * self.brake_at_s
+        braking_s = min(time_s - self.brake_at_s, speed / self.brake_mps2)
+        return driven + speed * braking_s - self.brake_mps2 * braking_s**2 / 2
+
+    def left_m(self, along_m: float) -> float:
+        """Lateral place after this much road: a smooth step."""
+        share = min(along_m / max(SHIFT_LENGTH_M, 2 * self.speed_mps), 1.0)
+        return self.aside_m * share * share * (3 - 2 * share)
+
+    def trajectory(self, lane: Lane) -> Trajectory:
+        """Waypoints at 0.5 ... 3.0 s, metres, to the millimetre."""
+        waypoints = []
+        for step in range(1, N_WAYPOINTS + 1):
+            along = self.along_m(step * TIME_STEP_S)
+            x, y = lane.position_m(along, self.left_m(along))
+            waypoints.append((round(x, 3), round(y, 3)))
+        return tuple(waypoints)
+
+
+def freeze(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
+    """Stand still, always."""
+    still = ((0.0, 0.0),) * N_WAYPOINTS
+    return still, still
+
+
+def constant_velocity(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
+    """Go straight ahead at the present speed."""
+    ahead = Manoeuvre(sample.speed_mps).trajectory(Lane(0.0))
+    return ahead, ahead
+
+
+def late_braker(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
+    """Follow the lane; most hazards are seen, late, and braked for."""
+    cruise = _cruise(sample, rng)
+    reaction_s = rng.uniform(0.6, 1.3)
+    brake = Manoeuvre(sample.speed_mps, brake_at_s=reaction_s, brake_mps2=rng.uniform(4.0, 6.5))
+    reacts = rng.random() < 0.8
+    return cruise.trajectory(sample.lane), (brake if reacts else cruise).trajectory(sample.lane)
+
+
+def bypass_planner(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
+    """Pass the hazard on the side that needs less room, slowing a little; never stop."""
+    cruise = _cruise(sample, rng)
+    aside_m = _aside_m(sample)
+    slow = Manoeuvre(sample.speed_mps, -rng.uniform(0.2, 0.6), aside_m=aside_m)
+    reacts = rng.random() < 0.85
+    return cruise.trajectory(sample.lane), (slow if reacts else cruise).trajectory(sample.lane)
+
+
+def noisy_human(sample: SampleScene, rng: Random) -> tuple[Trajectory | None, Trajectory | None]:
+    """Brake, swerve or do nothing, with wandering hands; now and then there is no answer."""
+    mood, gives_edited, gives_source = rng.random(), rng.random() >= 0.007, rng.random() >= 0.003
+    start = Manoeuvre(sample.speed_mps, rng.uniform(-0.5, 0.4), aside_m=rng.uniform(-0.3, 0.3))
+    brake_at_s, brake_mps2 = rng.uniform(0.3, 0.9), rng.uniform(3.0, 8.0)
+    if mood < 0.5:
+        edited = Manoeuvre(sample.speed_mps, 0.0, brake_at_s, brake_mps2, start.aside_m)
+    elif mood < 0.75:
+        aside_m = _aside_m(sample) * rng.uniform(0.7, 1.1)
+        edited = Manoeuvre(sample.speed_mps, 0.0, brake_at_s, 1.5, aside_m)
+    else:
+        edited = start
+    source = start.trajectory(sample.lane) if gives_source else None
+    return source, edited.trajectory(sample.lane) if gives_edited else None
+
+
+def careful_follower(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
+    """See near hazards early and brake gently, which at speed is not enough."""
+    cruise = _cruise(sample, rng)
+    brake = Manoeuvre(sample.speed_mps, brake_at_s=0.4, brake_mps2=rng.uniform(2.5, 3.5))
+    reacts = rng.random() < 0.95
+    return cruise.trajectory(sample.lane), (brake if reacts else cruise).trajectory(sample.lane)
+
+
+def source_as_edited(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
+    """Follow the lane as if nothing had changed."""
+    cruise = _cruise(sample, rng).trajectory(sample.lane)
+    return cruise, cruise
+
+
+PLANNERS = (
+    Planner("freeze", "FREEZE", "Stands still in every sample.", freeze, is_reference=True),
+    Planner(
+        "constant-velocity",
+        "CONSTANT VELOCITY",
+        "Goes straight ahead at the present speed.",
+        constant_velocity,
+        is_reference=True,
+    ),
+    Planner(
+        "source-as-edited",
+        "SOURCE AS EDITED",
+        "Follows the lane and never reacts: the source trajectory, given twice.",
+        source_as_edited,
+        is_reference=True,
+    ),
+    Planner(
+        "late-braker",
+        "Late Braker",
+        "Follows the lane; sees four hazards in five and brakes for them, late.",
+        late_braker,
+    ),
+    Planner(
+        "bypass-planner",
+        "Bypass Planner",
+        "Passes every hazard it sees on the side that needs less room, and never stops.",
+        bypass_planner,
+    ),
+    Planner(
+        "noisy-human",
+        "Noisy Human",
+        "Brakes, swerves or does nothing, with wandering hands; some answers are missing.",
+        noisy_human,
+    ),
+    Planner(
+        "careful-follower",
+        "Careful Follower",
+        "Sees hazards early and brakes gently, which at speed is not enough.",
+        careful_follower,
+    ),
+)
+
+
+def predictions(
+    planner: Planner, samples: tuple[SampleScene, ...], seed: int
+) -> list[PlanningPrediction]:
+    """Drive one planner through all samples; the same seed gives the same answers."""
+    rng = Random(f"{seed}/{planner.file_name}")
+    answers = []
+    for sample in samples:
+        source, edited = planner.drive(sample, rng)
+        answers.append(PlanningPrediction(sample_id=sample.sample_id, source=source, edited=edited))
+    return answers
+
+
+def _cruise(sample: SampleScene, rng: Random) -> Manoeuvre:
+    return Manoeuvre(sample.speed_mps, rng.uniform(-0.3, 0.3))
+
+
+def _aside_m(sample: SampleScene) -> float:
+    """The nearer lateral place from which the hazard is passed; at most one lane aside."""
+    to_the_left = max(sample.hazard.left_m + PASSING_GAP_M, 0.0)
+    to_the_right = min(sample.hazard.right_m - PASSING_GAP_M, 0.0)
+    nearer = to_the_left if to_the_left <= -to_the_right else to_the_right
+    return min(max(nearer, -3.5), 3.5)
