@@ -1,1 +1,1 @@
-"""Package."""
+"""The system of record: what is true, whatever process dies when (DESIGN.md 4)."""

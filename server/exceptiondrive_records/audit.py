@@ -1,0 +1,123 @@
+"""The audit chain: each line carries the hash of the one before it.
+
+Lines are gathered while a write transaction runs and chained just before it commits, so that the
+head of the chain is locked last and shortly, and never in a circle with other locks.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import func, select, text
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_schemas.base import canonical_json
+
+GENESIS = "0" * 64
+_PENDING = "exceptiondrive_pending_audit"
+_CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on PostgreSQL
+
+
+@dataclass(frozen=True)
+class _Pending:
+    actor: str
+    action: str
+    subject: str
+    detail: dict[str, Any]
+
+
+def audit(
+    session: Session, actor: str, action: str, subject: str, detail: Mapping[str, Any] | None = None
+) -> None:
+    """Record that `actor` did `action` to `subject` in this write transaction."""
+    lines = session.info.setdefault(_PENDING, [])
+    lines.append(_Pending(actor, action, subject, dict(detail or {})))
+
+
+def seal_audit_lines(session: Session) -> None:
+    """Chain the lines of this transaction; called by `Database.write` before it commits."""
+    pending: list[_Pending] = session.info.pop(_PENDING, [])
+    if not pending:
+        return
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _CHAIN_LOCK})
+    last = session.scalars(select(AuditLine).order_by(AuditLine.id.desc()).limit(1)).first()
+    number, head = (last.id, last.hash) if last else (0, GENESIS)
+    at = database_now(session)
+    for line in pending:
+        number += 1
+        row = AuditLine(
+            id=number,
+            at=at,
+            actor=line.actor,
+            action=line.action,
+            subject=line.subject,
+            detail=line.detail,
+            previous_hash=head,
+            hash="",
+        )
+        head = row.hash = line_hash(row)
+        session.add(row)
+
+
+def line_hash(line: AuditLine) -> str:
+    """Return SHA-256 over the previous hash and everything the line says."""
+    content = {
+        "id": line.id,
+        "at": line.at.isoformat(),
+        "actor": line.actor,
+        "action": line.action,
+        "subject": line.subject,
+        "detail": line.detail,
+    }
+    return hashlib.sha256(line.previous_hash.encode() + canonical_json(content)).hexdigest()
+
+
+@dataclass(frozen=True)
+class AuditVerdict:
+    """Whether the chain is whole; if not, the first line that breaks it."""
+
+    n_lines: int
+    head: str
+    broken_at: int | None = None
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every line follows from the one before it."""
+        return self.broken_at is None
+
+
+def verify_audit(session: Session) -> AuditVerdict:
+    """Recompute the whole chain."""
+    head = GENESIS
+    number = 0
+    for line in _lines(session):
+        number += 1
+        is_next = line.id == number and line.previous_hash == head
+        if not is_next or line_hash(line) != line.hash:
+            return AuditVerdict(number - 1, head, broken_at=line.id)
+        head = line.hash
+    return AuditVerdict(number, head)
+
+
+def audit_page(session: Session, *, before: int | None = None, limit: int = 100) -> list[AuditLine]:
+    """Return lines, newest first, from before line `before`."""
+    query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
+    if before is not None:
+        query = query.where(AuditLine.id < before)
+    return list(session.scalars(query))
+
+
+def count_audit_lines(session: Session, action: str) -> int:
+    """Return how many lines record this action."""
+    query = select(func.count()).select_from(AuditLine).where(AuditLine.action == action)
+    return session.scalar(query) or 0
+
+
+def _lines(session: Session) -> Iterator[AuditLine]:
+    return iter(
+        session.scalars(select(AuditLine).order_by(AuditLine.id).execution_options(yield_per=500))
+    )

@@ -1,0 +1,27 @@
+"""The one clock that leases and quotas know: the database's."""
+
+from datetime import UTC, datetime, timedelta
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+
+def database_now(session: Session) -> datetime:
+    """Return the time of the database's own clock, aware UTC."""
+    if session.get_bind().dialect.name == "sqlite":
+        text = session.scalar(select(func.strftime("%Y-%m-%dT%H:%M:%f", "now")))
+        assert text is not None
+        return datetime.fromisoformat(text).replace(tzinfo=UTC)
+    now = session.scalar(select(func.clock_timestamp()))
+    assert isinstance(now, datetime)
+    return now.astimezone(UTC)
+
+
+def start_of_day(now: datetime) -> datetime:
+    """Return 00:00 UTC of the day of `now`."""
+    return now.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+
+
+def next_day(now: datetime) -> datetime:
+    """Return 00:00 UTC of the day after `now`: when daily quotas begin anew."""
+    return start_of_day(now) + timedelta(days=1)

@@ -1,0 +1,65 @@
+"""Column types that mean the same on SQLite and on PostgreSQL."""
+
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any, Generic, TypeVar
+
+from sqlalchemy import DateTime, Dialect, Enum, Text
+from sqlalchemy.types import TypeDecorator
+
+from exceptiondrive_schemas.base import Document, canonical_json
+
+SomeDocument = TypeVar("SomeDocument", bound=Document)
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """An aware UTC time in Python on both databases."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Refuse naive times; SQLite keeps UTC without a zone."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            raise ValueError("a recorded time must be aware: give it a time zone")
+        utc = value.astimezone(UTC)
+        return utc.replace(tzinfo=None) if dialect.name == "sqlite" else utc
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> datetime | None:
+        """Return the time in UTC."""
+        if value is None:
+            return None
+        assert isinstance(value, datetime)
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+class DocumentText(TypeDecorator[SomeDocument], Generic[SomeDocument]):
+    """A document of `exceptiondrive_schemas`, kept as its canonical JSON."""
+
+    impl = Text
+    cache_ok = True
+
+    def __init__(self, model: type[SomeDocument]) -> None:
+        super().__init__()
+        self.model = model
+
+    def process_bind_param(self, value: SomeDocument | None, dialect: Dialect) -> str | None:
+        """Write canonical JSON."""
+        return None if value is None else canonical_json(value).decode("utf-8")
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> SomeDocument | None:
+        """Read and validate."""
+        return None if value is None else self.model.model_validate_json(value)
+
+
+def enum_text(values: type[StrEnum]) -> Enum:
+    """Return a column type that stores the values of an enum as text."""
+    return Enum(
+        values,
+        native_enum=False,
+        create_constraint=False,
+        length=16,
+        values_callable=lambda members: [member.value for member in members],
+    )

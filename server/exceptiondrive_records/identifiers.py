@@ -1,0 +1,58 @@
+"""Random public ids and checked names."""
+
+import re
+import secrets
+
+from exceptiondrive_records.errors import InvalidRecord
+
+_LETTERS = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford base 32: nothing looks like another
+_SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+
+
+def random_id(length: int = 16) -> str:
+    """Return a random id of 5 bits per letter that cannot be guessed or misread."""
+    return "".join(secrets.choice(_LETTERS) for _ in range(length))
+
+
+def checked_slug(kind: str, slug: str) -> str:
+    """Return `slug` if it may stand in an address.
+
+    Raises:
+        InvalidRecord: It may not.
+    """
+    if _SLUG.fullmatch(slug) is None:
+        raise InvalidRecord(
+            f"The {kind} id {slug!r} must be 1 to 64 lower-case letters, digits and hyphens, "
+            "and begin with a letter or digit."
+        )
+    return slug
+
+
+def checked_text(kind: str, text: str, *, max_length: int, may_be_empty: bool = False) -> str:
+    """Return `text` without surrounding blanks if it can be shown safely.
+
+    Raises:
+        InvalidRecord: Empty, too long, or with characters that cannot be shown.
+    """
+    text = text.strip()
+    if not text and not may_be_empty:
+        raise InvalidRecord(f"The {kind} must not be empty.")
+    if len(text) > max_length:
+        raise InvalidRecord(f"The {kind} is longer than {max_length} characters.")
+    if any(not (c.isprintable() or c == "\n") for c in text):
+        raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
+    return text
+
+
+def checked_link(kind: str, url: str | None) -> str | None:
+    """Return `url` if it is an https address, or None.
+
+    Raises:
+        InvalidRecord: It is neither.
+    """
+    if url is None or url == "":
+        return None
+    is_plain = url.isascii() and url.isprintable() and " " not in url
+    if not is_plain or not re.match(r"https://[^/@\s]+", url) or len(url) > 500:
+        raise InvalidRecord(f"The {kind} link must be an https:// address of at most 500 letters.")
+    return url

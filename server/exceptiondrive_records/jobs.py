@@ -1,0 +1,225 @@
+"""The status machine of jobs: every step is one fenced compare-and-set (research/reliability.md A4).
+
+A claim raises the fence; whoever comes with an older fence has lost the lease and changes nothing.
+"""
+
+from datetime import timedelta
+from typing import Any, cast
+
+from sqlalchemy import CursorResult, and_, or_, select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.claims import Claim, Finish
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.tables import Job, JobState, Phase, ScoreSheetRow, Submission
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+__all__ = ["Claim", "Finish", "claim", "finish_failed", "finish_rejected", "finish_scored"]
+
+_ACTOR = "worker"
+_OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+
+
+def claim(session: Session, job_id: str, lease_s: float, max_attempts: int) -> Claim | None:
+    """Lease a job if it is free; None means: not yours, go away quietly.
+
+    Args:
+        session: Of a write transaction.
+        job_id: From the message that called the worker.
+        lease_s: How long nobody else may have it; longer than the hard limit of a scoring run.
+        max_attempts: Beyond this the reconciler gives the job up.
+    """
+    now = database_now(session)
+    lease_until = now + timedelta(seconds=lease_s)
+    is_free = or_(
+        and_(Job.state == JobState.QUEUED, Job.available_at <= now),
+        and_(Job.state == JobState.LEASED, Job.lease_until < now),
+    )
+    taken = session.scalars(
+        update(Job)
+        .where(Job.id == job_id, Job.attempts < max_attempts, is_free)
+        .values(
+            state=JobState.LEASED,
+            attempts=Job.attempts + 1,
+            fence=Job.fence + 1,
+            leased_at=now,
+            lease_until=lease_until,
+            rung_at=None,
+            rings=0,
+        )
+        .returning(Job)
+        .execution_options(populate_existing=True)
+    ).first()
+    if taken is None:
+        return None
+    if taken.is_first:
+        _set_status(session, taken.submission_id, SubmissionStatus.SCORING)
+    return _describe(session, taken, max_attempts)
+
+
+def finish_scored(
+    session: Session,
+    claim: Claim,
+    sheet: ScoreSheet,
+    *,
+    exact_digest: str,
+    measurement_key: str,
+    scorer_version: str,
+) -> Finish:
+    """Record a score sheet: job, sheet, status, audit line and board request, or none of them.
+
+    Args:
+        session: Of a write transaction.
+        claim: The lease.
+        sheet: Rounded for publication.
+        exact_digest: Of the unrounded sheet, which stays with the worker.
+        measurement_key: Key of the measurements in the worker's private store.
+        scorer_version: Which code scored.
+    """
+    if not _end(session, claim, JobState.DONE):
+        return Finish.LEASE_LOST
+    key = (claim.submission_id, claim.protocol_digest, claim.split_revision)
+    held = session.get(ScoreSheetRow, key)
+    if held is not None and held.exact_digest != exact_digest:
+        detail = {"held": held.exact_digest, "came": exact_digest}
+        audit(session, _ACTOR, "scores differ for one key", claim.submission_id, detail)
+    if held is None:
+        session.add(
+            ScoreSheetRow(
+                submission_id=claim.submission_id,
+                protocol_digest=claim.protocol_digest,
+                split_revision=claim.split_revision,
+                sheet=sheet,
+                exact_digest=exact_digest,
+                measurement_key=measurement_key,
+                scorer_version=scorer_version,
+                created_at=database_now(session),
+            )
+        )
+    if claim.is_first:
+        _set_status(session, claim.submission_id, SubmissionStatus.SCORED)
+    want_board(session, claim.phase_id, claim.protocol_digest)
+    detail = {"protocol": claim.protocol_digest, "exact_digest": exact_digest}
+    audit(session, _ACTOR, "submission scored", claim.submission_id, detail)
+    return Finish.RECORDED
+
+
+def finish_rejected(session: Session, claim: Claim, report: CheckReport) -> Finish:
+    """Record that the file is wrong, with the report that lists every fault."""
+    if not _end(session, claim, JobState.DONE):
+        return Finish.LEASE_LOST
+    if claim.is_first:
+        _set_status(session, claim.submission_id, SubmissionStatus.REJECTED, report=report)
+    faults = {group.code.value: group.count for group in report.faults}
+    detail = {"protocol": claim.protocol_digest, "faults": faults}
+    audit(session, _ACTOR, "submission rejected", claim.submission_id, detail)
+    return Finish.RECORDED
+
+
+def finish_failed(
+    session: Session,
+    claim: Claim,
+    code: str,
+    message: str,
+    *,
+    retry: bool,
+    backoff_s: float = 2.0,
+) -> Finish:
+    """Record that we could not score: try again after a while, or give up.
+
+    Args:
+        session: Of a write transaction.
+        claim: The lease.
+        code: Stable and fit for publication.
+        message: One sentence fit for the team: never a traceback, path or geometry.
+        retry: Whether another attempt may help.
+        backoff_s: Wait before the second attempt; doubles each time.
+    """
+    may_retry = retry and claim.attempts < claim.max_attempts
+    detail = {"code": code, "attempt": claim.attempts}
+    if may_retry:
+        if not _requeue(session, claim, backoff_s * 2 ** (claim.attempts - 1)):
+            return Finish.LEASE_LOST
+        if claim.is_first:
+            _set_status(session, claim.submission_id, SubmissionStatus.QUEUED)
+        audit(session, _ACTOR, "scoring to be retried", claim.submission_id, detail)
+        return Finish.RETRY_LATER
+    if not _end(session, claim, JobState.DEAD if retry else JobState.FAILED):
+        return Finish.LEASE_LOST
+    if claim.is_first:
+        set_failed(session, claim.submission_id, code, message)
+    audit(session, _ACTOR, "scoring failed", claim.submission_id, detail)
+    return Finish.RECORDED
+
+
+def set_failed(session: Session, submission_id: str, code: str, message: str) -> None:
+    """Show a submission as failed, unless it has ended otherwise."""
+    status = SubmissionStatus.FAILED
+    _set_status(session, submission_id, status, failure_code=code, failure_message=message)
+
+
+def _end(session: Session, claim: Claim, state: JobState) -> bool:
+    """Whether the lease was still held; the job then has ended in `state`."""
+    values = {"state": state, "finished_at": database_now(session)}
+    return _leave_lease(session, claim, values)
+
+
+def _requeue(session: Session, claim: Claim, wait_s: float) -> bool:
+    available_at = database_now(session) + timedelta(seconds=wait_s)
+    return _leave_lease(session, claim, {"state": JobState.QUEUED, "available_at": available_at})
+
+
+def _leave_lease(session: Session, claim: Claim, values: dict[str, Any]) -> bool:
+    changed = session.execute(
+        update(Job)
+        .where(Job.id == claim.job_id, Job.fence == claim.fence, Job.state == JobState.LEASED)
+        .values(lease_until=None, **values)
+        .execution_options(synchronize_session=False)
+    )
+    if cast("CursorResult[Any]", changed).rowcount == 1:
+        return True
+    detail = {"job": claim.job_id, "fence": claim.fence}
+    audit(session, _ACTOR, "stale fence rejected", claim.submission_id, detail)
+    return False
+
+
+def _set_status(
+    session: Session, submission_id: str, status: SubmissionStatus, **values: Any
+) -> None:
+    session.execute(
+        update(Submission)
+        .where(Submission.id == submission_id, Submission.status.in_(_OPEN))
+        .values(status=status, status_at=database_now(session), **values)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _describe(session: Session, job: Job, max_attempts: int) -> Claim:
+    query = (
+        select(Submission, Phase)
+        .join(Phase, Phase.id == Submission.phase_id)
+        .where(Submission.id == job.submission_id)
+    )
+    submission, phase = session.execute(query).one()
+    assert job.lease_until is not None
+    return Claim(
+        job_id=job.id,
+        fence=job.fence,
+        attempts=job.attempts,
+        max_attempts=max_attempts,
+        lease_until=job.lease_until,
+        lane=job.lane,
+        is_first=job.is_first,
+        submission_id=submission.id,
+        phase_id=phase.id,
+        challenge=phase.challenge,
+        file_digest=submission.file_digest,
+        size_bytes=submission.size_bytes,
+        protocol_digest=job.protocol_digest,
+        split_name=phase.split_name,
+        split_revision=job.split_revision,
+    )

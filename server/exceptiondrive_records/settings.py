@@ -1,0 +1,88 @@
+"""Settings from the environment; whatever is malformed stops the start with one clear sentence."""
+
+import difflib
+import os
+from typing import Annotated, TypeVar
+
+from pydantic import Field, ValidationError, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+PREFIX = "EXCEPTIONDRIVE_"
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+
+
+class SettingsError(Exception):
+    """The environment cannot be used; the text says which variable and why."""
+
+
+class RecordsSettings(BaseSettings):
+    """What server, reconciler and worker must agree on.
+
+    Every field is an environment variable with the prefix `EXCEPTIONDRIVE_`.
+    """
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, extra="ignore", frozen=True)
+
+    database_url: str = "sqlite:///data/records.sqlite3"
+    broker_url: str = "redis://127.0.0.1:6379/0"
+    file_store_url: str = "file:///data/uploads"
+    lease_s: Seconds = 120.0
+    max_attempts: Annotated[int, Field(ge=1, le=100)] = 4
+    retry_backoff_s: Seconds = 2.0
+    reconcile_every_s: Seconds = 1.0
+    window: Annotated[int, Field(ge=1)] | None = None
+    """Most messages outstanding in a lane; by default max(16, 4 x live worker slots)."""
+    ring_again_after_s: Seconds = 10.0
+    heartbeat_ttl_s: Seconds = 15.0
+    leader_lease_s: Seconds = 10.0
+
+    @field_validator("database_url")
+    @classmethod
+    def _database_is_supported(cls, url: str) -> str:
+        if not url.startswith(("sqlite:///", "postgresql+psycopg://")):
+            raise ValueError("must start with sqlite:/// or postgresql+psycopg://")
+        return url
+
+    @field_validator("broker_url")
+    @classmethod
+    def _broker_is_supported(cls, url: str) -> str:
+        if not url.startswith(("redis://", "rediss://", "redis+socket://", "memory://")):
+            raise ValueError("must start with redis://, rediss:// or redis+socket://")
+        return url
+
+    @field_validator("file_store_url")
+    @classmethod
+    def _store_is_supported(cls, url: str) -> str:
+        if not url.startswith(("file:///", "memory://", "s3://")):
+            raise ValueError("must start with file:///, s3:// or memory://")
+        return url
+
+
+Settings = TypeVar("Settings", bound=RecordsSettings)
+
+
+def load_settings(kind: type[Settings]) -> Settings:
+    """Read settings of this kind from the environment.
+
+    Raises:
+        SettingsError: A value is malformed, or a variable looks like a misspelt one.
+    """
+    _refuse_misspelt(set(kind.model_fields))
+    try:
+        return kind()
+    except ValidationError as error:
+        lines = [
+            f"{PREFIX}{'.'.join(str(part) for part in item['loc']).upper()}: {item['msg']}"
+            for item in error.errors(include_url=False, include_input=False)
+        ]
+        raise SettingsError("the settings are not valid:\n" + "\n".join(lines)) from None
+
+
+def _refuse_misspelt(names: set[str]) -> None:
+    known = {PREFIX + name.upper() for name in names}
+    for variable in sorted(os.environ):
+        if not variable.startswith(PREFIX) or variable in known:
+            continue
+        near = difflib.get_close_matches(variable, known, n=1, cutoff=0.93)
+        if near:
+            raise SettingsError(f"unknown variable {variable}; did you mean {near[0]}?")

@@ -1,0 +1,239 @@
+"""Submissions: accepted in one transaction, after which they cannot be lost."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import select, tuple_, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.errors import Conflict, NotFound, PhaseClosed
+from exceptiondrive_records.identifiers import checked_link, checked_text, random_id
+from exceptiondrive_records.phases import find_phase, is_open
+from exceptiondrive_records.quotas import require_quota
+from exceptiondrive_records.tables import Job, JobState, Phase, ScoreSheetRow, Submission, Team
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+_SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
+"""After these the same bytes are a new submission."""
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The outcome of `accept`; `job_id` is None for a duplicate."""
+
+    submission: Submission
+    is_duplicate: bool
+    job_id: str | None
+
+
+def accept(
+    session: Session,
+    *,
+    team_id: int,
+    phase_id: str,
+    method: str,
+    description: str = "",
+    links: Links = Links(),  # noqa: B008 - immutable
+    file_digest: str,
+    size_bytes: int,
+) -> Accepted:
+    """Accept an upload: submission, first job and audit line, or none of them.
+
+    The same bytes of a team in a phase give the first submission again and cost nothing.
+
+    Args:
+        session: Of a write transaction.
+        team_id: Owner.
+        phase_id: Where it competes.
+        method: Name of the method, part of the identity of its board entry.
+        description: Free text.
+        links: Where the method is described.
+        file_digest: Of the stored file, `sha256:` and 64 hex digits.
+        size_bytes: Of the stored file.
+
+    Raises:
+        NotFound: No such phase or team.
+        InvalidRecord: A text or link cannot be used.
+        PhaseClosed: The phase takes no submissions now.
+        QuotaExceeded: The quota of the day, or the total one, is used up.
+        RejectedCapExceeded: Too many files were rejected today.
+    """
+    phase = find_phase(session, phase_id)
+    _lock_team(session, team_id)
+    first = _same_bytes(session, team_id, phase, file_digest)
+    if first is not None:
+        return Accepted(first, is_duplicate=True, job_id=None)
+    now = database_now(session)
+    _require_open(phase, now)
+    require_quota(session, team_id, phase)
+    submission = Submission(
+        id=random_id(),
+        phase_id=phase.id,
+        team_id=team_id,
+        method=checked_text("method name", method, max_length=80),
+        description=checked_text("description", description, max_length=2000, may_be_empty=True),
+        paper_url=checked_link("paper", links.paper),
+        code_url=checked_link("code", links.code),
+        file_digest=file_digest,
+        size_bytes=size_bytes,
+        status=SubmissionStatus.RECEIVED,
+        received_at=now,
+        status_at=now,
+    )
+    job = new_job(submission, phase.protocol_digest, phase.split_revision, Lane.LIVE, True, now)
+    session.add(submission)
+    session.flush()
+    session.add(job)
+    detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
+    audit(session, f"team:{team_id}", "submission received", submission.id, detail)
+    return Accepted(submission, is_duplicate=False, job_id=job.id)
+
+
+def new_job(
+    submission: Submission,
+    protocol_digest: str,
+    split_revision: str,
+    lane: Lane,
+    is_first: bool,
+    now: datetime,
+) -> Job:
+    """Return a queued job, not yet added to a session."""
+    return Job(
+        id=random_id(24),
+        submission_id=submission.id,
+        protocol_digest=protocol_digest,
+        split_revision=split_revision,
+        lane=lane,
+        is_first=is_first,
+        state=JobState.QUEUED,
+        attempts=0,
+        fence=0,
+        created_at=now,
+        available_at=now,
+        rings=0,
+    )
+
+
+def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
+    """Withdraw a submission: it leaves the board, unfinished jobs end, quota stays used.
+
+    Withdrawing twice does nothing.
+
+    Raises:
+        NotFound: No such submission.
+        Conflict: It was rejected or has failed: there is nothing to withdraw.
+    """
+    submission = session.get(Submission, submission_id, with_for_update=True)
+    if submission is None:
+        raise NotFound("submission", submission_id)
+    if submission.status is SubmissionStatus.WITHDRAWN:
+        return submission
+    if submission.status in (SubmissionStatus.REJECTED, SubmissionStatus.FAILED):
+        raise Conflict(f"The submission was {submission.status}; there is nothing to withdraw.")
+    before = submission.status
+    now = database_now(session)
+    submission.status = SubmissionStatus.WITHDRAWN
+    submission.status_at = submission.withdrawn_at = now
+    _cancel_jobs(session, submission_id, now)
+    for protocol_digest in _scored_protocols(session, submission_id):
+        want_board(session, submission.phase_id, protocol_digest)
+    audit(session, actor, "submission withdrawn", submission_id, {"was": before})
+    return submission
+
+
+def find_submission(
+    session: Session, submission_id: str, *, team_id: int | None = None
+) -> Submission:
+    """Return a submission; with `team_id`, only if it is that team's.
+
+    Raises:
+        NotFound: There is none, or it is not the team's: the answer is the same.
+    """
+    submission = session.get(Submission, submission_id)
+    if submission is None or (team_id is not None and submission.team_id != team_id):
+        raise NotFound("submission", submission_id)
+    return submission
+
+
+def list_submissions(
+    session: Session,
+    *,
+    team_id: int | None = None,
+    phase_id: str | None = None,
+    status: SubmissionStatus | None = None,
+    after: str | None = None,
+    limit: int = 50,
+) -> list[Submission]:
+    """Return submissions, newest first, continuing after the submission `after`.
+
+    Raises:
+        NotFound: `after` is no submission that could be listed.
+    """
+    query = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
+    if team_id is not None:
+        query = query.where(Submission.team_id == team_id)
+    if phase_id is not None:
+        query = query.where(Submission.phase_id == phase_id)
+    if status is not None:
+        query = query.where(Submission.status == status)
+    if after is not None:
+        last = find_submission(session, after, team_id=team_id)
+        place = tuple_(Submission.received_at, Submission.id)
+        query = query.where(place < tuple_(last.received_at, last.id))
+    return list(session.scalars(query.limit(limit)))
+
+
+def _lock_team(session: Session, team_id: int) -> Team:
+    """Lock the row of the team, so that its quota is counted by one transaction at a time."""
+    team = session.scalars(select(Team).where(Team.id == team_id).with_for_update()).first()
+    if team is None:
+        raise NotFound("team", str(team_id))
+    return team
+
+
+def _same_bytes(
+    session: Session, team_id: int, phase: Phase, file_digest: str
+) -> Submission | None:
+    return session.scalars(
+        select(Submission).where(
+            Submission.phase_id == phase.id,
+            Submission.team_id == team_id,
+            Submission.file_digest == file_digest,
+            Submission.status.not_in(_SAME_BYTES_AGAIN),
+        )
+    ).first()
+
+
+def _require_open(phase: Phase, now: datetime) -> None:
+    if is_open(phase, now):
+        return
+    if phase.opens_at is not None and now < phase.opens_at:
+        raise PhaseClosed(phase.title, opens_at=phase.opens_at)
+    raise PhaseClosed(phase.title, closed_at=phase.closes_at)
+
+
+def _cancel_jobs(session: Session, submission_id: str, now: datetime) -> None:
+    unfinished = (JobState.QUEUED, JobState.LEASED)
+    session.execute(
+        update(Job)
+        .where(Job.submission_id == submission_id, Job.state.in_(unfinished))
+        .values(
+            state=JobState.CANCELLED,
+            fence=Job.fence + 1,
+            lease_until=None,
+            rung_at=None,
+            finished_at=now,
+        )
+    )
+
+
+def _scored_protocols(session: Session, submission_id: str) -> list[str]:
+    query = select(ScoreSheetRow.protocol_digest).where(
+        ScoreSheetRow.submission_id == submission_id
+    )
+    return sorted(set(session.scalars(query)))

@@ -1,0 +1,277 @@
+"""The tables of the system of record. Nothing in them may be withheld information."""
+
+from datetime import datetime
+from enum import StrEnum
+from typing import Any
+
+from sqlalchemy import JSON, ForeignKey, ForeignKeyConstraint, Index, String, Text, UniqueConstraint
+from sqlalchemy import text as sql_text
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+from exceptiondrive_records.columns import DocumentText, UtcDateTime, enum_text
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+class JobState(StrEnum):
+    """Where a job stands. The last four are final."""
+
+    QUEUED = "queued"
+    LEASED = "leased"
+    DONE = "done"
+    FAILED = "failed"
+    DEAD = "dead"
+    """Every attempt ended without an answer."""
+    CANCELLED = "cancelled"
+    """The submission was withdrawn first."""
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the job has ended."""
+        return self not in (JobState.QUEUED, JobState.LEASED)
+
+
+class Base(DeclarativeBase):
+    """Column types common to all tables."""
+
+    type_annotation_map = {  # noqa: RUF012 - SQLAlchemy reads it once
+        datetime: UtcDateTime(),
+        SubmissionStatus: enum_text(SubmissionStatus),
+        JobState: enum_text(JobState),
+        Lane: enum_text(Lane),
+        dict[str, Any]: JSON(),
+        dict[str, int]: JSON(),
+        list[str]: JSON(),
+        str: String(),
+    }
+
+
+class Team(Base):
+    """Owns submissions."""
+
+    __tablename__ = "teams"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    slug: Mapped[str] = mapped_column(unique=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    is_reference: Mapped[bool]
+    created_at: Mapped[datetime]
+
+
+class Token(Base):
+    """A bearer token; only the digest of its text is kept."""
+
+    __tablename__ = "tokens"
+    id: Mapped[str] = mapped_column(primary_key=True)
+    team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"), index=True)
+    name: Mapped[str]
+    scopes: Mapped[list[str]]
+    secret_digest: Mapped[str]
+    prefix: Mapped[str]
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]
+
+
+class ProtocolRow(Base):
+    """A protocol document, immutable."""
+
+    __tablename__ = "protocols"
+    digest: Mapped[str] = mapped_column(primary_key=True)
+    version: Mapped[str] = mapped_column(unique=True)
+    toml: Mapped[str] = mapped_column(Text)
+    created_at: Mapped[datetime]
+
+
+class SplitRow(Base):
+    """What may be known of a split revision: its manifest and how large its families are."""
+
+    __tablename__ = "splits"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    revision: Mapped[str] = mapped_column(primary_key=True)
+    title: Mapped[str]
+    manifest: Mapped[Manifest] = mapped_column(DocumentText(Manifest), deferred=True)
+    family_counts: Mapped[dict[str, int]]
+    n_samples: Mapped[int]
+    public_file_digest: Mapped[str | None]
+    """Content digest of the whole split file, for development splits alone."""
+    registered_at: Mapped[datetime]
+
+
+class Phase(Base):
+    """A dated stage of a challenge."""
+
+    __tablename__ = "phases"
+    __table_args__ = (
+        ForeignKeyConstraint(["split_name", "split_revision"], ["splits.name", "splits.revision"]),
+    )
+    id: Mapped[str] = mapped_column(primary_key=True)
+    challenge: Mapped[str]
+    title: Mapped[str]
+    description: Mapped[str] = mapped_column(Text)
+    split_name: Mapped[str]
+    split_revision: Mapped[str]
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
+    opens_at: Mapped[datetime | None]
+    closes_at: Mapped[datetime | None]
+    quota_per_day: Mapped[int]
+    quota_total: Mapped[int | None]
+    rejected_per_day: Mapped[int]
+    current_board_id: Mapped[int | None]
+    shows_reported: Mapped[bool]
+    created_at: Mapped[datetime]
+
+
+class Submission(Base):
+    """The record of one upload."""
+
+    __tablename__ = "submissions"
+    __table_args__ = (
+        Index("ix_submissions_team", "team_id", "phase_id", "received_at"),
+        Index(
+            "uq_submissions_same_bytes",
+            "phase_id",
+            "team_id",
+            "file_digest",
+            unique=True,
+            sqlite_where=sql_text("status NOT IN ('withdrawn', 'failed')"),
+            postgresql_where=sql_text("status NOT IN ('withdrawn', 'failed')"),
+        ),
+    )
+    id: Mapped[str] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"))
+    method: Mapped[str]
+    description: Mapped[str] = mapped_column(Text)
+    paper_url: Mapped[str | None]
+    code_url: Mapped[str | None]
+    file_digest: Mapped[str]
+    size_bytes: Mapped[int]
+    status: Mapped[SubmissionStatus]
+    report: Mapped[CheckReport | None] = mapped_column(DocumentText(CheckReport))
+    failure_code: Mapped[str | None]
+    failure_message: Mapped[str | None]
+    received_at: Mapped[datetime]
+    status_at: Mapped[datetime]
+    withdrawn_at: Mapped[datetime | None]
+
+
+class Job(Base):
+    """One scoring run to be done: submission x protocol x split revision."""
+
+    __tablename__ = "jobs"
+    __table_args__ = (
+        UniqueConstraint("submission_id", "protocol_digest", "split_revision"),
+        Index("ix_jobs_queue", "state", "lane", "created_at"),
+        Index("ix_jobs_finished", "finished_at"),
+    )
+    id: Mapped[str] = mapped_column(primary_key=True)
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
+    split_revision: Mapped[str]
+    lane: Mapped[Lane]
+    is_first: Mapped[bool]
+    """The submission shows the fate of this job; a rescoring job leaves it untouched."""
+    state: Mapped[JobState]
+    attempts: Mapped[int]
+    fence: Mapped[int]
+    created_at: Mapped[datetime]
+    available_at: Mapped[datetime]
+    leased_at: Mapped[datetime | None]
+    lease_until: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+    rung_at: Mapped[datetime | None]
+    """When a worker was last called for it and has not come yet."""
+    rings: Mapped[int]
+
+
+class ScoreSheetRow(Base):
+    """The published, rounded score sheet of one scoring run, immutable."""
+
+    __tablename__ = "score_sheets"
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), primary_key=True)
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
+    split_revision: Mapped[str] = mapped_column(primary_key=True)
+    sheet: Mapped[ScoreSheet] = mapped_column(DocumentText(ScoreSheet))
+    exact_digest: Mapped[str]
+    measurement_key: Mapped[str]
+    scorer_version: Mapped[str]
+    created_at: Mapped[datetime]
+
+
+class BoardRequest(Base):
+    """A board is to be built while `wanted` is above `built`."""
+
+    __tablename__ = "board_requests"
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
+    wanted: Mapped[int]
+    built: Mapped[int]
+    fence: Mapped[int]
+    lease_until: Mapped[datetime | None]
+    rung_at: Mapped[datetime | None]
+
+
+class BoardRow(Base):
+    """A board snapshot, immutable: `body` holds the exact bytes that are served."""
+
+    __tablename__ = "boards"
+    __table_args__ = (UniqueConstraint("phase_id", "number"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
+    split_revision: Mapped[str]
+    number: Mapped[int]
+    digest: Mapped[str]
+    """Digest of what the board says (`Board.content_digest`), whatever its number and date."""
+    body_digest: Mapped[str]
+    """Digest of `body`: the strong ETag."""
+    body: Mapped[str] = mapped_column(Text)
+    published_at: Mapped[datetime]
+
+
+class BoardFlip(Base):
+    """When the pointer `Phase.current_board_id` moved, append-only."""
+
+    __tablename__ = "board_flips"
+    __table_args__ = (Index("ix_board_flips_phase", "phase_id", "at"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"))
+    at: Mapped[datetime]
+
+
+class AuditLine(Base):
+    """Who did what, append-only and hash-chained."""
+
+    __tablename__ = "audit_lines"
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    at: Mapped[datetime]
+    actor: Mapped[str]
+    action: Mapped[str]
+    subject: Mapped[str] = mapped_column(index=True)
+    detail: Mapped[dict[str, Any]]
+    previous_hash: Mapped[str]
+    hash: Mapped[str]
+
+
+class WorkerHeartbeat(Base):
+    """The last sign of life of a worker."""
+
+    __tablename__ = "worker_heartbeats"
+    worker_id: Mapped[str] = mapped_column(primary_key=True)
+    at: Mapped[datetime]
+    lanes: Mapped[list[str]]
+    slots: Mapped[int]
+
+
+class Leader(Base):
+    """Who may do what only one process may do."""
+
+    __tablename__ = "leaders"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    holder: Mapped[str]
+    lease_until: Mapped[datetime]

