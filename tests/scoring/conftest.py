@@ -1,6 +1,7 @@
 """Shared parts of the scoring tests: the protocol, small splits, real files where present."""
 
 import gzip
+import importlib.util
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.aliases import FloatArray
@@ -26,6 +28,19 @@ def protocol() -> Protocol:
 @pytest.fixture(scope="session")
 def geometry(protocol: Protocol) -> GeometrySection:
     return protocol.geometry
+
+
+@pytest.fixture(scope="session")
+def naive_clearances_m() -> Callable[[FloatArray, FloatArray, GeometrySection], FloatArray]:
+    """The naive shapely loop of the benchmarks: it shares no code with the scoring package."""
+    spec = importlib.util.spec_from_file_location("naive", REPOSITORY / "benchmarks" / "naive.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    function: Callable[[FloatArray, FloatArray, GeometrySection], FloatArray]
+    function = module.naive_clearances_m
+    return function
 
 
 def _read(path: Path) -> Any:

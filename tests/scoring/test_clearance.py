@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.clearance import clearance_m
@@ -79,9 +80,8 @@ def test_a_quarter_turn_to_the_left_sweeps_the_hull_of_both_footprints(
     outward = normal if normal @ [1.0, 1.0] > 0 else -normal
     middle = (front_right_of_first + front_right_of_second) / 2
     near = middle + 0.75 * outward
-    region = [near, near + [3.0, 0.2], near + [3.0, 3.0], near + [0.2, 3.0]]
-    region_list = [corner.tolist() for corner in region]
-    assert clearance_of(turn, region_list, geometry) == pytest.approx(0.75, abs=1e-12)
+    region = near + np.array([[0.0, 0.0], [3.0, 0.2], [3.0, 3.0], [0.2, 3.0]])
+    assert clearance_of(turn, region.tolist(), geometry) == pytest.approx(0.75, abs=1e-12)
 
 
 def test_no_samples_have_no_clearances(geometry: GeometrySection) -> None:

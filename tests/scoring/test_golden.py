@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
