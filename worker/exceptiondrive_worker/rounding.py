@@ -1,0 +1,79 @@
+"""Rounding for publication: no digit leaves the worker that the protocol does not publish.
+
+Exact values stay in the private store. A score sheet is rounded once, here, and everything that
+is shown, ranked or sorted is made from the rounded one.
+"""
+
+from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Coverage,
+    Interval,
+    MetricRow,
+    Plausibility,
+    ScoreSheet,
+)
+
+
+class Rounding:
+    """Rounds values of one challenge by the protocol's publication section."""
+
+    def __init__(self, challenge: Challenge, publication: PublicationSection) -> None:
+        self._fraction_decimals = publication.percent_decimals + 2
+        self._metre_decimals = publication.metre_decimals
+        self._least_samples = publication.min_samples_per_cell
+        self._metrics: dict[str, Metric] = {metric.key: metric for metric in challenge.metrics}
+
+    def fraction(self, value: float | None) -> float | None:
+        """Round a share; None stays None, and there is no negative zero."""
+        return None if value is None else _rounded(value, self._fraction_decimals)
+
+    def metric(self, key: str, value: float | None) -> float | None:
+        """Round a value of a metric; keys that are no metric hold shares."""
+        metric = self._metrics.get(key)
+        if value is None or metric is None or metric.unit == "fraction":
+            return self.fraction(value)
+        return _rounded(value, self._metre_decimals)
+
+    def row(self, metrics: MetricRow) -> MetricRow:
+        """Round a row of metrics."""
+        return {key: self.metric(key, value) for key, value in metrics.items()}
+
+    def interval(self, key: str, interval: Interval | None) -> Interval | None:
+        """Round both ends of an interval of a metric."""
+        if interval is None:
+            return None
+        low, high = self.metric(key, interval[0]), self.metric(key, interval[1])
+        return None if low is None or high is None else (low, high)
+
+    def cell(self, row: BreakdownRow) -> BreakdownRow:
+        """Round a family or task; below the least number of samples its metrics are withheld."""
+        if row.n is not None and row.n < self._least_samples:
+            return BreakdownRow.of(row.n, dict.fromkeys(row.metrics))
+        return BreakdownRow.of(row.n, self.row(row.metrics))
+
+    def sheet(self, sheet: ScoreSheet) -> ScoreSheet:
+        """Return the sheet that may be published."""
+        coverage, plausibility = sheet.coverage, sheet.plausibility
+        return sheet.model_copy(
+            update={
+                "coverage": Coverage(
+                    edited=_rounded(coverage.edited, self._fraction_decimals),
+                    source=self.fraction(coverage.source),
+                ),
+                "micro": self.row(sheet.micro),
+                "macro_family": self.row(sheet.macro_family),
+                "families": {key: self.cell(row) for key, row in sheet.families.items()},
+                "tasks": {key: self.cell(row) for key, row in sheet.tasks.items()},
+                "plausibility": Plausibility(
+                    shares={key: self.fraction(v) for key, v in plausibility.shares.items()},
+                    flags=plausibility.flags,
+                ),
+                "extra": {key: self.row(row) for key, row in sheet.extra.items()},
+            }
+        )
+
+
+def _rounded(value: float, decimals: int) -> float:
+    return round(value, decimals) + 0.0  # adding zero turns -0.0 into 0.0
