@@ -1,0 +1,81 @@
+"""Both challenges through the one interface that callers use."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.sheet import aggregate
+from exceptiondrive_scoring.strategy import StrategyAnswers
+
+MakeSplit = Callable[..., SplitArrays]
+N = 6
+
+
+def _answers(challenge_id: ChallengeId) -> dict[str, NDArray[Any]]:
+    drive = np.cumsum(np.full((N, 6, 2), [2.0, 0.1]), axis=1)
+    drive[0] = np.nan
+    strategies = StrategyAnswers.without_reminders(np.array([-1, 2, 2, 2, 2, 2]))
+    return {
+        ChallengeId.PLANNING: {"source": drive.copy(), "edited": drive},
+        ChallengeId.STRATEGY: strategies.columns(),
+    }[challenge_id]
+
+
+@pytest.fixture
+def split(make_split: MakeSplit) -> SplitArrays:
+    corners = np.array([[9.0, -1.0], [10.0, -1.0], [10.0, 1.0], [9.0, 1.0]])
+    return make_split(np.tile(corners, (N, 1, 1)), tasks=[0, 4, 8, 12, 15, 18])
+
+
+@pytest.mark.parametrize("challenge_id", list(ChallengeId))
+def test_every_challenge_goes_the_same_way_to_a_sheet(
+    challenge_id: ChallengeId, split: SplitArrays, protocol: Protocol
+) -> None:
+    scoring = SCORING[challenge_id]
+    assert scoring.challenge == CHALLENGES[challenge_id]
+    measurements = scoring.measure(_answers(challenge_id), split, protocol.geometry)
+    assert all(len(column) == N for column in measurements.values())
+    scores = scoring.grade(measurements, split, protocol)
+    assert scores.metric_keys == CHALLENGES[challenge_id].metric_keys
+    assert scores.values.shape == (N, len(scores.metric_keys))
+    sheet = aggregate(scores, split, protocol.taxonomy)
+    assert set(sheet.micro) == set(scores.metric_keys)
+    assert scoring.coverage(measurements)["edited"] == pytest.approx(5 / 6)
+    scoring.plausibility(measurements, protocol)
+    scoring.extra(measurements, split, protocol)
+
+
+@pytest.mark.parametrize("challenge_id", list(ChallengeId))
+def test_measuring_changes_none_of_its_inputs(
+    challenge_id: ChallengeId, split: SplitArrays, protocol: Protocol
+) -> None:
+    answers = _answers(challenge_id)
+    before = {key: column.copy() for key, column in answers.items()}
+    for column in (*answers.values(), split.regions_m, split.d_safe_m):
+        column.setflags(write=False)
+    scoring = SCORING[challenge_id]
+    measurements = scoring.measure(answers, split, protocol.geometry)
+    for column in measurements.values():
+        column.setflags(write=False)
+    scoring.grade(measurements, split, protocol)
+    for key, column in before.items():
+        np.testing.assert_array_equal(answers[key], column)
+
+
+def test_the_strategy_sheet_carries_confusion_and_reminder_rows(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    scoring = SCORING[ChallengeId.STRATEGY]
+    answers = _answers(ChallengeId.STRATEGY)
+    assert "reminder" not in scoring.extra(answers, split, protocol)
+    answers["reminder_given"] = np.ones(N, dtype=np.bool_)
+    rows = scoring.extra(answers, split, protocol)
+    assert rows["confusion_CD"]["missing"] == 1
+    assert rows["reminder"]["given"] == 1.0
