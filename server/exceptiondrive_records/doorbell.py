@@ -1,0 +1,67 @@
+"""The doorbell: calls a worker through the broker. The records are the queue; this only rings.
+
+A ring that fails is logged and forgotten: the reconciler rings again. For a moment after a failure
+further rings are skipped, so that a dead broker does not slow every upload down.
+"""
+
+import time
+from threading import Lock
+
+import structlog
+from celery import Celery
+from kombu.exceptions import KombuError
+from redis.exceptions import RedisError
+
+from exceptiondrive_records.broker_options import lane_queues, transport_options
+from exceptiondrive_schemas.jobs import JobName, Lane
+
+_log = structlog.get_logger("exceptiondrive.doorbell")
+
+SOCKET_TIMEOUT_S = 1.0
+QUIET_AFTER_FAILURE_S = 2.0
+
+
+class Doorbell:
+    """Rings for one broker. Safe to share between threads, not between forked processes."""
+
+    def __init__(self, broker_url: str) -> None:
+        self._app = Celery("exceptiondrive-doorbell", broker=broker_url, set_as_current=False)
+        options = transport_options(socket_timeout_s=SOCKET_TIMEOUT_S)
+        self._app.conf.update(
+            broker_transport_options={**options, "retry_on_timeout": False},
+            task_serializer="json",
+            task_ignore_result=True,
+            task_queues=lane_queues(),
+            task_create_missing_queues=False,
+            task_default_queue=Lane.LIVE.value,
+            broker_connection_timeout=SOCKET_TIMEOUT_S,
+            broker_connection_retry=False,
+        )
+        self._lock = Lock()
+        self._quiet_until = 0.0
+
+    def ring_score(self, job_id: str, lane: Lane = Lane.LIVE) -> bool:
+        """Call a worker of a lane for a job; return whether the broker took the message."""
+        return self._ring(JobName.SCORE, (job_id,), lane)
+
+    def ring_board(self, phase_id: str, protocol_digest: str, lane: Lane = Lane.LIVE) -> bool:
+        """Call a worker to build a board; return whether the broker took the message."""
+        return self._ring(JobName.BUILD_BOARD, (phase_id, protocol_digest), lane)
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._app.close()
+
+    def _ring(self, name: JobName, ids: tuple[str, ...], lane: Lane) -> bool:
+        if time.monotonic() < self._quiet_until:
+            return False
+        try:
+            self._app.send_task(
+                name.value, args=ids, queue=lane.value, ignore_result=True, retry=False
+            )
+        except (KombuError, RedisError, OSError) as error:
+            _log.warning("the broker did not take a ring", job=name.value, error=repr(error))
+            with self._lock:
+                self._quiet_until = time.monotonic() + QUIET_AFTER_FAILURE_S
+            return False
+        return True

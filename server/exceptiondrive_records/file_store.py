@@ -1,0 +1,175 @@
+"""Uploads by content: written once under the SHA-256 of their bytes, verified when read.
+
+Backends through obstore: a local folder, S3, or memory for tests. A file is on disk, synced and
+under its name before the row that mentions it is written.
+"""
+
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+from urllib.parse import unquote, urlsplit
+
+import obstore
+from obstore.exceptions import AlreadyExistsError, BaseError
+from obstore.store import LocalStore, ObjectStore, from_url
+
+from exceptiondrive_records.errors import NotFound, StoreError, UploadTooLarge
+
+_DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
+_IN_MEMORY_BYTES = 1 << 20
+
+
+class FileDamaged(StoreError):  # noqa: N818
+    """The stored bytes are not those that were stored: never score them."""
+
+    def __init__(self, digest: str) -> None:
+        super().__init__(f"The stored file {digest} is damaged.")
+
+
+class FileStore:
+    """A folder of files named by their content. Safe to share between threads."""
+
+    def __init__(self, url: str) -> None:
+        self._folder = Path(unquote(urlsplit(url).path)) if url.startswith("file:") else None
+        self._store: ObjectStore = (
+            LocalStore(self._folder, mkdir=True) if self._folder is not None else from_url(url)
+        )
+
+    def writer(self, *, limit_bytes: int) -> "FileWriter":
+        """Return a writer that takes chunks as they come; use it as a context manager."""
+        return FileWriter(self, limit_bytes)
+
+    def put_stream(self, chunks: Iterable[bytes], *, limit_bytes: int) -> tuple[str, int]:
+        """Store a file and return its digest and size; storing the same bytes again is free.
+
+        Raises:
+            UploadTooLarge: More than `limit_bytes` came.
+            StoreError: The store did not take it.
+        """
+        with self.writer(limit_bytes=limit_bytes) as writer:
+            for chunk in chunks:
+                writer.write(chunk)
+            return writer.commit()
+
+    def read(self, digest: str, *, limit_bytes: int) -> bytes:
+        """Return a stored file whose bytes are proven to be those that were stored.
+
+        Raises:
+            NotFound: No such file.
+            UploadTooLarge: It is larger than `limit_bytes`.
+            FileDamaged: The bytes on the store have changed.
+            StoreError: The store did not answer.
+        """
+        try:
+            found = obstore.get(self._store, _key(digest))
+            if found.meta["size"] > limit_bytes:
+                raise UploadTooLarge(limit_bytes)
+            data = bytes(found.bytes())
+        except FileNotFoundError:
+            raise NotFound("file", digest) from None
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+        if _digest_of(data) != digest:
+            raise FileDamaged(digest)
+        return data
+
+    def holds(self, digest: str) -> bool:
+        """Whether a file with this digest is stored."""
+        try:
+            obstore.head(self._store, _key(digest))
+        except FileNotFoundError:
+            return False
+        return True
+
+    def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
+        spooled.seek(0)
+        key = _key(digest)
+        try:
+            obstore.put(self._store, key, spooled.read(), mode="create")
+            self._sync(key)
+        except AlreadyExistsError:
+            self._heal(key, digest, spooled)
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not take files now; try again later.") from error
+
+    def _heal(self, key: str, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
+        """Put the right bytes in place of damaged ones; the name says which are right."""
+        if _digest_of(bytes(obstore.get(self._store, key).bytes())) != digest:
+            spooled.seek(0)
+            obstore.put(self._store, key, spooled.read(), mode="overwrite")
+            self._sync(key)
+
+    def _sync(self, key: str) -> None:
+        """Make a local file survive a power cut: the file, and the folder that names it."""
+        if self._folder is None:
+            return
+        path = self._folder / key
+        for entry in (path, path.parent):
+            descriptor = os.open(entry, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+
+
+class FileWriter:
+    """Takes the chunks of one upload, counts and hashes them, then stores them at once."""
+
+    def __init__(self, store: FileStore, limit_bytes: int) -> None:
+        self._store = store
+        self._limit_bytes = limit_bytes
+        self._hash = hashlib.sha256()
+        self._size_bytes = 0
+        self._spooled = tempfile.SpooledTemporaryFile(  # noqa: SIM115 - closed by __exit__
+            max_size=_IN_MEMORY_BYTES
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._spooled.close()
+
+    def write(self, chunk: bytes) -> None:
+        """Take a chunk.
+
+        Raises:
+            UploadTooLarge: More came than the limit allows.
+            StoreError: There is no room to keep it meanwhile.
+        """
+        self._size_bytes += len(chunk)
+        if self._size_bytes > self._limit_bytes:
+            raise UploadTooLarge(self._limit_bytes)
+        self._hash.update(chunk)
+        try:
+            self._spooled.write(chunk)
+        except OSError as error:
+            raise StoreError("The server has no room for the file now; try again later.") from error
+
+    def commit(self) -> tuple[str, int]:
+        """Store what came; return its digest and its size in bytes."""
+        digest = "sha256:" + self._hash.hexdigest()
+        self._store._put(digest, self._spooled)
+        return digest, self._size_bytes
+
+
+def _key(digest: str) -> str:
+    match = _DIGEST.fullmatch(digest)
+    if match is None:
+        raise NotFound("file", digest)
+    name = match.group(1)
+    return f"{name[:2]}/{name}"
+
+
+def _digest_of(data: bytes) -> str:
+    return "sha256:" + hashlib.sha256(data).hexdigest()

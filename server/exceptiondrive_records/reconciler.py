@@ -1,0 +1,152 @@
+"""The reconciler: whatever was lost, frozen or forgotten is set right, one pass a second.
+
+One leader at a time rings for what is queued or expired, gives up jobs without attempts left, and
+rings for boards that are wanted. It decides nothing that a claim does not check again.
+"""
+
+import os
+import socket
+import threading
+from dataclasses import dataclass
+from datetime import timedelta
+
+import structlog
+from sqlalchemy import or_, select, update
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.doorbell import Doorbell
+from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.jobs import set_failed
+from exceptiondrive_records.leaders import give_up_lead, take_lead
+from exceptiondrive_records.ringing import due_jobs, mark_rung
+from exceptiondrive_records.settings import RecordsSettings
+from exceptiondrive_records.tables import BoardRequest, Job, JobState
+from exceptiondrive_schemas.jobs import Lane
+
+_log = structlog.get_logger("exceptiondrive.reconciler")
+
+LEADERSHIP = "reconciler"
+EXHAUSTED_CODE = "attempts_exhausted"
+EXHAUSTED_MESSAGE = (
+    "Scoring did not finish in any of its attempts. The organizers see this; your quota is "
+    "not used up by it."
+)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """What one pass did."""
+
+    rung_jobs: int = 0
+    rung_boards: int = 0
+    dead_jobs: int = 0
+
+
+def reconcile_once(database: Database, doorbell: Doorbell, settings: RecordsSettings) -> Pass:
+    """Make one pass."""
+    with database.write() as session:
+        dead_jobs = give_up_exhausted(session, settings.max_attempts)
+    return Pass(
+        rung_jobs=sum(_ring_jobs(database, doorbell, settings, lane) for lane in Lane),
+        rung_boards=_ring_boards(database, doorbell, settings),
+        dead_jobs=dead_jobs,
+    )
+
+
+def run_reconciler(
+    database: Database, doorbell: Doorbell, settings: RecordsSettings, stop: threading.Event
+) -> None:
+    """Make passes while leading, until `stop` is set; a database that is away is waited for."""
+    holder = f"{socket.gethostname()}:{os.getpid()}:{random_id(6)}"
+    while not stop.is_set():
+        try:
+            with database.write() as session:
+                leads = take_lead(session, LEADERSHIP, holder, settings.leader_lease_s)
+            if leads:
+                done = reconcile_once(database, doorbell, settings)
+                if done != Pass():
+                    _log.info("reconciled", **vars(done))
+        except OperationalError as error:
+            _log.warning("the database did not answer", error=type(error.orig).__name__)
+        stop.wait(settings.reconcile_every_s)
+    with database.write() as session:
+        give_up_lead(session, LEADERSHIP, holder)
+
+
+def give_up_exhausted(session: Session, max_attempts: int) -> int:
+    """Give up jobs whose last lease expired without an answer; return how many."""
+    now = database_now(session)
+    dead = session.execute(
+        update(Job)
+        .where(
+            Job.attempts >= max_attempts,
+            or_(Job.state == JobState.QUEUED, Job.lease_until < now),
+            Job.state.in_((JobState.QUEUED, JobState.LEASED)),
+        )
+        .values(
+            state=JobState.DEAD,
+            fence=Job.fence + 1,
+            lease_until=None,
+            rung_at=None,
+            finished_at=now,
+        )
+        .returning(Job.id, Job.submission_id, Job.is_first, Job.attempts)
+        .execution_options(synchronize_session=False)
+    ).all()
+    for job_id, submission_id, is_first, attempts in dead:
+        if is_first:
+            set_failed(session, submission_id, EXHAUSTED_CODE, EXHAUSTED_MESSAGE)
+        detail = {"code": EXHAUSTED_CODE, "job": job_id, "attempts": attempts}
+        audit(session, "reconciler", "scoring failed", submission_id, detail)
+    return len(dead)
+
+
+def _ring_jobs(
+    database: Database, doorbell: Doorbell, settings: RecordsSettings, lane: Lane
+) -> int:
+    with database.read() as session:
+        due = due_jobs(session, lane, settings)
+    rung = [job for job in due if doorbell.ring_score(job.job_id, job.lane)]
+    if rung:
+        with database.write() as session:
+            for job in rung:
+                mark_rung(session, job)
+    return len(rung)
+
+
+def _ring_boards(database: Database, doorbell: Doorbell, settings: RecordsSettings) -> int:
+    with database.read() as session:
+        wanted = _wanted_boards(session, settings.ring_again_after_s)
+    rung = [key for key in wanted if doorbell.ring_board(*key)]
+    if rung:
+        with database.write() as session:
+            _mark_boards_rung(session, rung)
+    return len(rung)
+
+
+def _wanted_boards(session: Session, ring_again_after_s: float) -> list[tuple[str, str]]:
+    now = database_now(session)
+    query = select(BoardRequest.phase_id, BoardRequest.protocol_digest).where(
+        BoardRequest.wanted > BoardRequest.built,
+        or_(BoardRequest.lease_until.is_(None), BoardRequest.lease_until < now),
+        or_(
+            BoardRequest.rung_at.is_(None),
+            BoardRequest.rung_at < now - timedelta(seconds=ring_again_after_s),
+        ),
+    )
+    return [(phase_id, digest) for phase_id, digest in session.execute(query)]
+
+
+def _mark_boards_rung(session: Session, keys: list[tuple[str, str]]) -> None:
+    now = database_now(session)
+    for phase_id, digest in keys:
+        session.execute(
+            update(BoardRequest)
+            .where(BoardRequest.phase_id == phase_id, BoardRequest.protocol_digest == digest)
+            .values(rung_at=now)
+            .execution_options(synchronize_session=False)
+        )

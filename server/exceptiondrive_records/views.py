@@ -1,0 +1,147 @@
+"""Submissions as their team sees them: with place in the queue, sheet and rank."""
+
+import json
+from collections.abc import Sequence
+from functools import lru_cache
+from statistics import median
+
+from sqlalchemy import func, select, tuple_
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.heartbeats import LiveWorkers, live_workers
+from exceptiondrive_records.tables import (
+    Job,
+    JobState,
+    Phase,
+    ScoreSheetRow,
+    Submission,
+    Team,
+)
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import Failure, QueuePlace, SubmissionStatus, SubmissionView
+
+_WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+_UNFINISHED = (JobState.QUEUED, JobState.LEASED)
+_RECENT = 20
+
+
+def view(
+    session: Session,
+    submission: Submission,
+    *,
+    is_duplicate: bool = False,
+    heartbeat_ttl_s: float = 15.0,
+) -> SubmissionView:
+    """Return a submission as its team sees it."""
+    team = session.get_one(Team, submission.team_id)
+    phase = session.get_one(Phase, submission.phase_id)
+    is_scored = submission.status is SubmissionStatus.SCORED
+    return SubmissionView(
+        id=submission.id,
+        phase=phase.id,
+        challenge=phase.challenge,
+        team=team.name,
+        method=submission.method,
+        description=submission.description,
+        links=Links(paper=submission.paper_url, code=submission.code_url),
+        file_digest=submission.file_digest,
+        size_bytes=submission.size_bytes,
+        status=submission.status,
+        received_at=submission.received_at,
+        status_at=submission.status_at,
+        queue=queue_place(session, submission, heartbeat_ttl_s=heartbeat_ttl_s),
+        report=submission.report,
+        failure=_failure(submission),
+        sheet=published_sheet(session, submission, phase) if is_scored else None,
+        rank=current_rank(session, submission) if is_scored else None,
+        is_duplicate=is_duplicate,
+    )
+
+
+def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
+    """Return several submissions as their team sees them."""
+    return tuple(view(session, submission) for submission in submissions)
+
+
+def queue_place(
+    session: Session, submission: Submission, *, heartbeat_ttl_s: float = 15.0
+) -> QueuePlace | None:
+    """Return how many live jobs stand ahead and how long that may take; None when it has ended."""
+    if submission.status not in _WAITING:
+        return None
+    query = select(Job).where(Job.submission_id == submission.id, Job.is_first)
+    job = session.scalars(query).first()
+    if job is None or job.state.is_final:
+        return None
+    position = 0 if job.state is JobState.LEASED else _live_jobs_ahead(session, job)
+    alive = live_workers(session, Lane.LIVE, ttl_s=heartbeat_ttl_s)
+    return QueuePlace(
+        position=position,
+        expected_wait_s=_expected_wait_s(session, position, alive),
+        attempts=job.attempts,
+        workers_alive=alive.workers,
+    )
+
+
+def published_sheet(session: Session, submission: Submission, phase: Phase) -> ScoreSheet | None:
+    """Return the sheet under the protocol and split revision that the phase shows."""
+    key = (submission.id, phase.protocol_digest, phase.split_revision)
+    row = session.get(ScoreSheetRow, key)
+    return None if row is None else row.sheet
+
+
+def current_rank(session: Session, submission: Submission) -> int | None:
+    """Return the rank on the current board; None when it is not there, or not ranked."""
+    board = current_board(session, submission.phase_id)
+    return None if board is None else _ranks(board.body).get(submission.id)
+
+
+def recent_scoring_s(session: Session) -> float | None:
+    """Return the median duration of the last scoring runs, measured by the database's clock."""
+    query = (
+        select(Job.leased_at, Job.finished_at)
+        .where(Job.state == JobState.DONE, Job.finished_at.is_not(None))
+        .order_by(Job.finished_at.desc())
+        .limit(_RECENT)
+    )
+    durations_s = [
+        (finished_at - leased_at).total_seconds()
+        for leased_at, finished_at in session.execute(query)
+        if leased_at is not None and finished_at is not None
+    ]
+    return median(durations_s) if durations_s else None
+
+
+def _live_jobs_ahead(session: Session, job: Job) -> int:
+    place = tuple_(Job.created_at, Job.id)
+    query = select(func.count()).where(
+        Job.lane == job.lane,
+        Job.state.in_(_UNFINISHED),
+        place < tuple_(job.created_at, job.id),
+    )
+    return session.scalar(query) or 0
+
+
+def _expected_wait_s(session: Session, position: int, alive: LiveWorkers) -> float | None:
+    scoring_s = recent_scoring_s(session)
+    if scoring_s is None or alive.slots == 0:
+        return None
+    return round(position * scoring_s / alive.slots, 1)
+
+
+def _failure(submission: Submission) -> Failure | None:
+    if submission.failure_code is None:
+        return None
+    return Failure(code=submission.failure_code, message=submission.failure_message or "")
+
+
+@lru_cache(maxsize=16)
+def _ranks(body: str) -> dict[str, int]:
+    return {
+        entry["submission_id"]: entry["rank"]
+        for entry in json.loads(body)["entries"]
+        if entry["submission_id"] is not None and entry["rank"] is not None
+    }

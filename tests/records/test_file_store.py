@@ -1,0 +1,83 @@
+"""Files by content: written once, verified when read."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from exceptiondrive_records.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_records.file_store import FileDamaged, FileStore
+
+DATA = b"trajectories" * 1000
+DIGEST = "sha256:" + hashlib.sha256(DATA).hexdigest()
+
+
+def chunks(data: bytes = DATA, size: int = 1000) -> list[bytes]:
+    return [data[i : i + size] for i in range(0, len(data), size)]
+
+
+@pytest.fixture(params=["file", "memory"])
+def store(request: pytest.FixtureRequest, tmp_path: Path) -> FileStore:
+    return FileStore(f"file://{tmp_path}/up loads" if request.param == "file" else "memory://")
+
+
+def local(tmp_path: Path) -> tuple[FileStore, Path]:
+    return FileStore(f"file://{tmp_path}"), tmp_path / DIGEST[7:9] / DIGEST[7:]
+
+
+def test_a_stored_file_comes_back_under_its_digest(store: FileStore) -> None:
+    assert store.put_stream(chunks(), limit_bytes=20_000) == (DIGEST, len(DATA))
+    assert store.read(DIGEST, limit_bytes=20_000) == DATA
+    assert store.holds(DIGEST)
+
+
+def test_storing_the_same_bytes_again_changes_nothing(store: FileStore) -> None:
+    first = store.put_stream(chunks(), limit_bytes=20_000)
+    assert store.put_stream(chunks(size=7), limit_bytes=20_000) == first
+
+
+def test_more_bytes_than_allowed_are_refused_and_not_kept(tmp_path: Path) -> None:
+    store, path = local(tmp_path)
+    with pytest.raises(UploadTooLarge, match="11999 bytes"):
+        store.put_stream(chunks(), limit_bytes=11_999)
+    assert not path.exists()
+
+
+def test_a_file_larger_than_the_reader_allows_is_not_read(store: FileStore) -> None:
+    store.put_stream(chunks(), limit_bytes=20_000)
+    with pytest.raises(UploadTooLarge):
+        store.read(DIGEST, limit_bytes=11_999)
+
+
+@pytest.mark.parametrize(
+    "digest", ["sha256:" + "0" * 64, "sha256:../../etc/passwd", "", DIGEST[7:]]
+)
+def test_what_is_not_there_is_not_found(store: FileStore, digest: str) -> None:
+    with pytest.raises(NotFound):
+        store.read(digest, limit_bytes=10)
+
+
+def test_a_flipped_bit_is_never_read(tmp_path: Path) -> None:
+    store, path = local(tmp_path)
+    store.put_stream(chunks(), limit_bytes=20_000)
+    damaged = bytearray(path.read_bytes())
+    damaged[5] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(FileDamaged, match=DIGEST):
+        store.read(DIGEST, limit_bytes=20_000)
+
+
+def test_uploading_the_right_bytes_again_heals_a_damaged_file(tmp_path: Path) -> None:
+    store, path = local(tmp_path)
+    store.put_stream(chunks(), limit_bytes=20_000)
+    path.write_bytes(b"")
+    store.put_stream(chunks(), limit_bytes=20_000)
+    assert store.read(DIGEST, limit_bytes=20_000) == DATA
+
+
+def test_a_store_that_cannot_write_says_so(tmp_path: Path) -> None:
+    store = FileStore(f"file://{tmp_path}/uploads")
+    (tmp_path / "uploads").rmdir()
+    (tmp_path / "uploads").write_text("a file where the folder was")
+    with pytest.raises(StoreError, match="try again later"):
+        store.put_stream(chunks(), limit_bytes=20_000)
