@@ -5,17 +5,22 @@ from enum import StrEnum
 from exceptiondrive_schemas.base import Document
 
 MAX_EXAMPLES = 20
+"""Examples of one code in a report; the count always tells all."""
 
 
 class FaultCode(StrEnum):
     """One kind of fault in a submission file. Codes are stable: scripts may rely on them."""
 
     FILE_TOO_LARGE = "file_too_large"
+    EMPTY_FILE = "empty_file"
+    WRONG_FILE_KIND = "wrong_file_kind"
+    DAMAGED_GZIP = "damaged_gzip"
     INFLATES_TOO_LARGE = "inflates_too_large"
-    NOT_GZIP = "not_gzip"
+    BYTE_ORDER_MARK = "byte_order_mark"
     NOT_UTF8 = "not_utf8"
     NOT_JSON = "not_json"
     NESTED_TOO_DEEPLY = "nested_too_deeply"
+    VALUE_TOO_LONG = "value_too_long"
     TRAILING_DATA = "trailing_data"
     DUPLICATE_KEY = "duplicate_key"
     UNKNOWN_KEY = "unknown_key"
@@ -34,7 +39,9 @@ class FaultCode(StrEnum):
     WRONG_FRAME = "wrong_frame"
     UNKNOWN_STRATEGY = "unknown_strategy"
     UNKNOWN_HAZARD_TYPE = "unknown_hazard_type"
+    UNKNOWN_RISK_LEVEL = "unknown_risk_level"
     TEXT_TOO_LONG = "text_too_long"
+    INVALID_TEXT = "invalid_text"
 
 
 class Fault(Document):

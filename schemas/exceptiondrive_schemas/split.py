@@ -8,7 +8,8 @@ from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.planning import SampleId, Waypoint
 from exceptiondrive_schemas.taxonomy import Strategy
 
-SplitName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]{0,63}$")]
+SPLIT_NAME_PATTERN = r"^[a-z0-9][a-z0-9.-]{0,63}$"
+SplitName = Annotated[str, Field(pattern=SPLIT_NAME_PATTERN)]
 
 
 class SplitSample(Document):

@@ -8,7 +8,9 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.planning import SampleId
 from exceptiondrive_schemas.taxonomy import Strategy
 
-ShortText = Annotated[str, Field(max_length=2000)]
+MAX_TEXT_CHARACTERS = 2000
+ShortText = Annotated[str, Field(max_length=MAX_TEXT_CHARACTERS)]
+RiskLevel = Literal["none", "low", "medium", "high"]
 
 
 class ReminderRecord(Document):
@@ -19,7 +21,7 @@ class ReminderRecord(Document):
         default=None, description="a task id of the protocol's taxonomy"
     )
     relative_location: ShortText | None = None
-    risk_level: Literal["none", "low", "medium", "high"] | None = None
+    risk_level: RiskLevel | None = None
     evidence: ShortText | None = None
     safety_constraint: ShortText | None = None
     recommended_strategy: Strategy | None = None

@@ -1,0 +1,35 @@
+"""Check of submission files: one validator for client and worker, in pure Python.
+
+`check` reads a file once and finds all faults, or gives its content; `check_bytes` gives only the
+report. Every fault code, with its sentence and a real report, stands in docs/errors.md.
+"""
+
+from exceptiondrive_schemas.check.answers import (
+    CheckedDocument,
+    PlanningDocument,
+    StrategyAnswer,
+    StrategyDocument,
+    TrajectoryPair,
+)
+from exceptiondrive_schemas.check.checker import Checked, check, check_bytes
+from exceptiondrive_schemas.check.inflate import (
+    MAX_INFLATED_BYTES,
+    MAX_UPLOAD_BYTES,
+    UnreadableFileError,
+    inflate,
+)
+
+__all__ = [
+    "MAX_INFLATED_BYTES",
+    "MAX_UPLOAD_BYTES",
+    "Checked",
+    "CheckedDocument",
+    "PlanningDocument",
+    "StrategyAnswer",
+    "StrategyDocument",
+    "TrajectoryPair",
+    "UnreadableFileError",
+    "check",
+    "check_bytes",
+    "inflate",
+]

@@ -1,0 +1,89 @@
+"""Upload bytes to JSON bytes: sizes, gzip, and files of other kinds. Never inflates past a limit."""
+
+import zlib
+from dataclasses import dataclass
+
+from exceptiondrive_schemas.check.file_kinds import other_file_kind
+from exceptiondrive_schemas.check.shown import counted
+from exceptiondrive_schemas.faults import FaultCode
+
+MIB = 1024 * 1024
+MAX_UPLOAD_BYTES = 16 * MIB
+MAX_INFLATED_BYTES = 64 * MIB
+
+GZIP_MAGIC = b"\x1f\x8b"
+GZIP_WINDOW_BITS = 31
+
+
+@dataclass
+class UnreadableFileError(Exception):
+    """Nothing in the file can be checked further.
+
+    Attributes:
+        code: Kind of fault.
+        expected: What belongs there, in words.
+        got: What is there, in words.
+    """
+
+    code: FaultCode
+    expected: str
+    got: str
+
+    def __str__(self) -> str:
+        return f"expected {self.expected}, got {self.got}"
+
+
+def inflate(
+    data: bytes,
+    *,
+    max_upload_bytes: int = MAX_UPLOAD_BYTES,
+    max_inflated_bytes: int = MAX_INFLATED_BYTES,
+) -> bytes:
+    """Return the JSON bytes of an upload, which may be gzip-compressed.
+
+    Args:
+        data: The file as uploaded; gzip is recognised by its first bytes, never by a name.
+        max_upload_bytes: Most bytes of the file itself.
+        max_inflated_bytes: Most bytes of what it holds; no more are ever inflated.
+
+    Raises:
+        UnreadableFileError: Empty, too large, damaged, or a file of another kind.
+    """
+    if len(data) > max_upload_bytes:
+        raise UnreadableFileError(
+            FaultCode.FILE_TOO_LARGE,
+            f"at most {counted(max_upload_bytes, 'byte')}",
+            counted(len(data), "byte"),
+        )
+    inflated = _gunzip(data, max_inflated_bytes) if data.startswith(GZIP_MAGIC) else data
+    if len(inflated) > max_inflated_bytes:
+        raise UnreadableFileError(
+            FaultCode.INFLATES_TOO_LARGE,
+            f"at most {counted(max_inflated_bytes, 'byte')} of JSON",
+            "more",
+        )
+    if not inflated:
+        raise UnreadableFileError(FaultCode.EMPTY_FILE, "a JSON document", "no bytes")
+    other = other_file_kind(inflated)
+    if other is not None:
+        raise UnreadableFileError(FaultCode.WRONG_FILE_KIND, "JSON, plain or gzip", other)
+    return inflated
+
+
+def _gunzip(data: bytes, max_inflated_bytes: int) -> bytes:
+    inflater = zlib.decompressobj(wbits=GZIP_WINDOW_BITS)
+    try:
+        inflated = inflater.decompress(data, max_inflated_bytes + 1)
+    except zlib.error:
+        raise _damaged("data that cannot be inflated, or that fails its checksum") from None
+    if len(inflated) > max_inflated_bytes:
+        return inflated
+    if not inflater.eof:
+        raise _damaged("a stream that stops before its end; was the upload or the copy cut off?")
+    if inflater.unused_data:
+        raise _damaged(f"{counted(len(inflater.unused_data), 'byte')} after the stream's end")
+    return inflated
+
+
+def _damaged(got: str) -> UnreadableFileError:
+    return UnreadableFileError(FaultCode.DAMAGED_GZIP, "one complete gzip stream", got)

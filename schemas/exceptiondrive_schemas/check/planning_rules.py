@@ -1,0 +1,156 @@
+"""Rules for one prediction of `exceptiondrive.planning/1` (PROTOCOL.md sections 1 and 5)."""
+
+from __future__ import annotations  # array[float] is no runtime type before 3.12
+
+import math
+from array import array
+from collections.abc import Mapping
+from typing import Any
+
+from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
+from exceptiondrive_schemas.check.findings import Findings, Path
+from exceptiondrive_schemas.check.frame import FrameCheck
+from exceptiondrive_schemas.check.shown import counted, kind, shown
+from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.protocol import Protocol
+
+NUMBERS = (float, int)
+
+
+class PlanningRules:
+    """Checks source and edited trajectories, and the frame over the whole file."""
+
+    required_keys = frozenset({"sample_id", "source", "edited"})
+    optional_keys: frozenset[str] = frozenset()
+
+    def __init__(self, protocol: Protocol, findings: Findings) -> None:
+        self._geometry = protocol.geometry
+        self._findings = findings
+        self._frame = FrameCheck(protocol.plausibility)
+        self._n_missing = {"source": 0, "edited": 0}
+
+    def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
+        """Check the trajectories of one prediction and return them."""
+        pair = TrajectoryPair(
+            *(
+                self._trajectory(prediction.get(key), (*path, key), sample_id)
+                for key in ("source", "edited")
+            )
+        )
+        if pair.source is not None and len(pair.source) == 2 * self._geometry.waypoints:
+            self._frame.note(pair.source[-2], pair.source[-1])
+        for key, trajectory in zip(self._n_missing, pair, strict=True):
+            self._n_missing[key] += trajectory is None
+        return pair
+
+    def finish(self) -> None:
+        """Check what can be told only over all predictions."""
+        self._frame.finish(self._findings)
+
+    def notes(self, n_predictions: int) -> tuple[str, ...]:
+        """Say what a sound file leaves out, and what that costs."""
+        costs = {"source": "its shift is undefined", "edited": "it counts as unsafe"}
+        return tuple(
+            f"{key} is null for {self._n_missing[key]:,} of {n_predictions:,} samples: "
+            f"for each, {cost}"
+            for key, cost in costs.items()
+            if self._n_missing[key]
+        )
+
+    def document(self, split: str, answers: Mapping[str, Any]) -> PlanningDocument:
+        """Return the sound file."""
+        return PlanningDocument(split, self._geometry.waypoints, answers)
+
+    def _trajectory(self, value: Any, path: Path, sample_id: str | None) -> array[float] | None:
+        if value is None:
+            return None
+        if not isinstance(value, list):
+            self._refuse(FaultCode.WRONG_TYPE, path, self._form, kind(value), sample_id)
+            return None
+        if value and all(type(each) in NUMBERS for each in value):
+            got = f"one flat list of {counted(len(value), 'number')}"
+            self._refuse(FaultCode.WRONG_WAYPOINT_SHAPE, path, self._form, got, sample_id)
+            return None
+        return self._waypoints(value, path, sample_id)
+
+    def _waypoints(self, value: list[Any], path: Path, sample_id: str | None) -> array[float]:
+        flat = array("d")
+        previous: tuple[float, float] | None = (0.0, 0.0)
+        for t, waypoint in enumerate(value[: self._geometry.waypoints]):
+            point = self._waypoint(waypoint, (*path, t), sample_id)
+            if point is not None:
+                flat.extend(point)
+                if previous is not None:
+                    self._check_step(previous, point, (*path, t), sample_id)
+            previous = point
+        if len(value) != self._geometry.waypoints:
+            self._refuse_count(value, path, sample_id)
+        return flat
+
+    def _waypoint(
+        self, value: Any, path: Path, sample_id: str | None
+    ) -> tuple[float, float] | None:
+        if type(value) is not list or len(value) != 2:
+            hint = "write x and y alone, without heading, z or time" if _is_longer(value) else None
+            self._refuse(
+                FaultCode.WRONG_WAYPOINT_SHAPE, path, "[x, y]", shown(value), sample_id, hint
+            )
+            return None
+        x, y = value
+        x_is_sound = self._is_sound(x, path, 0, sample_id)
+        y_is_sound = self._is_sound(y, path, 1, sample_id)
+        return (x + 0.0, y + 0.0) if x_is_sound and y_is_sound else None
+
+    def _is_sound(self, value: Any, path: Path, axis: int, sample_id: str | None) -> bool:
+        bound_m = self._geometry.max_coordinate_m
+        if type(value) in NUMBERS:
+            if -bound_m <= value <= bound_m:
+                return True
+            if math.isfinite(value):
+                code, expected = FaultCode.OUT_OF_BOUNDS, f"at most {bound_m:g} m either way"
+            else:
+                code, expected = FaultCode.NON_FINITE, "a finite number"
+        else:
+            code, expected = FaultCode.WRONG_TYPE, "a number"
+        self._refuse(code, (*path, axis), expected, shown(value), sample_id)
+        return False
+
+    def _check_step(
+        self,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        path: Path,
+        sample_id: str | None,
+    ) -> None:
+        step_m = math.hypot(end[0] - start[0], end[1] - start[1])
+        if step_m > self._geometry.max_step_m:
+            limit_mps = self._geometry.max_step_m / self._geometry.time_step_s
+            expected = f"a step of at most {self._geometry.max_step_m:g} m ({limit_mps:g} m/s)"
+            got = f"{step_m:.2f} m"
+            self._refuse(FaultCode.STEP_TOO_LONG, path, expected, got, sample_id)
+
+    def _refuse_count(self, value: list[Any], path: Path, sample_id: str | None) -> None:
+        starts_at_origin = len(value) == self._geometry.waypoints + 1 and value[0] == [0, 0]
+        hint = "leave out (0, 0) at t = 0; it is put in front for you" if starts_at_origin else None
+        expected = counted(self._geometry.waypoints, "waypoint")
+        got = counted(len(value), "waypoint")
+        self._refuse(FaultCode.WRONG_WAYPOINT_COUNT, path, expected, got, sample_id, hint)
+
+    @property
+    def _form(self) -> str:
+        return f"[[x, y] x {self._geometry.waypoints}] or null"
+
+    def _refuse(
+        self,
+        code: FaultCode,
+        path: Path,
+        expected: str,
+        got: str,
+        sample_id: str | None,
+        hint: str | None = None,
+    ) -> None:
+        self._findings.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
+
+
+def _is_longer(value: Any) -> bool:
+    return isinstance(value, list) and len(value) > 2

@@ -1,0 +1,108 @@
+"""Every sample of the split exactly once: unknown, missing and duplicate sample ids."""
+
+from exceptiondrive_schemas.check.findings import Findings
+from exceptiondrive_schemas.check.nearest import MAX_ID_CHARACTERS, NearestId
+from exceptiondrive_schemas.check.shown import kind, quoted
+from exceptiondrive_schemas.check.texts import check_text
+from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
+from exceptiondrive_schemas.split import Manifest
+
+NO_LINE_BREAKS: frozenset[str] = frozenset()
+
+
+class SampleIds:
+    """The sample ids of a file so far. Without a manifest only duplicates can be told."""
+
+    def __init__(self, manifest: Manifest | None, findings: Findings) -> None:
+        self._manifest = manifest
+        self._valid = frozenset(manifest.sample_ids) if manifest else None
+        self._findings = findings
+        self._first_at: dict[str, int] = {}
+        self._unknown: list[tuple[int, str]] = []
+        self._n_unknown = 0
+
+    def admit(self, value: object, index: int) -> str | None:
+        """Check the id of one prediction.
+
+        Args:
+            value: What stands under `sample_id`.
+            index: Place of the prediction in the list.
+
+        Returns:
+            The id where it is usable, None where not.
+        """
+        if not isinstance(value, str) or not value:
+            got = "an empty text" if value == "" else kind(value)
+            self._refuse(FaultCode.WRONG_TYPE, index, "a sample id in quotes", got)
+            return None
+        if self._valid is None:
+            return self._once(value, index) if self._is_sound(value, index) else None
+        if value not in self._valid:
+            self._note_unknown(value, index)
+            return None
+        return self._once(value, index)
+
+    def finish(self, *, is_complete: bool) -> None:
+        """Report unknown and missing samples, each with the id that was probably meant.
+
+        Args:
+            is_complete: Whether all predictions were read; else nothing can be called missing.
+        """
+        if self._manifest is None:
+            return
+        missing = [each for each in self._manifest.sample_ids if each not in self._first_at]
+        self._report_unknown(NearestId(missing or self._manifest.sample_ids))
+        if is_complete:
+            self._report_missing(missing, NearestId(text for _, text in self._unknown))
+
+    @property
+    def n_admitted(self) -> int:
+        """Number of different usable ids."""
+        return len(self._first_at)
+
+    def _once(self, value: str, index: int) -> str | None:
+        first = self._first_at.setdefault(value, index)
+        if first == index:
+            return value
+        got = f"{quoted(value)} also at $.predictions[{first}]"
+        self._refuse(FaultCode.DUPLICATE_SAMPLE, index, "every sample once", got)
+        return None
+
+    def _is_sound(self, value: str, index: int) -> bool:
+        path = ("predictions", index, "sample_id")
+        return check_text(
+            value, path, self._findings, max_characters=MAX_ID_CHARACTERS, allowed=NO_LINE_BREAKS
+        )
+
+    def _note_unknown(self, value: str, index: int) -> None:
+        self._n_unknown += 1
+        if len(self._unknown) < MAX_EXAMPLES:
+            self._unknown.append((index, value))
+
+    def _report_unknown(self, valid: NearestId) -> None:
+        name = self._manifest.name if self._manifest else ""
+        for index, text in self._unknown:
+            nearest = valid.nearest(text)
+            hint = f"did you mean {quoted(nearest)}?" if nearest else None
+            expected = f"a sample id of the split {name}"
+            self._refuse(FaultCode.UNKNOWN_SAMPLE, index, expected, quoted(text), hint)
+        self._findings.count(FaultCode.UNKNOWN_SAMPLE, self._n_unknown - len(self._unknown))
+
+    def _report_missing(self, missing: list[str], unknown: NearestId) -> None:
+        for sample_id in missing[:MAX_EXAMPLES]:
+            nearest = unknown.nearest(sample_id)
+            self._findings.add(
+                FaultCode.MISSING_SAMPLE,
+                ("predictions",),
+                expected=f"a prediction for {quoted(sample_id)}",
+                got="none",
+                sample_id=sample_id,
+                hint=f"the file has {quoted(nearest)}, which is no sample" if nearest else None,
+            )
+        self._findings.count(FaultCode.MISSING_SAMPLE, max(len(missing) - MAX_EXAMPLES, 0))
+
+    def _refuse(
+        self, code: FaultCode, index: int, expected: str, got: str, hint: str | None = None
+    ) -> None:
+        path = ("predictions", index, "sample_id")
+        self._findings.add(code, path, expected=expected, got=got, hint=hint)

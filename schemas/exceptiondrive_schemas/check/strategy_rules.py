@@ -1,0 +1,124 @@
+"""Rules for one prediction of `exceptiondrive.strategy/1` (PROTOCOL.md section 6)."""
+
+from collections.abc import Mapping
+from typing import Any, get_args
+
+from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocument
+from exceptiondrive_schemas.check.findings import Findings, Path
+from exceptiondrive_schemas.check.shown import kind, quoted
+from exceptiondrive_schemas.check.texts import check_text
+from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.strategy import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
+from exceptiondrive_schemas.taxonomy import Strategy
+
+STRATEGIES = frozenset(strategy.value for strategy in Strategy)
+RISK_LEVELS = frozenset(get_args(RiskLevel))
+TEXT_KEYS = ("relative_location", "evidence", "safety_constraint")
+REMINDER_KEYS = frozenset(ReminderRecord.model_fields)
+
+
+class StrategyRules:
+    """Checks the strategy and the reminder record of each sample."""
+
+    required_keys = frozenset({"sample_id", "strategy"})
+    optional_keys = frozenset({"reminder"})
+
+    def __init__(self, protocol: Protocol, findings: Findings) -> None:
+        self._findings = findings
+        self._task_ids = frozenset(task.id for task in protocol.tasks)
+        self._n_missing = 0
+
+    def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
+        """Check the strategy and the reminder of one prediction and return them."""
+        strategy = self._strategy(prediction.get("strategy"), (*path, "strategy"), sample_id)
+        self._n_missing += strategy is None
+        reminder = self._reminder(prediction.get("reminder"), (*path, "reminder"), sample_id)
+        return StrategyAnswer(strategy, reminder)
+
+    def finish(self) -> None:
+        """Nothing is left to be told over all predictions."""
+
+    def notes(self, n_predictions: int) -> tuple[str, ...]:
+        """Say what a sound file leaves out, and what that costs."""
+        if not self._n_missing:
+            return ()
+        share = f"{self._n_missing:,} of {n_predictions:,} samples"
+        return (f"strategy is null for {share}: each counts as wrong and under-warning",)
+
+    def document(self, split: str, answers: Mapping[str, Any]) -> StrategyDocument:
+        """Return the sound file."""
+        return StrategyDocument(split, answers)
+
+    def _strategy(self, value: Any, path: Path, sample_id: str | None) -> Strategy | None:
+        code = FaultCode.UNKNOWN_STRATEGY
+        letter = self._choice(value, STRATEGIES, code, "A, B, C, D, E or null", path, sample_id)
+        return Strategy(letter) if letter is not None else None
+
+    def _reminder(self, value: Any, path: Path, sample_id: str | None) -> ReminderRecord | None:
+        if value is None:
+            return None
+        if not isinstance(value, dict):
+            self._refuse(FaultCode.WRONG_TYPE, path, "an object or null", kind(value), sample_id)
+            return None
+        for key in sorted(value.keys() - REMINDER_KEYS):
+            expected = f"only {', '.join(sorted(REMINDER_KEYS))}"
+            self._refuse(FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id)
+        n_before = len(self._findings)
+        fields = self._reminder_fields(value, path, sample_id)
+        return ReminderRecord(**fields) if len(self._findings) == n_before else None
+
+    def _reminder_fields(
+        self, value: dict[str, Any], path: Path, sample_id: str | None
+    ) -> dict[str, Any]:
+        fields = {key: value.get(key) for key in REMINDER_KEYS}
+        if not isinstance(fields["hazard_present"], bool | None):
+            got = kind(fields["hazard_present"])
+            at = (*path, "hazard_present")
+            self._refuse(FaultCode.WRONG_TYPE, at, "true, false or null", got, sample_id)
+        for key, allowed, code, expected in (
+            ("hazard_type", self._task_ids, FaultCode.UNKNOWN_HAZARD_TYPE, "a task id or null"),
+            (
+                "risk_level",
+                RISK_LEVELS,
+                FaultCode.UNKNOWN_RISK_LEVEL,
+                "none, low, medium, high or null",
+            ),
+        ):
+            self._choice(fields[key], allowed, code, expected, (*path, key), sample_id)
+        fields["recommended_strategy"] = self._strategy(
+            fields["recommended_strategy"], (*path, "recommended_strategy"), sample_id
+        )
+        for key in TEXT_KEYS:
+            if fields[key] is not None:
+                self._check_text(fields[key], (*path, key), sample_id)
+        return fields
+
+    def _check_text(self, value: Any, path: Path, sample_id: str | None) -> None:
+        check_text(
+            value, path, self._findings, sample_id=sample_id, max_characters=MAX_TEXT_CHARACTERS
+        )
+
+    def _choice(
+        self,
+        value: Any,
+        allowed: frozenset[str],
+        code: FaultCode,
+        expected: str,
+        path: Path,
+        sample_id: str | None,
+    ) -> str | None:
+        if value is None:
+            return None
+        if not isinstance(value, str):
+            self._refuse(FaultCode.WRONG_TYPE, path, expected, kind(value), sample_id)
+            return None
+        if value not in allowed:
+            self._refuse(code, path, expected, quoted(value), sample_id)
+            return None
+        return value
+
+    def _refuse(
+        self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None
+    ) -> None:
+        self._findings.add(code, path, expected=expected, got=got, sample_id=sample_id)

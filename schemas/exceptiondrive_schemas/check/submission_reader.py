@@ -1,0 +1,259 @@
+"""Walks a submission file once, from the first key to the last, and notes every fault."""
+
+from typing import Any
+
+from exceptiondrive_schemas.challenges import CHALLENGE_OF_FILE_SCHEMA, CHALLENGES, ChallengeId
+from exceptiondrive_schemas.check.answers import CheckedDocument
+from exceptiondrive_schemas.check.findings import Findings, Path
+from exceptiondrive_schemas.check.json_stream import (
+    JsonStream,
+    JsonStreamError,
+    RepeatedKeys,
+    elements,
+    members,
+)
+from exceptiondrive_schemas.check.rules import CHALLENGE_BY_KEY, RULES, PredictionRules
+from exceptiondrive_schemas.check.sample_ids import SampleIds
+from exceptiondrive_schemas.check.shown import escaped, kind, quoted
+from exceptiondrive_schemas.check.split_name import check_split_name
+from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+
+ROOT_KEYS = ("schema", "split", "predictions")
+
+
+class _TooManyFaultsError(Exception):
+    """No more faults are worth counting."""
+
+
+class SubmissionReader:
+    """One reading of one file.
+
+    Attributes:
+        findings: The faults found.
+        challenge: What the file's `schema` says it is for, None where that is unknown.
+        split: What the file says it is for, shortened and escaped.
+        n_predictions: Length of the list of predictions, None where there is none.
+        notes: What else is worth knowing.
+    """
+
+    def __init__(
+        self,
+        data: bytes,
+        *,
+        protocol: Protocol,
+        manifest: Manifest | None,
+        challenge: ChallengeId | None,
+        findings: Findings,
+    ) -> None:
+        self._data = data
+        self._stream = JsonStream(data)
+        self._protocol = protocol
+        self._manifest = manifest
+        self._wanted = challenge
+        self._ids = SampleIds(manifest, findings)
+        self._rules: PredictionRules | None = None
+        self._answers: dict[str, Any] = {}
+        self._seen: set[str] = set()
+        self.findings = findings
+        self.challenge: ChallengeId | None = None
+        self.split: str | None = None
+        self.n_predictions: int | None = None
+        self.notes: list[str] = []
+
+    def read(self) -> CheckedDocument | None:
+        """Read the file; return its content if it is sound."""
+        is_complete = self._read_all()
+        if is_complete:
+            self._report_missing_keys()
+        self._ids.finish(is_complete=is_complete and self.n_predictions is not None)
+        if self._rules is not None:
+            self._rules.finish()
+        return self._sound_document()
+
+    def _read_all(self) -> bool:
+        try:
+            return self._read_root()
+        except JsonStreamError as error:
+            self.findings.add(error.code, (), expected=error.expected, got=error.got)
+            self.notes.append("Reading stopped there: what follows was not checked.")
+        except _TooManyFaultsError:
+            self.notes.append("Reading stopped after too many faults; the counts are incomplete.")
+        return False
+
+    def _read_root(self) -> bool:
+        first = self._stream.peek()
+        if first == "":
+            self.findings.add(
+                FaultCode.EMPTY_FILE, (), expected="a JSON document", got="blanks alone"
+            )
+            return False
+        if first == "[":
+            self._refuse(FaultCode.WRONG_TYPE, (), "an object with the key `schema`", "a list")
+            return False
+        for key in members(self._stream):
+            self._read_member(key)
+        if self._stream.peek():
+            follows = self._stream.not_json("the end of the file")
+            self._refuse(FaultCode.TRAILING_DATA, (), follows.expected, follows.got)
+        return True
+
+    def _read_member(self, key: str) -> None:
+        self._stop_when_full()
+        if key in self._seen:
+            self._refuse(FaultCode.DUPLICATE_KEY, (), "every key once", f"{quoted(key)} again")
+            skip(self._stream)
+        elif key == "predictions":
+            self._seen.add(key)
+            self._read_predictions()
+        elif key in ROOT_KEYS:
+            self._seen.add(key)
+            self._read_name(key)
+        else:
+            expected = f"only {', '.join(ROOT_KEYS)}"
+            self._refuse(FaultCode.UNKNOWN_KEY, (key,), expected, quoted(key))
+            self._report_repeated(self._stream.value(), (key,))
+
+    def _read_name(self, key: str) -> None:
+        value = self._stream.value()
+        self._report_repeated(value, (key,))
+        if key == "schema":
+            self._note_schema(value)
+        else:
+            self.split = escaped(value) if isinstance(value, str) else None
+            check_split_name(value, self._manifest, self.findings)
+
+    def _note_schema(self, value: Any) -> None:
+        named = CHALLENGE_OF_FILE_SCHEMA.get(value) if isinstance(value, str) else None
+        self.challenge = named.id if named else None
+        wanted = CHALLENGES[self._wanted] if self._wanted else None
+        if named is not None and wanted in (None, named):
+            return
+        schemas = [wanted.file_schema] if wanted else list(CHALLENGE_OF_FILE_SCHEMA)
+        expected = " or ".join(quoted(schema) for schema in schemas)
+        hint = None
+        if named is not None and wanted is not None:
+            hint = f"this is a {named.id} file, and a {wanted.id} file is wanted"
+        code = FaultCode.WRONG_SCHEMA if isinstance(value, str) else FaultCode.WRONG_TYPE
+        got = quoted(value) if isinstance(value, str) else kind(value)
+        self.findings.add(code, ("schema",), expected=expected, got=got, hint=hint)
+
+    def _read_predictions(self) -> None:
+        if self._stream.peek() != "[":
+            self._refuse_predictions()
+            return
+        self.n_predictions = 0
+        for index in elements(self._stream):
+            self._stop_when_full()
+            value = self._stream.value()
+            self._report_repeated(value, ("predictions", index))
+            self._read_prediction(value, index)
+            self.n_predictions = index + 1
+
+    def _refuse_predictions(self) -> None:
+        is_object = self._stream.peek() == "{"
+        got = "an object" if is_object else kind(self._stream.value())
+        hint = "write a list; the sample id stands inside each prediction" if is_object else None
+        self.findings.add(
+            FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
+        )
+        if is_object:
+            for _ in members(self._stream):
+                self._stream.value()
+
+    def _read_prediction(self, value: Any, index: int) -> None:
+        path: Path = ("predictions", index)
+        if not isinstance(value, dict):
+            self._refuse(FaultCode.WRONG_TYPE, path, "an object", kind(value))
+            return
+        rules = self._rules or self._choose_rules(value)
+        stated = value.get("sample_id")
+        sample_id = self._ids.admit(stated, index) if "sample_id" in value else None
+        shown_id = sample_id or (escaped(stated) if isinstance(stated, str) else None)
+        if value.keys() != rules.required_keys:
+            self._check_keys(value, rules, path, shown_id)
+        answer = rules.answer(value, path, shown_id)
+        if self.findings.is_empty and sample_id is not None:
+            self._answers[sample_id] = answer
+
+    def _check_keys(
+        self, value: dict[str, Any], rules: PredictionRules, path: Path, sample_id: str | None
+    ) -> None:
+        for key in sorted(rules.required_keys - value.keys()):
+            self._refuse(FaultCode.MISSING_KEY, path, f"the key {quoted(key)}", "none", sample_id)
+        known = rules.required_keys | rules.optional_keys
+        for key in value.keys() - known:
+            expected = f"only {', '.join(sorted(known))}"
+            self._refuse(FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id)
+
+    def _choose_rules(self, prediction: dict[str, Any]) -> PredictionRules:
+        challenge = self.challenge or self._challenge_further_down() or self._wanted
+        for key in prediction:
+            challenge = challenge or CHALLENGE_BY_KEY.get(key)
+        self._rules = RULES[challenge or ChallengeId.PLANNING](self._protocol, self.findings)
+        return self._rules
+
+    def _challenge_further_down(self) -> ChallengeId | None:
+        if "schema" in self._seen:
+            return None
+        schema = _find_schema(JsonStream(self._data))
+        named = CHALLENGE_OF_FILE_SCHEMA.get(schema) if isinstance(schema, str) else None
+        return named.id if named else None
+
+    def _report_missing_keys(self) -> None:
+        for key in ROOT_KEYS:
+            if key not in self._seen:
+                self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none")
+
+    def _report_repeated(self, value: Any, path: Path) -> None:
+        if not self._stream.has_repeated_keys:
+            return
+        places: list[tuple[Path, Any]] = [(path, value)]
+        while places:
+            path, value = places.pop()
+            if isinstance(value, RepeatedKeys):
+                for key in value.repeated:
+                    got = f"{quoted(key)} more than once"
+                    self._refuse(FaultCode.DUPLICATE_KEY, path, "every key once", got)
+            if isinstance(value, dict):
+                places += [((*path, key), each) for key, each in value.items()]
+            elif isinstance(value, list):
+                places += [((*path, index), each) for index, each in enumerate(value)]
+
+    def _stop_when_full(self) -> None:
+        if self.findings.is_full:
+            raise _TooManyFaultsError
+
+    def _sound_document(self) -> CheckedDocument | None:
+        if not self.findings.is_empty or self.split is None:
+            return None
+        challenge = self.challenge or ChallengeId.PLANNING
+        rules = self._rules or RULES[challenge](self._protocol, self.findings)
+        self.notes += rules.notes(len(self._answers))
+        return rules.document(self.split, self._answers)
+
+    def _refuse(
+        self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None = None
+    ) -> None:
+        self.findings.add(code, path, expected=expected, got=got, sample_id=sample_id)
+
+
+def skip(stream: JsonStream) -> None:
+    """Read over the value that comes next, however long a list it is."""
+    if stream.peek() != "[":
+        stream.value()
+        return
+    for _ in elements(stream):
+        stream.value()
+
+
+def _find_schema(stream: JsonStream) -> Any:
+    try:
+        for key in members(stream):
+            if key == "schema":
+                return stream.value()
+            skip(stream)
+    except JsonStreamError:
+        return None
+    return None
