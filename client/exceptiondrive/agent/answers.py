@@ -1,0 +1,114 @@
+"""From the model's text to a validated answer, or to a reason why there is none.
+
+Nothing is guessed, repaired or filled in. Accepted forms: JSON alone, JSON in the only code fence,
+JSON as the end of the text; for a strategy also the bare letter. Two JSON objects are none.
+"""
+
+import json
+import re
+from typing import Any
+
+from pydantic import ValidationError
+
+from exceptiondrive.agent.errors import NoAnswerError, Reason
+from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
+
+_FENCE = re.compile(r"```(?:json)?\s*\n?(.*?)```", re.DOTALL)
+_BARE_LETTER = re.compile(r"""["'`*(\s]*([A-E])["'`*).\s]*""")
+_REQUIRED = ("hazard_present", "risk_level", "recommended_strategy")
+
+
+class _DuplicateKeyError(ValueError):
+    """A key stands twice: which value counts is not for us to say."""
+
+
+def read_reminder(text: str, taxonomy: Taxonomy) -> ReminderRecord:
+    """Return the reminder record in `text`.
+
+    Raises:
+        NoAnswerError: `not_json`, `wrong_schema` or `unknown_hazard_type`.
+    """
+    answer = json_object(text)
+    missing = [name for name in ReminderRecord.model_fields if name not in answer]
+    missing += [name for name in _REQUIRED if answer.get(name, "") is None]
+    if missing:
+        raise NoAnswerError(Reason.WRONG_SCHEMA, f"missing: {', '.join(missing)}", text)
+    try:
+        record = ReminderRecord.model_validate_json(json.dumps(answer))
+    except ValidationError as error:
+        raise NoAnswerError(Reason.WRONG_SCHEMA, _sentence(error), text) from None
+    known = {task.id for task in taxonomy.tasks}
+    if record.hazard_type is not None and record.hazard_type not in known:
+        detail = f"{record.hazard_type!r} is no task id of the taxonomy"
+        raise NoAnswerError(Reason.UNKNOWN_HAZARD_TYPE, detail, text)
+    return record
+
+
+def read_strategy(text: str) -> Strategy:
+    """Return the strategy in `text`: `{"strategy": "C"}` or a bare letter.
+
+    Raises:
+        NoAnswerError: `not_json` or `wrong_schema`.
+    """
+    bare = _BARE_LETTER.fullmatch(_after_thinking(text))
+    if bare:
+        return Strategy(bare.group(1))
+    answer = json_object(text)
+    letter = answer.get("strategy")
+    if set(answer) != {"strategy"} or letter not in [strategy.value for strategy in Strategy]:
+        raise NoAnswerError(Reason.WRONG_SCHEMA, 'expected {"strategy": "A" to "E"}', text)
+    return Strategy(letter)
+
+
+def json_object(text: str) -> dict[str, Any]:
+    """Return the one JSON object that `text` answers with.
+
+    Raises:
+        NoAnswerError: `not_json`: there is none, more than one, or a key stands twice.
+    """
+    body = _after_thinking(text)
+    fences = _FENCE.findall(body)
+    if len(fences) > 1:
+        raise NoAnswerError(Reason.NOT_JSON, "more than one code block", text)
+    try:
+        answer = _decode(fences[0].strip() if fences else body)
+    except _DuplicateKeyError as error:
+        raise NoAnswerError(Reason.NOT_JSON, str(error), text) from None
+    except (ValueError, RecursionError):
+        raise NoAnswerError(Reason.NOT_JSON, "no single JSON object", text) from None
+    if not isinstance(answer, dict):
+        raise NoAnswerError(Reason.NOT_JSON, "JSON, but not an object", text)
+    return answer
+
+
+def _decode(body: str) -> Any:
+    """Decode `body`, or the one object at its end; an object before it makes it ambiguous."""
+    start = 0 if body[:1] in ('"', "[") else max(body.find("{"), 0)
+    return json.loads(body[start:], object_pairs_hook=_unique, parse_constant=_refuse_constant)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    keys = [key for key, _ in pairs]
+    repeated = sorted({key for key in keys if keys.count(key) > 1})
+    if repeated:
+        raise _DuplicateKeyError(f"keys that stand twice: {', '.join(repeated)}")
+    return dict(pairs)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is not JSON")
+
+
+def _after_thinking(text: str) -> str:
+    """The text after a reasoning block; empty when the block never ends."""
+    if "<think>" in text and "</think>" not in text:
+        return ""
+    return text.rpartition("</think>")[2].strip()
+
+
+def _sentence(error: ValidationError) -> str:
+    return "; ".join(
+        f"{'.'.join(str(part) for part in item['loc'])}: {item['msg']}"
+        for item in error.errors(include_url=False, include_input=False)
+    )

@@ -1,0 +1,144 @@
+"""The append-only journal: one JSON line per asked sample, under a header that says how it was asked.
+
+A line is written by one write call and synced before the next sample starts, so a killed run loses
+at most the answers in flight. A torn last line is skipped and its sample asked again.
+"""
+
+import os
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, ValidationError
+
+from exceptiondrive.agent.errors import AgentError, Reason
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.planning import SampleId
+from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.taxonomy import Strategy
+
+MAX_RAW_CHARACTERS = 2000
+
+
+class JournalHeader(Document):
+    """First line: what was asked of which model. Lines of other settings never mix with these."""
+
+    schema_: Literal["exceptiondrive.agent-journal/1"] = Field(
+        default="exceptiondrive.agent-journal/1", alias="schema"
+    )
+    question: Literal["remind", "decide"]
+    model: str
+    settings_digest: str
+
+
+class JournalLine(Document):
+    """One asked sample: an answer, or the reason why there is none and the raw text, truncated."""
+
+    sample_id: SampleId
+    asked_at: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    reason: Reason | None = None
+    detail: str | None = None
+    raw: Annotated[str, Field(max_length=MAX_RAW_CHARACTERS)] | None = None
+    reminder: ReminderRecord | None = None
+    strategy: Strategy | None = None
+    given_reminder_digest: str | None = Field(
+        default=None, description="digest of the reminder in the request"
+    )
+    model: str | None = None
+    form: str | None = None
+    prompt_tokens: int | None = None
+    completion_tokens: int | None = None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the sample has an answer."""
+        return self.reason is None
+
+
+def latest(lines: Iterable[JournalLine]) -> dict[str, JournalLine]:
+    """The last line of every sample."""
+    return {line.sample_id: line for line in lines}
+
+
+def read_journal(path: Path) -> tuple[JournalHeader, tuple[JournalLine, ...]]:
+    """Return the header and the readable lines of a journal.
+
+    Raises:
+        AgentError: There is no such file, or it is no journal.
+    """
+    try:
+        header, *rest = path.read_bytes().split(b"\n")
+    except OSError as error:
+        raise AgentError(f"{path}: {error.strerror}") from None
+    try:
+        parsed = JournalHeader.model_validate_json(header)
+    except ValidationError:
+        raise AgentError(f"{path}: not a journal of `exceptiondrive remind` or `decide`") from None
+    lines = (_line_or_none(line) for line in rest if line.strip())
+    return parsed, tuple(line for line in lines if line is not None)
+
+
+def _line_or_none(line: bytes) -> JournalLine | None:
+    try:
+        return JournalLine.model_validate_json(line)
+    except ValidationError:
+        return None  # torn by a kill: as good as not asked
+
+
+class Journal:
+    """An open journal; use it as a context manager."""
+
+    def __init__(self, path: Path, header: JournalHeader) -> None:
+        """Open or create the journal.
+
+        Raises:
+            AgentError: The file is no journal, or one of other settings, or cannot be written.
+        """
+        self.lines: list[JournalLine] = []
+        try:
+            is_new = not path.exists() or path.stat().st_size == 0
+            if not is_new:
+                self.lines = _lines_of_same_settings(path, header)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("ab", buffering=0)
+        except OSError as error:
+            raise AgentError(f"{path}: {error.strerror}") from None
+        if is_new:
+            self._write(header)
+        elif not path.read_bytes().endswith(b"\n"):
+            self._file.write(b"\n")
+
+    def append(self, line: JournalLine) -> None:
+        """Write one line and wait until it is on the disk."""
+        self._write(line)
+        self.lines.append(line)
+
+    def _write(self, document: Document) -> None:
+        text = document.model_dump_json(by_alias=True, exclude_none=True)
+        self._file.write(text.encode("utf-8") + b"\n")
+        os.fsync(self._file.fileno())
+
+    def __enter__(self) -> Self:
+        """Return the journal."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _lines_of_same_settings(path: Path, header: JournalHeader) -> list[JournalLine]:
+    found, lines = read_journal(path)
+    if found != header:
+        raise AgentError(
+            f"{path}: made by `{found.question}` with model {found.model!r} and other settings "
+            "(model, prompt, protocol, views or sampling); name another file"
+        )
+    return list(lines)

@@ -1,0 +1,190 @@
+"""`remind` and `decide` as functions: settings and paths in, files and a report out."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from exceptiondrive.agent.dialect import ModelSettings
+from exceptiondrive.agent.endpoint import Endpoint, EndpointSettings
+from exceptiondrive.agent.errors import AgentError
+from exceptiondrive.agent.images import ImagePaths, find_images
+from exceptiondrive.agent.journal import (
+    Journal,
+    JournalLine,
+    latest,
+    read_journal,
+)
+from exceptiondrive.agent.progress import progress_bar
+from exceptiondrive.agent.question import Question, decide_question, remind_question
+from exceptiondrive.agent.report import Prices, RunReport, run_report
+from exceptiondrive.agent.runner import ask_all, ask_sample
+from exceptiondrive.agent.strategy_file import (
+    read_manifest,
+    strategy_submission,
+    write_submission,
+)
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.taxonomy import Taxonomy
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What both questions share."""
+
+    protocol: Protocol
+    endpoint: EndpointSettings
+    model: ModelSettings
+    concurrency: int = 4
+    views: tuple[str, ...] = ()
+    limit: int | None = None
+    prices: Prices | None = None
+
+
+def remind(images: Path, out: Path, settings: RunSettings, manifest: Path | None) -> RunReport:
+    """Write one reminder record per sample to the journal `out`.
+
+    Args:
+        images: Folder or JSON file of `find_images`.
+        out: The journal; finished samples in it are not asked again.
+        settings: Endpoint, model, protocol and limits.
+        manifest: Ask for the samples of this manifest only; all samples with images otherwise.
+
+    Raises:
+        AgentError: A file is not what it must be, or the endpoint refuses the run.
+    """
+    found = find_images(images)
+    sample_ids = read_manifest(manifest).sample_ids if manifest else tuple(found)
+    _check_that_any_has_images(sample_ids, found)
+    question = remind_question(settings.protocol.taxonomy, settings.views)
+    header = question.header(settings.model)
+    with Journal(out, header) as journal:
+        return _run(question, sample_ids, found, journal, settings, out)
+
+
+def decide(
+    images: Path,
+    manifest_path: Path,
+    out: Path,
+    settings: RunSettings,
+    *,
+    journal_path: Path | None = None,
+    reminders_path: Path | None = None,
+    attach_reminders: bool = False,
+) -> RunReport:
+    """Write a strategy submission for every sample of the manifest.
+
+    Args:
+        images: Folder or JSON file of `find_images`.
+        manifest_path: The split's public manifest.
+        out: The submission file.
+        settings: Endpoint, model, protocol and limits.
+        journal_path: Journal of the decisions; by default next to `out`.
+        reminders_path: Journal of `remind`; without it the baseline is asked.
+        attach_reminders: Put the reminder records into the submission.
+
+    Raises:
+        AgentError: A file is not what it must be, or the endpoint refuses the run.
+    """
+    if attach_reminders and reminders_path is None:
+        raise AgentError("--attach-reminders needs --reminders")
+    manifest = read_manifest(manifest_path)
+    found = find_images(images)
+    _check_that_any_has_images(manifest.sample_ids, found)
+    taxonomy = settings.protocol.taxonomy
+    reminders = read_reminders(reminders_path, manifest, taxonomy) if reminders_path else {}
+    question = decide_question(reminders, taxonomy, settings.views)
+    header = question.header(settings.model, with_reminders=reminders_path is not None)
+    with Journal(journal_path or out.with_name(f"{out.name}.journal.jsonl"), header) as journal:
+        report = _run(question, manifest.sample_ids, found, journal, settings, out)
+        strategies = {
+            key: line.strategy
+            for key, line in answers(journal.lines, question).items()
+            if line.strategy is not None
+        }
+    attached = reminders if attach_reminders else {}
+    write_submission(strategy_submission(manifest, strategies, attached), out)
+    return report
+
+
+def read_reminders(path: Path, manifest: Manifest, taxonomy: Taxonomy) -> dict[str, ReminderRecord]:
+    """Return the reminder records in a journal of `remind`, for samples of the manifest.
+
+    Raises:
+        AgentError: The file is no such journal, none of its records is of these samples, or one
+            names a hazard type that this taxonomy does not know.
+    """
+    header, lines = read_journal(path)
+    if header.question != "remind":
+        raise AgentError(f"{path}: holds decisions; --reminders takes the file of `remind`")
+    records = {line.sample_id: line.reminder for line in lines if line.reminder is not None}
+    wanted = {key: records[key] for key in manifest.sample_ids if key in records}
+    if not wanted:
+        raise AgentError(f"{path}: no reminder record for any sample of the manifest")
+    named = {record.hazard_type for record in wanted.values()} - {None}
+    unknown = sorted(str(key) for key in named - {task.id for task in taxonomy.tasks})
+    if unknown:
+        raise AgentError(
+            f"{path}: hazard types that this protocol does not know: {', '.join(unknown)}; "
+            "use the --protocol with which the reminders were made"
+        )
+    return wanted
+
+
+def answers(lines: Sequence[JournalLine], question: Question) -> dict[str, JournalLine]:
+    """The lines that answer the question as it would be asked now, by sample."""
+    return latest(line for line in lines if question.is_finished(line))
+
+
+def _run(
+    question: Question,
+    sample_ids: Sequence[str],
+    images: ImagePaths,
+    journal: Journal,
+    settings: RunSettings,
+    out: Path,
+) -> RunReport:
+    finished = answers(journal.lines, question)
+    open_ids = [key for key in sample_ids if key not in finished][: settings.limit]
+    n_before = len(journal.lines)
+    n_requests = asyncio.run(_ask(question, open_ids, images, journal, settings))
+    return run_report(
+        journal.lines[n_before:],
+        samples=len(sample_ids),
+        answered=len(answers(journal.lines, question).keys() & set(sample_ids)),
+        requests=n_requests,
+        prices=settings.prices,
+        out=str(out),
+    )
+
+
+async def _ask(
+    question: Question,
+    sample_ids: Sequence[str],
+    images: ImagePaths,
+    journal: Journal,
+    settings: RunSettings,
+) -> int:
+    async with Endpoint(settings.endpoint, settings.model) as endpoint:
+
+        async def ask(sample_id: str) -> JournalLine:
+            return await ask_sample(sample_id, question, images, endpoint)
+
+        with progress_bar(question.name, len(sample_ids)) as advance:
+
+            def take(line: JournalLine) -> None:
+                journal.append(line)
+                advance(line)
+
+            await ask_all(sample_ids, ask, take, settings.concurrency)
+        return endpoint.n_requests
+
+
+def _check_that_any_has_images(sample_ids: Sequence[str], found: ImagePaths) -> None:
+    if not any(found.get(sample_id) for sample_id in sample_ids):
+        raise AgentError(
+            "no sample has images: the folder names (or the keys of the JSON file) must be the "
+            "sample ids of the manifest"
+        )

@@ -1,0 +1,73 @@
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import Result
+
+if TYPE_CHECKING:
+    from tests.agent.conftest import Bench, ChatEndpoint
+
+Run = Callable[[list[str]], Result]
+
+
+def python(program: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_mounting_the_commands_loads_neither_openai_nor_the_agent() -> None:
+    result = python(
+        "import sys, typer; from exceptiondrive.agent.cli import register;"
+        "register(typer.Typer());"
+        "print([m for m in sys.modules if m == 'openai' or m == 'exceptiondrive.agent.run'])"
+    )
+    assert result.stdout == "[]\n", result.stderr
+
+
+def test_without_the_extra_the_error_says_what_to_install() -> None:
+    result = python(
+        "import sys; sys.modules['openai'] = None; import typer;"
+        "from exceptiondrive.agent.cli import register; app = typer.Typer(); register(app);"
+        "sys.argv = 'x remind images --out o --base-url http://127.0.0.1:1 --model m'.split();"
+        "app()"
+    )
+    assert result.returncode == 2
+    assert 'pip install "exceptiondrive[agent]"' in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("command", ["remind", "decide"])
+def test_no_option_takes_a_key(run_command: Run, command: str) -> None:
+    text = run_command([command, "--help"]).stdout.lower()
+    assert "--base-url" in text
+    assert "--key" not in text
+    assert "--api-key" not in text
+    assert "--token" not in text
+
+
+def test_the_report_goes_to_stdout_and_no_bar_is_drawn_without_a_terminal(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(2)
+    endpoint.answer = lambda seen: endpoint.says("C")
+    result = bench.run("decide", "--price-in", "1", "--price-out", "2")
+    assert result.stderr == ""
+    assert "answer 2" in result.stdout
+    assert "tokens       2000 in, 100 out" in result.stdout
+    assert "cost         0.0022" in result.stdout
+
+
+def test_the_key_is_sent_as_a_bearer_token_and_written_nowhere(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    key = "key-of-the-tests-0123456789"
+    endpoint.answer = lambda seen: endpoint.says("C")
+    result = bench.run("decide")
+    assert f"Bearer {key}".encode() in endpoint.seen[0].head
+    written = [path.read_bytes() for path in bench.folder.rglob("*") if path.is_file()]
+    assert not any(key.encode() in data for data in written)
+    assert key not in result.output

@@ -1,0 +1,239 @@
+"""How endpoints fail, and what a run does about it."""
+
+import json
+import threading
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive.agent.dialect import ModelSettings
+from exceptiondrive.agent.endpoint import Endpoint, EndpointSettings
+from exceptiondrive.agent.prompts import messages
+
+if TYPE_CHECKING:
+    from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen
+
+KEY = "key-of-the-tests-0123456789"
+DECISION = '{"strategy": "C"}'
+
+
+class Sequence:
+    """Answers with one reply after the other, then with the last for ever."""
+
+    def __init__(self, *replies: "Reply") -> None:
+        self._replies = list(replies)
+
+    def __call__(self, seen: "Seen") -> "Reply":
+        return self._replies.pop(0) if len(self._replies) > 1 else self._replies[0]
+
+
+def test_429_with_retry_after_is_waited_for_and_asked_again(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    busy = endpoint.fails(429, headers={"Retry-After": "0.2"})
+    endpoint.answer = Sequence(busy, busy, endpoint.says(DECISION))
+    report = bench.report("decide")
+    assert (report["done"], report["requests"], len(endpoint.seen)) == (1, 3, 3)
+
+
+@pytest.mark.parametrize("status", [500, 503])
+def test_a_server_error_is_asked_again(
+    bench: "Bench", endpoint: "ChatEndpoint", status: int
+) -> None:
+    bench.add_samples(1)
+    broken = endpoint.fails(status, headers={"retry-after-ms": "20"})
+    endpoint.answer = Sequence(broken, endpoint.says(DECISION))
+    assert bench.report("decide")["done"] == 1
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"), [(429, "rate_limited"), (500, "server_error"), (503, "server_error")]
+)
+def test_after_the_last_retry_the_sample_is_null_and_the_exit_code_says_network(
+    bench: "Bench", endpoint: "ChatEndpoint", status: int, reason: str
+) -> None:
+    (sample,) = bench.add_samples(1)
+    broken = endpoint.fails(status, headers={"retry-after-ms": "20"})
+    endpoint.answer = Sequence(broken)
+    report = bench.report("decide", "--max-retries", "2", exit_code=5)
+    assert report["failed"] == {reason: 1}
+    assert report["requests"] == 3
+    assert bench.submission()["predictions"] == [{"sample_id": sample, "strategy": None}]
+
+
+def test_an_endpoint_that_is_too_slow_is_a_timeout(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    gone = threading.Event()
+
+    def answer(seen: "Seen") -> "Reply":
+        gone.wait(timeout=20)
+        return endpoint.says(DECISION)
+
+    endpoint.answer = answer
+    report = bench.report("decide", "--timeout-s", "0.2", "--max-retries", "0", exit_code=5)
+    gone.set()
+    assert report["failed"] == {"timeout": 1}
+
+
+def test_a_response_that_breaks_off_is_a_lost_connection_and_asked_again(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    whole = endpoint.says(DECISION)
+    cut = type(whole)(whole.body[:40], announced_bytes=len(whole.body))
+    endpoint.answer = Sequence(cut, whole)
+    assert bench.report("decide")["done"] == 1
+
+
+def test_without_an_endpoint_the_sample_is_null_with_no_connection(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    closed = ("--base-url", "http://127.0.0.1:1/v1", "--max-retries", "0")
+    result = bench.run("decide", *closed)
+    assert endpoint.seen == []
+    assert result.exit_code == 5
+    assert "1 connection" in result.stdout
+
+
+def test_a_refused_key_stops_the_run_at_once_and_is_not_repeated_in_the_message(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(30)
+    endpoint.answer = Sequence(endpoint.fails(401, f"Incorrect API key provided: {KEY}"))
+    result = bench.run("decide", "--concurrency", "1")
+    assert (result.exit_code, len(endpoint.seen)) == (4, 1)
+    assert "EXCEPTIONDRIVE_AGENT_KEY" in result.stderr
+    assert KEY not in result.output
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "exit_code", "said"),
+    [
+        (404, "model_not_found", 2, "--model"),
+        (402, None, 4, "used up"),
+        (429, "insufficient_quota", 4, "used up"),
+    ],
+)
+def test_what_no_sample_can_survive_stops_the_run(
+    bench: "Bench",
+    endpoint: "ChatEndpoint",
+    status: int,
+    code: str | None,
+    exit_code: int,
+    said: str,
+) -> None:
+    bench.add_samples(3)
+    endpoint.answer = Sequence(endpoint.fails(status, code=code))
+    result = bench.run("decide", "--max-retries", "0", "--concurrency", "1")
+    assert (result.exit_code, len(endpoint.seen)) == (exit_code, 1)
+    assert said in result.stderr
+
+
+def test_an_endpoint_that_has_gone_stops_the_run_after_twenty_samples_in_a_row(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(40)
+    endpoint.answer = Sequence(endpoint.fails(503))
+    result = bench.run("decide", "--max-retries", "0", "--concurrency", "2")
+    assert result.exit_code == 5
+    assert "20 samples in a row" in result.stderr
+    assert len(endpoint.seen) <= 21
+
+
+def test_unusable_answers_do_not_stop_a_run(bench: "Bench", endpoint: "ChatEndpoint") -> None:
+    bench.add_samples(25)
+    endpoint.answer = Sequence(endpoint.says("hm"))
+    assert bench.report("decide")["failed"] == {"not_json": 25}
+
+
+def test_an_endpoint_without_structured_output_is_asked_in_plainer_forms_and_remembered(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(3)
+
+    def answer(seen: "Seen") -> "Reply":
+        if seen.form != "words":
+            return endpoint.fails(400, "response_format is not supported")
+        return endpoint.says(DECISION)
+
+    endpoint.answer = answer
+    assert bench.report("decide", "--concurrency", "1")["done"] == 3
+    forms = [seen.form for seen in endpoint.seen]
+    assert forms == ["json_schema", "json_object", "words", "words", "words"]
+    assert {line["form"] for line in bench.journal(journal_of(bench)).values()} == {"words"}
+
+
+def test_a_renamed_token_limit_and_a_fixed_temperature_are_met(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(2)
+
+    def answer(seen: "Seen") -> "Reply":
+        for name in ("max_tokens", "temperature"):
+            if name in seen.document:
+                return endpoint.fails(400, "unsupported", param=name, code="unsupported_parameter")
+        return endpoint.says(DECISION)
+
+    endpoint.answer = answer
+    assert bench.report("decide", "--concurrency", "1")["done"] == 2
+    last = endpoint.seen[-1]
+    assert (last.form, last.document["max_completion_tokens"]) == ("json_schema", 1000)
+    assert len(endpoint.seen) == 4
+
+
+def test_a_request_that_is_refused_in_every_form_is_null_and_spoils_no_other(
+    bench: "Bench", endpoint: "ChatEndpoint", shade: Any
+) -> None:
+    bench.add_samples(2)
+    endpoint.answer = lambda seen: (
+        endpoint.fails(400, "image too small") if shade(seen) == 0 else endpoint.says(DECISION)
+    )
+    report = bench.report("decide", "--concurrency", "1")
+    assert (report["done"], report["failed"]) == (1, {"request_refused": 1})
+    assert endpoint.seen[-1].form == "json_schema"
+    (failed,) = [line for line in bench.journal(journal_of(bench)).values() if "reason" in line]
+    assert "image too small" in failed["detail"]
+
+
+def test_a_redirect_is_not_followed_so_images_go_nowhere_else(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    elsewhere = {"Location": f"{endpoint.base_url}/elsewhere"}
+    endpoint.answer = Sequence(endpoint.fails(307, headers=elsewhere))
+    assert bench.report("decide")["failed"] == {"request_refused": 1}
+    assert len(endpoint.seen) == 1
+
+
+async def test_every_http_request_waits_for_its_slot_retries_included(
+    endpoint: "ChatEndpoint",
+) -> None:
+    broken = endpoint.fails(503, headers={"retry-after-ms": "1"})
+    endpoint.answer = Sequence(broken, endpoint.says(DECISION))
+    waits_s: list[float] = []
+
+    async def sleep(delay_s: float) -> None:
+        waits_s.append(delay_s)
+
+    settings = EndpointSettings(base_url=endpoint.base_url, requests_per_minute=0.1)
+    async with Endpoint(settings, ModelSettings(model="m"), sleep) as client:
+        for _ in range(3):
+            await client.complete(messages("look", ()), "decide", {})
+        assert client.n_requests == len(endpoint.seen) == 4
+    assert [round(wait_s / 600) for wait_s in waits_s] == [0, 1, 2, 3]  # ten minutes a slot
+
+
+def test_extra_fields_reach_the_endpoint(bench: "Bench", endpoint: "ChatEndpoint") -> None:
+    bench.add_samples(1)
+    endpoint.answer = Sequence(endpoint.says(DECISION))
+    bench.report("decide", "--extra-body", json.dumps({"seed": 7, "chat_template_kwargs": {}}))
+    assert endpoint.seen[0].document["seed"] == 7
+    assert endpoint.seen[0].document["chat_template_kwargs"] == {}
+
+
+def journal_of(bench: "Bench") -> Any:
+    return bench.out.with_name(f"{bench.out.name}.journal.jsonl")

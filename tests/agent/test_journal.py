@@ -1,0 +1,63 @@
+from pathlib import Path
+
+import pytest
+
+from exceptiondrive.agent.errors import AgentError, Reason
+from exceptiondrive.agent.journal import Journal, JournalHeader, JournalLine, read_journal
+
+HEADER = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
+
+
+def test_lines_come_back_as_they_were_written(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "j.jsonl"
+    line = JournalLine(sample_id="s1", reason=Reason.NOT_JSON, detail="no", raw="hm\n\u2028")
+    with Journal(path, HEADER) as journal:
+        journal.append(line)
+    assert read_journal(path) == (HEADER, (line,))
+
+
+def test_reopening_appends_and_never_rewrites(tmp_path: Path) -> None:
+    path = tmp_path / "j.jsonl"
+    with Journal(path, HEADER) as journal:
+        journal.append(JournalLine(sample_id="s1"))
+    before = path.read_bytes()
+    with Journal(path, HEADER) as journal:
+        journal.append(JournalLine(sample_id="s2"))
+        assert [line.sample_id for line in journal.lines] == ["s1", "s2"]
+    assert path.read_bytes().startswith(before)
+
+
+@pytest.mark.parametrize("cut", [1, 2, 20])
+def test_a_torn_last_line_is_as_good_as_not_asked(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "j.jsonl"
+    with Journal(path, HEADER) as journal:
+        journal.append(JournalLine(sample_id="s1"))
+        journal.append(JournalLine(sample_id="s2"))
+    path.write_bytes(path.read_bytes()[:-cut])
+    with Journal(path, HEADER) as journal:
+        journal.append(JournalLine(sample_id="s3"))
+    known = [line.sample_id for line in read_journal(path)[1]]
+    assert known == (["s1", "s2", "s3"] if cut == 1 else ["s1", "s3"])
+
+
+def test_a_journal_of_other_settings_is_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "j.jsonl"
+    with Journal(path, HEADER):
+        pass
+    before = path.read_bytes()
+    with pytest.raises(AgentError, match="name another file"):
+        Journal(path, HEADER.model_copy(update={"model": "other"}))
+    assert path.read_bytes() == before
+
+
+def test_a_file_that_is_no_journal_is_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("precious")
+    with pytest.raises(AgentError, match="not a journal"):
+        Journal(path, HEADER)
+    assert path.read_text() == "precious"
+
+
+def test_a_journal_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(AgentError, match="directory"):
+        Journal(tmp_path, HEADER)

@@ -1,0 +1,132 @@
+"""`exceptiondrive remind`, end to end against a real HTTP server."""
+
+import json
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive_schemas.strategy import ReminderRecord
+
+if TYPE_CHECKING:
+    from tests.agent.conftest import Bench, ChatEndpoint, Seen
+
+Shade = Callable[["Seen"], int]
+RECORDED = {
+    0: ("good-vllm.json", None),
+    1: ("good-ollama-fenced-no-usage.json", None),
+    2: ("not_json-prose.json", "not_json"),
+    3: ("truncated-length.json", "truncated"),
+    4: ("refusal-openai.json", "refusal"),
+    5: ("wrong_schema-strategy-word.json", "wrong_schema"),
+    6: ("unknown_hazard_type-name.json", "unknown_hazard_type"),
+    7: ("bad_response-html.json", "bad_response"),
+    8: ("filtered-azure.json", "filtered"),
+    9: ("empty.json", "empty"),
+}
+
+
+def test_every_sample_gets_a_validated_record_or_null_with_its_reason(
+    bench: "Bench", endpoint: "ChatEndpoint", shade: Shade
+) -> None:
+    samples = bench.add_samples(len(RECORDED))
+    endpoint.answer = lambda seen: endpoint.recorded(RECORDED[shade(seen)][0])
+    report = bench.report("remind", "--price-in", "2", "--price-out", "10")
+    journal = bench.journal()
+    for number, sample_id in enumerate(samples):
+        name, reason = RECORDED[number]
+        line = journal[sample_id]
+        assert line.get("reason") == reason, name
+        assert ("reminder" in line) == (reason is None), name
+        if reason is None:
+            ReminderRecord.model_validate_json(json.dumps(line["reminder"]))
+    assert (report["asked"], report["done"], report["requests"]) == (10, 2, 10)
+    assert report["failed"] == {reason: 1 for _, reason in RECORDED.values() if reason}
+    counted = 10 - 3  # two answers of ollama and the HTML page come without token counts
+    assert report["prompt_tokens"] == 2514 * counted
+    assert report["cost"] == pytest.approx((2514 * 2 + 97 * 10) * counted / 1e6)
+
+
+def test_the_raw_answer_of_a_failure_is_kept_truncated(
+    bench: "Bench", endpoint: "ChatEndpoint"
+) -> None:
+    (sample,) = bench.add_samples(1)
+    endpoint.answer = lambda seen: endpoint.says("no " * 5000)
+    bench.report("remind")
+    assert bench.journal()[sample]["raw"] == ("no " * 5000)[:2000]
+
+
+def test_a_second_run_skips_what_is_done_and_asks_again_what_failed(
+    bench: "Bench", endpoint: "ChatEndpoint", shade: Shade, record: dict[str, Any]
+) -> None:
+    samples = bench.add_samples(4)
+    good = endpoint.says(json.dumps(record))
+    endpoint.answer = lambda seen: good if shade(seen) != 2 else endpoint.says("hm")
+    assert bench.report("remind")["answered"] == 3
+    endpoint.answer = lambda seen: good
+    report = bench.report("remind")
+    assert (report["asked"], report["answered"]) == (1, 4)
+    assert [shade(seen) for seen in endpoint.seen[4:]] == [2]
+    assert bench.journal()[samples[2]]["reminder"] == record
+    assert bench.report("remind")["requests"] == 0
+
+
+def test_a_sample_whose_images_are_missing_or_damaged_is_null_and_never_sent(
+    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+) -> None:
+    first, second, third = bench.add_samples(3)
+    (bench.images / first / "front.png").unlink()
+    (bench.images / second / "front.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    bench.write_manifest([first, second, third, "not-in-the-folder"])
+    endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
+    report = bench.report("remind", "--manifest", str(bench.manifest))
+    assert report["failed"] == {"no_images": 2, "unreadable_image": 1}
+    assert (report["samples"], report["answered"], report["requests"]) == (4, 1, 1)
+
+
+def test_no_more_than_concurrency_samples_are_in_flight_and_that_many_are(
+    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+) -> None:
+    bench.add_samples(12)
+    together = threading.Barrier(3)
+
+    def answer(seen: "Seen") -> Any:
+        together.wait(timeout=20)  # breaks, and answers nothing, unless three requests meet
+        return endpoint.says(json.dumps(record))
+
+    endpoint.answer = answer
+    assert bench.report("remind", "--concurrency", "3")["done"] == 12
+    assert endpoint.most_in_flight == 3
+
+
+def test_limit_asks_the_next_few_samples_only(
+    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+) -> None:
+    bench.add_samples(5)
+    endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
+    assert bench.report("remind", "--limit", "2")["answered"] == 2
+    assert bench.report("remind", "--limit", "2")["answered"] == 4
+
+
+def test_views_are_named_to_the_model_and_their_number_must_fit(
+    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+) -> None:
+    bench.add_samples(1)
+    endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
+    bench.report("remind", "--views", "front")
+    assert endpoint.seen[0].texts[1] == "Image 1 of 1 (front):"
+    bench.reminders.unlink()
+    assert bench.report("remind", "--views", "front,back")["failed"] == {"wrong_image_count": 1}
+
+
+def test_a_journal_of_another_model_is_not_mixed_in(
+    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+) -> None:
+    bench.add_samples(1)
+    endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
+    bench.report("remind")
+    result = bench.run("remind", "--temperature", "0.5")
+    assert result.exit_code == 2
+    assert "name another file" in result.stderr
+    assert len(endpoint.seen) == 1

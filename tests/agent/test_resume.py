@@ -1,0 +1,62 @@
+"""A run that is killed goes on where it was: nothing finished is asked twice, nothing is lost."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen
+
+Shade = Callable[["Seen"], int]
+
+
+def test_after_sigkill_midway_the_same_command_finishes_and_asks_only_what_is_open(
+    bench: "Bench", endpoint: "ChatEndpoint", shade: Shade, record: dict[str, Any]
+) -> None:
+    samples = bench.add_samples(12)
+    midway, released = threading.Event(), threading.Event()
+
+    def answer(seen: "Seen") -> "Reply":
+        if shade(seen) >= 6:  # two workers: samples 6 and 7 are in flight when the kill comes
+            midway.set()
+            released.wait(timeout=60)
+        return endpoint.says(json.dumps(record))
+
+    endpoint.answer = answer
+    command = [sys.executable, "-m", "exceptiondrive.agent"]
+    process = subprocess.Popen(
+        [*command, *bench.arguments("remind", "--concurrency", "2")],
+        env=os.environ | {"NO_PROXY": "127.0.0.1"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    assert midway.wait(timeout=60)
+    wait_for_lines(bench, 5)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait(timeout=60) == -signal.SIGKILL
+    released.set()
+
+    finished = {key for key, line in bench.journal().items() if "reminder" in line}
+    assert 5 <= len(finished) < 12
+    endpoint.seen.clear()
+    endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
+    report = bench.report("remind")
+    assert report["answered"] == 12
+    asked = {samples[shade(seen)] for seen in endpoint.seen}
+    assert asked == set(samples) - finished
+    assert set(bench.journal()) == set(samples)
+
+
+def wait_for_lines(bench: "Bench", count: int) -> None:
+    """Wait until the journal holds so many lines; the run has already asked for more."""
+    pause = threading.Event()
+    for _ in range(600):
+        if bench.reminders.exists() and len(bench.journal()) >= count:
+            return
+        pause.wait(0.1)
+    raise AssertionError("the journal did not grow")
