@@ -36,7 +36,9 @@ class Shelf(StrEnum):
     SHEETS = "sheets"
     """Exact totals and breakdown. Key: measurement, grading, tasks of the split."""
     SUMS = "sums"
-    """Sums per scene, for the bootstrap. Key: as the sheet."""
+    """Sums per scene, for the bootstrap. Key: as the sheet, and the scenes of the split."""
+    INTERVALS = "intervals"
+    """Intervals and draws of one entry. Key: as the sums, and ranking."""
 
 
 def content_key(*parts: str) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
 from exceptiondrive_scoring.arrays import SplitArrays
@@ -39,6 +40,7 @@ class LoadedSplit:
     Attributes:
         manifest: What participants may know; sample ids in canonical order.
         arrays: Regions, tasks and scenes in the same order.
+        samples_digest: Digest of the sample ids in this order: what reading an upload needs.
         regions_digest: Digest of what `measure` reads.
         grading_digest: Digest of what `grade` reads: tasks, families, d_safe, acceptable.
         scenes_digest: Digest of what the bootstrap reads besides.
@@ -46,6 +48,7 @@ class LoadedSplit:
 
     manifest: Manifest
     arrays: SplitArrays
+    samples_digest: str
     regions_digest: str
     grading_digest: str
     scenes_digest: str
@@ -106,6 +109,7 @@ def load_split(split: Split, protocol: Protocol) -> LoadedSplit:
     return LoadedSplit(
         manifest=_manifest(split, samples, protocol),
         arrays=arrays,
+        samples_digest=content_digest([sample.sample_id for sample in samples]),
         regions_digest=array_digest(arrays.regions_m),
         grading_digest=array_digest(
             arrays.task_index, arrays.family_index, arrays.d_safe_m, arrays.acceptable

@@ -1,0 +1,157 @@
+"""From scored entries to the rows of a board (PROTOCOL.md section 4). Pure: no door is opened."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from exceptiondrive_records.boards import EntryRecord
+from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead
+from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.bootstrap import Uncertainty
+from exceptiondrive_scoring.rank import ranks
+from exceptiondrive_scoring.rank_interval import rank_intervals
+from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.split_store import LoadedSplit
+
+
+@dataclass(frozen=True)
+class ScoredEntry:
+    """An entry and how sure its numbers are."""
+
+    record: EntryRecord
+    uncertainty: Uncertainty
+
+
+def board_entries(
+    entries: Sequence[ScoredEntry], challenge: Challenge, protocol: Protocol
+) -> tuple[BoardEntry, ...]:
+    """Return the rows of scored and reference entries: ranked ones first, references last."""
+    rows = _Rows(challenge, protocol)
+    of_teams = [entry for entry in entries if not entry.record.is_reference]
+    references = [entry for entry in entries if entry.record.is_reference]
+    places = rows.ranks([entry.record.sheet for entry in of_teams])
+    ranked = [entry for entry, rank in zip(of_teams, places, strict=True) if rank is not None]
+    spread = dict(
+        zip([entry.record.submission_id for entry in ranked], rows.spread(ranked), strict=True)
+    )
+    scored = [
+        rows.scored(entry, rank, spread.get(entry.record.submission_id))
+        for entry, rank in zip(of_teams, places, strict=True)
+    ]
+    scored.sort(key=lambda row: (row.rank is None, row.rank or 0, row.submitted_at))
+    return (*scored, *(rows.reference(entry) for entry in references))
+
+
+def family_heads(split: LoadedSplit, protocol: Protocol) -> tuple[FamilyHead, ...]:
+    """Families that have samples on this split, in taxonomy order."""
+    sizes = np.bincount(split.arrays.family_index, minlength=len(protocol.families))
+    return tuple(
+        FamilyHead(id=family.id, title=family.title, n=int(n))
+        for family, n in zip(protocol.families, sizes, strict=True)
+        if n
+    )
+
+
+class _Rows:
+    """Makes rows of one board; everything in them is rounded."""
+
+    def __init__(self, challenge: Challenge, protocol: Protocol) -> None:
+        self._challenge = challenge
+        self._protocol = protocol
+        self._ranking = protocol.ranking
+        self._order = protocol.ranking.order[challenge.id]
+        self._rounding = Rounding(challenge, protocol.publication)
+
+    def ranks(self, sheets: Sequence[ScoreSheet]) -> list[int | None]:
+        headlines = [self._headline(sheet) for sheet in sheets]
+        values = {key.metric: [row.get(key.metric) for row in headlines] for key in self._order}
+        return ranks(values, [self._covers(sheet) for sheet in sheets], self._order)
+
+    def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int]]:
+        """Best and worst rank that the draws leave open, among the ranked entries."""
+        found = rank_intervals([entry.uncertainty for entry in ranked], self._order[0].order)
+        return [(int(best), int(worst)) for best, worst in found]
+
+    def scored(
+        self, entry: ScoredEntry, rank: int | None, spread: tuple[int, int] | None
+    ) -> BoardEntry:
+        row = self._row(entry)
+        if rank is None or spread is None:
+            return row.model_copy(update={"unranked_because": self._why_unranked(entry)})
+        interval = (min(spread[0], rank), max(spread[1], rank))
+        return row.model_copy(update={"rank": rank, "rank_interval": interval})
+
+    def reference(self, entry: ScoredEntry) -> BoardEntry:
+        return self._row(entry).model_copy(
+            update={"source": "reference", "unranked_because": "a reference, for comparison"}
+        )
+
+    def _row(self, entry: ScoredEntry) -> BoardEntry:
+        record, sheet, sure = entry.record, entry.record.sheet, entry.uncertainty
+        overall = sure.micro if self._protocol.grading.headline == "micro" else sure.macro_family
+        return BoardEntry(
+            source="scored",
+            rank=None,
+            rank_interval=None,
+            submission_id=record.submission_id,
+            method=record.method,
+            team=record.team,
+            description=record.description,
+            links=record.links,
+            submitted_at=record.submitted_at,
+            metrics=self._headline(sheet),
+            micro=sheet.micro,
+            macro_family=sheet.macro_family,
+            intervals=self._intervals(overall, self._headline(sheet)),
+            families={
+                family.id: self._family(sheet, family.id, sure.families[index])
+                for index, family in enumerate(self._protocol.families)
+                if family.id in sheet.families
+            },
+            coverage={"edited": sheet.coverage.edited, "source": sheet.coverage.source},
+            flags=sheet.plausibility.flags,
+        )
+
+    def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:
+        cell = sheet.families[family_id]
+        found = self._intervals(intervals, cell.metrics)
+        return FamilyCell.model_validate({"n": cell.n, **cell.metrics, "intervals": found})
+
+    def _intervals(
+        self, intervals: FloatArray, values: Mapping[str, float | None]
+    ) -> dict[str, Interval | None]:
+        """Rounded intervals by metric; None where the metric itself is undefined or withheld."""
+        return {
+            key: None
+            if values.get(key) is None or np.isnan(ends).any()
+            else self._rounding.interval(key, (float(ends[0]), float(ends[1])))
+            for key, ends in zip(self._challenge.metric_keys, intervals, strict=True)
+        }
+
+    def _headline(self, sheet: ScoreSheet) -> MetricRow:
+        return sheet.micro if self._protocol.grading.headline == "micro" else sheet.macro_family
+
+    def _covers(self, sheet: ScoreSheet) -> bool:
+        return not self._uncovered(sheet)
+
+    def _uncovered(self, sheet: ScoreSheet) -> dict[str, float]:
+        shares = {"edited": sheet.coverage.edited, "source": sheet.coverage.source}
+        least = self._ranking.min_coverage
+        return {key: share for key, share in shares.items() if share is not None and share < least}
+
+    def _why_unranked(self, entry: ScoredEntry) -> str:
+        uncovered = self._uncovered(entry.record.sheet)
+        if not uncovered:
+            undefined = [
+                self._challenge.metric(key.metric).label
+                for key in self._order
+                if self._headline(entry.record.sheet).get(key.metric) is None
+            ]
+            return f"{' and '.join(undefined)} not defined"
+        least = self._ranking.min_coverage
+        parts = [f"{key} covers {share:.2%}" for key, share in uncovered.items()]
+        return f"{' and '.join(parts)} of the samples; ranking takes {least:.0%}"

@@ -1,0 +1,136 @@
+"""The board run: rank the scored entries of a phase under a protocol into a new snapshot."""
+
+from datetime import UTC, datetime
+
+import structlog
+
+from exceptiondrive_records.boards import (
+    BoardClaim,
+    EntryRecord,
+    claim_board,
+    current_board,
+    entries_for_board,
+    latest_board,
+    publish_board,
+)
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.reported import reported_entries
+from exceptiondrive_schemas.score_sheet import ProtocolRef
+from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
+from exceptiondrive_worker.doors import Doors
+from exceptiondrive_worker.entry_uncertainty import entry_uncertainties
+from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
+from exceptiondrive_worker.stages import Target
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+def build_board(doors: Doors, phase_id: str, protocol_digest: str) -> None:
+    """Build and publish the board of a phase under a protocol, if one is wanted.
+
+    Does nothing, quietly, when none is wanted or another worker builds it. A build that ends in an
+    error keeps its lease, and is tried again when that runs out.
+    """
+    with doors.database.write() as session:
+        claimed = claim_board(session, phase_id, protocol_digest, doors.settings.board_lease_s)
+    if claimed is None:
+        return
+    try:
+        board = _board(doors, claimed)
+    except SplitUnavailableError as error:
+        _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
+        return
+    with doors.database.write() as session:
+        row = publish_board(session, claimed, board)
+    _log.info("board built", phase=phase_id, number=None if row is None else row.number)
+
+
+def with_previous_ranks(
+    entries: tuple[BoardEntry, ...], latest: Board | None, current: Board | None
+) -> tuple[BoardEntry, ...]:
+    """Mark where each ranked entry stood on the current board.
+
+    Entries that say what the latest board of this protocol says are returned as they stand there:
+    building a board twice changes nothing.
+    """
+    if latest is not None and _without_previous(latest.entries) == entries:
+        return latest.entries
+    if current is None:
+        return entries
+    before = {(row.team, row.method): row.rank for row in current.entries if row.source == "scored"}
+    return tuple(
+        row
+        if row.rank is None
+        else row.model_copy(update={"previous_rank": before.get((row.team, row.method))})
+        for row in entries
+    )
+
+
+def _without_previous(entries: tuple[BoardEntry, ...]) -> tuple[BoardEntry, ...]:
+    return tuple(row.model_copy(update={"previous_rank": None}) for row in entries)
+
+
+def _board(doors: Doors, claimed: BoardClaim) -> Board:
+    with doors.database.read() as session:
+        phase = find_phase(session, claimed.phase_id)
+        protocol = find_protocol(session, claimed.protocol_digest)
+        records = entries_for_board(session, phase.id, protocol.digest)
+        boards = [
+            None if row is None else Board.model_validate_json(row.body)
+            for row in (
+                latest_board(session, phase.id, protocol.digest),
+                current_board(session, phase.id),
+            )
+        ]
+    challenge = CHALLENGES[ChallengeId(phase.challenge)]
+    split = doors.splits.find(phase.split_name, phase.split_revision, protocol)
+    entries = board_entries(
+        _scored(doors, records, challenge, split, protocol), challenge, protocol
+    )
+    if phase.shows_reported:
+        entries += reported_entries(challenge.id, protocol.grading.headline)
+    entries = with_previous_ranks(entries, *boards)
+    return _document(phase, challenge, split, protocol, entries)
+
+
+def _scored(
+    doors: Doors,
+    records: list[EntryRecord],
+    challenge: Challenge,
+    split: LoadedSplit,
+    protocol: Protocol,
+) -> list[ScoredEntry]:
+    targets = [
+        (Target(record.file_digest, challenge, split, protocol), record.measurement_key)
+        for record in records
+    ]
+    uncertainties = entry_uncertainties(doors.private, doors.stages, targets)
+    return [ScoredEntry(*pair) for pair in zip(records, uncertainties, strict=True)]
+
+
+def _document(
+    phase: Phase,
+    challenge: Challenge,
+    split: LoadedSplit,
+    protocol: Protocol,
+    entries: tuple[BoardEntry, ...],
+) -> Board:
+    """The board; number and date are given when it is published."""
+    return Board(
+        challenge=challenge.id.value,
+        phase=phase.id,
+        split=split.manifest.ref,
+        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        headline=protocol.grading.headline,
+        board=0,
+        published_at=datetime.fromtimestamp(0, UTC),
+        n_samples=split.arrays.n_samples,
+        confidence=protocol.ranking.confidence,
+        families=family_heads(split, protocol),
+        entries=entries,
+    )

@@ -1,0 +1,53 @@
+"""The doors of a worker process: everything outside it that a job may touch."""
+
+from dataclasses import dataclass
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.doorbell import Doorbell
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_worker.answers_reader import answers_reader
+from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.stages import Stages
+
+
+@dataclass(frozen=True)
+class Doors:
+    """Opened once per process, after it has forked."""
+
+    settings: WorkerSettings
+    database: Database
+    files: FileStore
+    splits: SplitStore
+    private: PrivateStore
+    doorbell: Doorbell
+    stages: Stages
+
+    def close(self) -> None:
+        """Close all connections."""
+        self.doorbell.close()
+        self.database.dispose()
+
+
+def open_doors(settings: WorkerSettings) -> Doors:
+    """Open all doors that the settings name."""
+    files = FileStore(settings.file_store_url)
+    private = PrivateStore(settings.private_dir)
+    read_answers = answers_reader(
+        max_upload_bytes=settings.max_upload_bytes,
+        max_inflated_bytes=settings.max_inflated_bytes,
+    )
+
+    def load_upload(digest: str) -> bytes:
+        return files.read(digest, limit_bytes=settings.max_upload_bytes)
+
+    return Doors(
+        settings=settings,
+        database=Database(settings.database_url),
+        files=files,
+        splits=SplitStore(settings.splits_dir),
+        private=private,
+        doorbell=Doorbell(settings.broker_url),
+        stages=Stages(private, load_upload, read_answers),
+    )

@@ -1,0 +1,118 @@
+"""The job boundary: whatever goes wrong becomes a stable code, and nothing withheld gets out.
+
+The worker's own log gets the kind of error and the places in the code it passed, never its text:
+the text of an error may quote a value.
+"""
+
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import structlog
+from billiard.exceptions import SoftTimeLimitExceeded
+
+from exceptiondrive_records.errors import NotFound, StoreError
+from exceptiondrive_records.file_store import FileDamaged
+from exceptiondrive_worker.split_faults import SplitRefusedError
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+class FailureCode(StrEnum):
+    """Why we could not score. Codes are stable."""
+
+    INTERNAL = "internal_error"
+    TIME_LIMIT = "time_limit"
+    OUT_OF_MEMORY = "out_of_memory"
+    UPLOAD_DAMAGED = "upload_damaged"
+    UPLOAD_MISSING = "upload_missing"
+    STORE_UNAVAILABLE = "store_unavailable"
+    SPLIT_REFUSED = "split_refused"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A code, a sentence for the team, and whether another attempt may help."""
+
+    code: FailureCode
+    message: str
+    may_retry: bool
+
+
+INTERNAL = Failure(
+    FailureCode.INTERNAL, "Scoring failed on our side; the organizers can see it.", may_retry=True
+)
+_FAILURES: tuple[tuple[type[BaseException], Failure], ...] = (
+    (
+        SoftTimeLimitExceeded,
+        Failure(FailureCode.TIME_LIMIT, "Scoring took longer than it may.", may_retry=True),
+    ),
+    (
+        MemoryError,
+        Failure(FailureCode.OUT_OF_MEMORY, "Scoring took more memory than it may.", may_retry=True),
+    ),
+    (
+        FileDamaged,
+        Failure(
+            FailureCode.UPLOAD_DAMAGED,
+            "The stored upload no longer has the bytes that you sent; the organizers can see it.",
+            may_retry=False,
+        ),
+    ),
+    (
+        StoreError,
+        Failure(
+            FailureCode.STORE_UNAVAILABLE, "The store of uploads did not answer.", may_retry=True
+        ),
+    ),
+    (
+        NotFound,
+        Failure(
+            FailureCode.UPLOAD_MISSING, "The stored upload could not be found.", may_retry=True
+        ),
+    ),
+    (
+        SplitRefusedError,
+        Failure(
+            FailureCode.SPLIT_REFUSED,
+            "The split cannot be scored under this protocol; the organizers can see why.",
+            may_retry=False,
+        ),
+    ),
+)
+
+
+def failure_of(error: BaseException) -> Failure:
+    """Return what an error means for the submission."""
+    return next((failure for kind, failure in _FAILURES if isinstance(error, kind)), INTERNAL)
+
+
+def places(error: BaseException) -> list[str]:
+    """Return where an error came from, innermost last: file, line and function, no values."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return [f"{Path(frame.filename).name}:{frame.lineno} {frame.name}" for frame in frames]
+
+
+@contextmanager
+def job_boundary(job: str, on_failure: Callable[[Failure], None]) -> Iterator[None]:
+    """Let no error out of a job: log its kind and place, and hand its meaning on.
+
+    Args:
+        job: Ids of the job, for the log.
+        on_failure: Records the failure.
+    """
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - the one job boundary
+        failure = failure_of(error)
+        _log.error(
+            "job failed",
+            job=job,
+            code=failure.code.value,
+            error=f"{type(error).__module__}.{type(error).__qualname__}",
+            places=places(error),
+        )
+        on_failure(failure)

@@ -1,0 +1,150 @@
+"""`exceptiondrive-worker`: run workers, and handle the splits that only workers may see."""
+
+import logging
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import structlog
+import typer
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.settings import SettingsError, load_settings
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import (
+    Protocol,
+    ProtocolError,
+    packaged_protocol,
+    parse_protocol,
+)
+from exceptiondrive_worker.process import run_worker
+from exceptiondrive_worker.sample.files import write_planners, write_sample_split
+from exceptiondrive_worker.sample.scenes import SPLIT_NAME
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_store import (
+    SplitStore,
+    SplitUnavailableError,
+    SplitUnreadableError,
+    load_split,
+    read_split,
+)
+from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
+
+app = typer.Typer(
+    help="Run workers, and handle the splits that only workers may see.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+ProtocolOption = Annotated[
+    Path | None, typer.Option("--protocol", help="Protocol document; by default 1.0.")
+]
+_KNOWN_ERRORS = (
+    SettingsError,
+    RecordsError,
+    ProtocolError,
+    SplitUnreadableError,
+    SplitRefusedError,
+    SplitUnavailableError,
+    OSError,
+)
+
+
+@app.command()
+def run(
+    lanes: Annotated[str, typer.Option(help="Lanes to serve, by comma.")] = "live,rescore",
+    concurrency: Annotated[int, typer.Option(min=1, help="Processes that score.")] = 2,
+) -> None:
+    """Score submissions and build boards until stopped."""
+    run_worker(load_settings(WorkerSettings), _lanes(lanes), concurrency)
+
+
+@app.command("check-split")
+def check_split(file: Path, protocol: ProtocolOption = None) -> None:
+    """Say whether a split file can be scored, and list every sample that stands in the way."""
+    manifest = load_split(read_split(file), _protocol(protocol)).manifest
+    typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")
+
+
+@app.command("register-splits")
+def register_splits(protocol: ProtocolOption = None) -> None:
+    """Record the manifest of every split file: names, revisions and sample ids, nothing else."""
+    settings = load_settings(WorkerSettings)
+    splits, database = SplitStore(settings.splits_dir), Database(settings.database_url)
+    for registered in register_all_splits(database, splits, _protocol(protocol)):
+        manifest = registered.manifest
+        typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")
+
+
+@app.command("publish-split")
+def publish_split(name: str, protocol: ProtocolOption = None) -> None:
+    """Make a development split public, regions and all. This cannot be taken back."""
+    settings = load_settings(WorkerSettings)
+    registered = publish_split_file(
+        Database(settings.database_url),
+        FileStore(settings.file_store_url),
+        SplitStore(settings.splits_dir),
+        name,
+        _protocol(protocol),
+    )
+    typer.echo(f"{name} is public now, at {registered.manifest.revision}")
+
+
+@app.command("make-sample")
+def make_sample() -> None:
+    """Write the synthetic sample split from its fixed seed."""
+    typer.echo(str(write_sample_split(load_settings(WorkerSettings).splits_dir)))
+
+
+@app.command("make-planners")
+def make_planners(folder: Path) -> None:
+    """Write the submission files of the synthetic planners, and planners.json."""
+    for path in write_planners(folder):
+        typer.echo(str(path))
+
+
+@app.command("seed-sample")
+def seed_sample() -> None:
+    """Register all splits and publish the sample split, so that anyone may evaluate at home."""
+    register_splits()
+    publish_split(SPLIT_NAME)
+
+
+def main() -> None:
+    """Run the command line; known errors become one clear message on stderr and exit code 2."""
+    _configure_logging()
+    try:
+        app()
+    except _KNOWN_ERRORS as error:
+        typer.echo(f"exceptiondrive-worker: {error}", err=True)
+        sys.exit(2)
+
+
+def _lanes(text: str) -> list[Lane]:
+    known = [lane.value for lane in Lane]
+    names = [name.strip() for name in text.split(",")]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise typer.BadParameter(f"unknown lane {unknown[0]!r}; lanes are {', '.join(known)}")
+    return [Lane(name) for name in dict.fromkeys(names)]
+
+
+def _protocol(path: Path | None) -> Protocol:
+    return packaged_protocol() if path is None else parse_protocol(path.read_text("utf-8"))
+
+
+def _configure_logging() -> None:
+    """Log lines to stderr: one JSON object each, text where a person is watching."""
+    is_terminal = sys.stderr.isatty()
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.dev.ConsoleRenderer() if is_terminal else structlog.processors.JSONRenderer(),
+        ],
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )

@@ -1,0 +1,83 @@
+"""The life of worker processes: doors, memory limit and heartbeat of each, after it has forked."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import structlog
+from celery import Celery
+from celery.signals import worker_process_init, worker_process_shutdown
+
+from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_worker.app import create_app
+from exceptiondrive_worker.doors import Doors, open_doors
+from exceptiondrive_worker.heartbeat import Heartbeat
+from exceptiondrive_worker.memory_limit import limit_memory
+from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.tasks import register_jobs
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+class WorkerProcess:
+    """What one forked process holds. Connections are never shared with its parent."""
+
+    def __init__(self, settings: WorkerSettings, lanes: tuple[Lane, ...]) -> None:
+        self._settings = settings
+        self._lanes = lanes
+        self._doors: Doors | None = None
+        self._heartbeat: Heartbeat | None = None
+
+    def begin(self, **_: Any) -> None:
+        """Open the doors, start the heartbeat, then limit memory."""
+        self._doors = open_doors(self._settings)
+        self._heartbeat = Heartbeat(
+            self._doors.database, self._lanes, self._settings.heartbeat_every_s
+        )
+        self._heartbeat.start()
+        limit_memory(self._settings.memory_headroom_bytes)
+
+    def end(self, **_: Any) -> None:
+        """Sign off and close the doors."""
+        if self._heartbeat is not None:
+            self._heartbeat.stop()
+        if self._doors is not None:
+            self._doors.close()
+
+    def doors(self) -> Doors:
+        """Return the open doors of this process."""
+        if self._doors is None:
+            raise RuntimeError("the worker process has not begun")
+        return self._doors
+
+
+def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:
+    """Return the app with its jobs, and let every forked process begin and end as it should."""
+    app = create_app(settings)
+    register_jobs(app, process.doors)
+    worker_process_init.connect(process.begin, weak=False)
+    worker_process_shutdown.connect(process.end, weak=False)
+    return app
+
+
+def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int) -> None:
+    """Work until told to stop."""
+    PrivateStore(settings.private_dir).sweep()
+    process = WorkerProcess(settings, tuple(lanes))
+    app = worker_app(settings, process)
+    queues = ",".join(lane.value for lane in lanes)
+    _log.info("worker starts", lanes=queues, processes=concurrency)
+    app.worker_main(
+        [
+            "worker",
+            f"--queues={queues}",
+            f"--concurrency={concurrency}",
+            "--pool=prefork",
+            f"--hostname=worker-{random_id(8)}@%h",
+            "--loglevel=WARNING",
+            "--without-gossip",
+            "--without-mingle",
+            "--without-heartbeat",
+        ]
+    )

@@ -1,0 +1,39 @@
+"""The worker's settings: the only class that knows where withheld splits lie."""
+
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from exceptiondrive_records.settings import RecordsSettings, Seconds
+
+MEBIBYTE = 2**20
+
+
+class WorkerSettings(RecordsSettings):
+    """Every field is an environment variable with the prefix `EXCEPTIONDRIVE_`."""
+
+    splits_dir: Path = Path("hidden_splits")
+    private_dir: Path = Path("data/private")
+    max_upload_bytes: Annotated[int, Field(ge=1)] = 16 * MEBIBYTE
+    max_inflated_bytes: Annotated[int, Field(ge=1)] = 64 * MEBIBYTE
+    soft_time_limit_s: Seconds = 75.0
+    """A scoring run that lasts longer is stopped and tried again."""
+    time_limit_s: Seconds = 90.0
+    """A worker process that lasts longer in one job is killed."""
+    board_lease_s: Seconds = 30.0
+    """A board whose build took longer, or died, is built anew."""
+    memory_headroom_bytes: Annotated[int, Field(ge=64 * MEBIBYTE)] = 1024 * MEBIBYTE
+    """Address space that a worker process may take beyond what it has when it starts."""
+    heartbeat_every_s: Seconds = 4.0
+
+    @model_validator(mode="after")
+    def _limits_are_in_order(self) -> Self:
+        if not self.soft_time_limit_s < self.time_limit_s < self.lease_s:
+            raise ValueError(
+                "soft_time_limit_s < time_limit_s < lease_s must hold, or two workers would hold "
+                "one job at a time"
+            )
+        if self.heartbeat_every_s * 2 > self.heartbeat_ttl_s:
+            raise ValueError("heartbeat_every_s must be at most half of heartbeat_ttl_s")
+        return self

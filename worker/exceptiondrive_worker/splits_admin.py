@@ -1,0 +1,66 @@
+"""What an operator does with splits: register their manifests, publish a development split."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.splits import publish_split, register_split
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_worker.split_store import (
+    MAX_SPLIT_BYTES,
+    SplitStore,
+    SplitUnavailableError,
+    family_counts,
+    load_split,
+    read_split,
+)
+
+ACTOR = "operator"
+
+
+@dataclass(frozen=True)
+class RegisteredSplit:
+    """A split file and what was recorded of it."""
+
+    path: Path
+    manifest: Manifest
+
+
+def register_all_splits(
+    database: Database, splits: SplitStore, protocol: Protocol
+) -> list[RegisteredSplit]:
+    """Register the manifest of every split file; what is registered already stays as it is.
+
+    Raises:
+        SplitUnreadableError: A file is not a split.
+        SplitRefusedError: A split cannot be scored; every offending sample is listed.
+    """
+    return [_register(database, path, protocol) for path in splits.files()]
+
+
+def publish_split_file(
+    database: Database, files: FileStore, splits: SplitStore, name: str, protocol: Protocol
+) -> RegisteredSplit:
+    """Make the current file of a split public, regions and all: for development splits only.
+
+    Raises:
+        SplitUnavailableError: There is no file for this name.
+    """
+    paths = [path for path in splits.files() if path.parent.name == name]
+    if not paths:
+        raise SplitUnavailableError(f"there is no split file for {name!r}")
+    registered = _register(database, paths[0], protocol)
+    digest, _ = files.put_stream([paths[0].read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
+    with database.write() as session:
+        publish_split(session, name, registered.manifest.revision, digest, ACTOR)
+    return registered
+
+
+def _register(database: Database, path: Path, protocol: Protocol) -> RegisteredSplit:
+    split = read_split(path)
+    manifest = load_split(split, protocol).manifest
+    with database.write() as session:
+        register_split(session, manifest, family_counts(split, protocol), ACTOR)
+    return RegisteredSplit(path, manifest)

@@ -1,0 +1,206 @@
+"""The stages from an upload to a score sheet, each result kept under the hash of what made it.
+
+    upload --read--> answers --measure--> measurements --grade, aggregate--> exact score sheet
+
+A stage runs only where its result is not in the private store: new d_safe values touch no
+geometry, a new geometry touches no upload.
+"""
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from pydantic import ValidationError
+
+from exceptiondrive_schemas.base import canonical_json, content_digest
+from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring
+from exceptiondrive_scoring.scene_sums import SceneSums, scene_sums
+from exceptiondrive_worker.exact_sheet import SCORER_VERSION, exact_sheet
+from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key, pack_columns
+from exceptiondrive_worker.split_store import LoadedSplit
+
+LoadUpload = Callable[[str], bytes]
+"""File digest -> the bytes, proven to be those."""
+ReadAnswers = Callable[[bytes, Challenge, Manifest, Protocol], Columns | CheckReport]
+"""Upload -> answers as columns in the split's order, or the report of all faults."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is scored against what."""
+
+    file_digest: str
+    challenge: Challenge
+    split: LoadedSplit
+    protocol: Protocol
+
+
+@dataclass(frozen=True)
+class Scored:
+    """An exact score sheet, which stays with the worker, and where its measurements are kept."""
+
+    sheet: ScoreSheet
+    measurement_key: str
+
+    @property
+    def digest(self) -> str:
+        """Digest of the exact sheet: a rescoring must come to the same."""
+        return content_digest(self.sheet)
+
+
+class RejectedUpload(Exception):  # noqa: N818 - the file is wrong, not the program
+    """The upload has faults; the report lists them all."""
+
+    def __init__(self, report: CheckReport) -> None:
+        super().__init__("the upload is not valid")
+        self.report = report
+
+
+class Stages:
+    """Runs the stages of a scoring run, and only those whose result is not kept yet."""
+
+    def __init__(
+        self,
+        private: PrivateStore,
+        load_upload: LoadUpload,
+        read_answers: ReadAnswers,
+        scoring: Mapping[ChallengeId, ChallengeScoring] = SCORING,
+    ) -> None:
+        self._private = private
+        self._load_upload = load_upload
+        self._read_answers = read_answers
+        self._scoring = scoring
+
+    def score(self, target: Target) -> Scored:
+        """Return the exact score sheet of an upload.
+
+        Raises:
+            RejectedUpload: The upload has faults.
+        """
+        measurement_key = self._measurement_key(target, self._answers_digest(target))
+        sheet_key = _graded_key("sheet", measurement_key, target)
+        sheet = self._kept_sheet(sheet_key)
+        if sheet is None:
+            sheet = self._grade(target, self.measurements(target))
+            self._private.write(Shelf.SHEETS, sheet_key, canonical_json(sheet))
+        protocol = target.protocol
+        refs = {
+            "protocol": ProtocolRef(version=protocol.version, digest=protocol.digest),
+            "split": target.split.manifest.ref,
+        }
+        return Scored(sheet.model_copy(update=refs), measurement_key)
+
+    def measurements(self, target: Target) -> Columns:
+        """Return the measurements of an upload.
+
+        Raises:
+            RejectedUpload: The upload has faults.
+        """
+        answers_digest = self._answers_digest(target)
+        key = self._measurement_key(target, answers_digest)
+        kept = self._private.read_columns(Shelf.MEASUREMENTS, key)
+        if kept is not None:
+            return kept
+        answers = self._private.read_columns(Shelf.ANSWERS, answers_digest) or self._read(target)[1]
+        measured = self._scoring_of(target).measure(
+            answers, target.split.arrays, target.protocol.geometry
+        )
+        self._private.write_columns(Shelf.MEASUREMENTS, key, measured)
+        return measured
+
+    def sums_key(self, target: Target, measurement_key: str) -> str:
+        """Return the key of the scene sums that belong to measurements."""
+        return content_key(_graded_key("sums", measurement_key, target), target.split.scenes_digest)
+
+    def scene_sums(self, target: Target, measurement_key: str) -> SceneSums:
+        """Return the sums per scene of an entry, for the bootstrap.
+
+        Raises:
+            RejectedUpload: The sums are not kept any more, and the upload now has faults.
+        """
+        key = self.sums_key(target, measurement_key)
+        kept = self._private.read_columns(Shelf.SUMS, key)
+        if kept is not None:
+            return SceneSums(sums=kept["sums"], counts=kept["counts"])
+        kept = self._private.read_columns(Shelf.MEASUREMENTS, measurement_key)
+        measured = kept or self.measurements(target)
+        split, protocol = target.split.arrays, target.protocol
+        scores = self._scoring_of(target).grade(measured, split, protocol)
+        sums = scene_sums(scores, split, protocol.taxonomy)
+        self._private.write_columns(Shelf.SUMS, key, {"sums": sums.sums, "counts": sums.counts})
+        return sums
+
+    def _scoring_of(self, target: Target) -> ChallengeScoring:
+        return self._scoring[target.challenge.id]
+
+    def _answers_digest(self, target: Target) -> str:
+        kept = self._private.read(Shelf.READS, _read_key(target))
+        return self._read(target)[0] if kept is None else kept.decode("ascii")
+
+    def _read(self, target: Target) -> tuple[str, Columns]:
+        """Read the upload, keep its answers, and note which upload holds them."""
+        data = self._load_upload(target.file_digest)
+        answers = self._read_answers(data, target.challenge, target.split.manifest, target.protocol)
+        if isinstance(answers, CheckReport):
+            raise RejectedUpload(answers)
+        packed = pack_columns(answers)
+        digest = hashlib.sha256(packed).hexdigest()
+        self._private.write(Shelf.ANSWERS, digest, packed)
+        self._private.write(Shelf.READS, _read_key(target), digest.encode("ascii"))
+        return digest, answers
+
+    def _measurement_key(self, target: Target, answers_digest: str) -> str:
+        return content_key(
+            "measurement",
+            SCORER_VERSION,
+            answers_digest,
+            target.split.regions_digest,
+            target.protocol.geometry_digest,
+        )
+
+    def _kept_sheet(self, key: str) -> ScoreSheet | None:
+        data = self._private.read(Shelf.SHEETS, key)
+        if data is None:
+            return None
+        try:
+            return ScoreSheet.model_validate_json(data)
+        except ValidationError:
+            return None  # written by another version
+
+    def _grade(self, target: Target, measured: Columns) -> ScoreSheet:
+        return exact_sheet(self._scoring_of(target), measured, target.split, target.protocol)
+
+
+def _read_key(target: Target) -> str:
+    """Reading depends on the ids and their order, and on how many waypoints there must be.
+
+    The bounds that an upload is checked against are not part of it: what was accepted once stays
+    accepted.
+    """
+    manifest = target.split.manifest
+    return content_key(
+        "read",
+        SCORER_VERSION,
+        target.file_digest,
+        target.challenge.file_schema,
+        manifest.name,
+        str(target.protocol.geometry.waypoints),
+        target.split.samples_digest,
+    )
+
+
+def _graded_key(what: str, measurement_key: str, target: Target) -> str:
+    return content_key(
+        what,
+        SCORER_VERSION,
+        target.challenge.id.value,
+        measurement_key,
+        target.protocol.grading_digest,
+        target.split.grading_digest,
+    )
