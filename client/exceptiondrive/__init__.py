@@ -1,1 +1,71 @@
-"""Package."""
+"""Client of the ExceptionDrive leaderboard: check, evaluate, submit, follow.
+
+>>> from exceptiondrive import Client, check_file
+>>> report = check_file("planner.json")
+>>> view = Client().submit("planner.json", phase="dev", method="Planner").wait()
+
+The public names are loaded when first used, so that `exceptiondrive --help` and `recorder` stay
+light.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from exceptiondrive.checking import check_file
+    from exceptiondrive.client import Client
+    from exceptiondrive.errors import (
+        ExceptionDriveError,
+        InvalidArgumentError,
+        InvalidFileError,
+        NetworkError,
+        NotAllowedError,
+        NotFoundError,
+        NotSignedInError,
+        QuotaError,
+        ScoringFailedError,
+        ServerError,
+        WaitTimeoutError,
+    )
+    from exceptiondrive.evaluation import evaluate_file
+    from exceptiondrive.recorder import Recorder, StrategyRecorder
+    from exceptiondrive.submission import Submission
+
+__all__ = [
+    "Client",
+    "ExceptionDriveError",
+    "InvalidArgumentError",
+    "InvalidFileError",
+    "NetworkError",
+    "NotAllowedError",
+    "NotFoundError",
+    "NotSignedInError",
+    "QuotaError",
+    "Recorder",
+    "ScoringFailedError",
+    "ServerError",
+    "StrategyRecorder",
+    "Submission",
+    "WaitTimeoutError",
+    "check_file",
+    "evaluate_file",
+]
+
+_HOMES = {
+    "Client": "client",
+    "Recorder": "recorder",
+    "StrategyRecorder": "recorder",
+    "Submission": "submission",
+    "check_file": "checking",
+    "evaluate_file": "evaluation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES.get(name, 'errors')}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

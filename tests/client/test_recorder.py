@@ -1,3 +1,4 @@
+import ast
 import gzip
 import json
 import math
@@ -214,8 +215,11 @@ def old_pythons() -> list[Path]:
     return [path for version, path in sorted(dated) if version < (3, 11)]
 
 
+OLD_PYTHONS = old_pythons()  # before a test moves HOME
+
+
 @pytest.mark.parametrize(
-    "python", [*old_pythons(), Path(sys.executable)], ids=lambda path: path.parts[-3]
+    "python", [*OLD_PYTHONS, Path(sys.executable)], ids=lambda path: path.parts[-3]
 )
 def test_a_copied_recorder_survives_sigkill_on_every_python_found(
     tmp_path: Path, python: Path
@@ -240,9 +244,16 @@ def test_a_copied_recorder_survives_sigkill_on_every_python_found(
 
 
 def test_an_older_python_was_found() -> None:
-    if not old_pythons():
+    if not OLD_PYTHONS:
         pytest.skip("no Python older than 3.11 under ~/.pyenv/versions: recorder ran on this one")
-    assert old_pythons()[0].exists()
+    assert OLD_PYTHONS[0].exists()
+
+
+def test_the_recorder_keeps_to_the_syntax_of_python_3_7() -> None:
+    import exceptiondrive.recorder
+
+    source = Path(exceptiondrive.recorder.__file__).read_text(encoding="utf-8")
+    assert ast.parse(source, feature_version=(3, 7)).body
 
 
 def test_the_recorder_needs_nothing_but_the_standard_library() -> None:

@@ -1,0 +1,70 @@
+"""Check a file on this machine, with the checker that the server uses."""
+
+import os
+from pathlib import Path
+
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check_bytes
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.split import Manifest, Split
+
+
+def check_file(
+    file: str | os.PathLike[str],
+    *,
+    manifest: Manifest | None = None,
+    protocol: Protocol | None = None,
+    challenge: ChallengeId | None = None,
+    max_upload_bytes: int = MAX_UPLOAD_BYTES,
+) -> CheckReport:
+    """Check a submission file and list every fault in it.
+
+    Args:
+        file: Path of the file, JSON or gzip of JSON.
+        manifest: Samples of the split; without it only the form of the file is checked.
+        protocol: Waypoints and bounds; without it the one that ships with the client.
+        challenge: The challenge that the file must be for; any, if None.
+        max_upload_bytes: Most bytes of the file itself.
+
+    Returns:
+        The report; `report.is_valid` says whether the file can be scored.
+
+    Raises:
+        InvalidArgumentError: The file cannot be read.
+    """
+    return check_bytes(
+        read_file(file),
+        manifest=manifest,
+        protocol=protocol or packaged_protocol(),
+        challenge=challenge,
+        max_upload_bytes=max_upload_bytes,
+    )
+
+
+def manifest_of(split: Split, protocol: Protocol) -> Manifest:
+    """Return what a participant may know of a split, for a split that is at hand."""
+    return Manifest(
+        schema_="exceptiondrive.manifest/1",
+        name=split.name,
+        title=split.title,
+        revision=split.revision,
+        waypoints=protocol.geometry.waypoints,
+        time_step_s=protocol.geometry.time_step_s,
+        sample_ids=tuple(sorted(sample.sample_id for sample in split.samples)),
+    )
+
+
+def read_file(file: str | os.PathLike[str]) -> bytes:
+    """Return the bytes of a file, or say why not.
+
+    Raises:
+        InvalidArgumentError: No such file, or it cannot be read.
+    """
+    try:
+        return Path(file).read_bytes()
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unreadable_file", f"{os.fspath(file)} cannot be read: {error.strerror}."
+        ) from None

@@ -1,0 +1,110 @@
+"""Commands about what everyone may see: leaderboard, phases."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import show, show_document, show_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from exceptiondrive_schemas.submission import PhaseView
+
+
+def leaderboard(
+    phase: options.Phase = None,
+    challenge: Annotated[
+        str | None, typer.Option("--challenge", metavar="C", help="planning or strategy.")
+    ] = None,
+    protocol: Annotated[
+        str | None, typer.Option("--protocol", metavar="V", help="Version; else the one in force.")
+    ] = None,
+    as_of: Annotated[
+        str | None,
+        typer.Option("--as-of", metavar="TIME", help="As it stood then: 2026-11-21[T18:00:00Z]."),
+    ] = None,
+    sort: Annotated[
+        str | None, typer.Option("--sort", metavar="METRIC", help="Order of rows; ranks stay.")
+    ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="The server's CSV on stdout.")] = False,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show a ranked board."""
+    from exceptiondrive.cli.board_table import board_view
+    from exceptiondrive.cli.session import open_client
+    from exceptiondrive.errors import InvalidArgumentError
+
+    if csv and json:
+        raise InvalidArgumentError("too_many_choices", "Give only one of --csv and --json.")
+    with open_client(server) as client:
+        if csv:
+            text = client.leaderboard_csv(
+                phase=phase, challenge=challenge, protocol=protocol, as_of=as_of, sort=sort
+            )
+            typer.echo(text, nl=False)
+            return
+        board = client.leaderboard(
+            phase=phase, challenge=challenge, protocol=protocol, as_of=as_of, sort=sort
+        )
+    if json:
+        show_document(board)
+    else:
+        show(*board_view(board))
+
+
+def phases(server: options.Server = None, json: options.Json = False) -> None:
+    """List the phases.
+
+    With their dates, split and protocol, and what your team may still submit.
+    """
+    from exceptiondrive.cli.session import open_client
+
+    with open_client(server) as client:
+        views = client.phases()
+    if json:
+        show_json([view.model_dump(mode="json", by_alias=True) for view in views])
+    else:
+        show(_phases_table(views))
+
+
+def _phases_table(views: "tuple[PhaseView, ...]") -> "Table":
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, padding=(0, 1), header_style="bold")
+    for title in ("phase", "challenge", "title", "split", "samples", "protocol", "open", "left"):
+        table.add_column(title, overflow="fold")
+    for view in views:
+        quota = view.quota
+        table.add_row(
+            view.id,
+            view.challenge,
+            Text(view.title),
+            view.split + (" (public)" if view.split_is_public else ""),
+            str(view.n_samples),
+            view.protocol,
+            _window(view),
+            f"{view.quota_per_day} a day"
+            if quota is None
+            else f"{quota.remaining_today} of {quota.per_day} today",
+        )
+    return table
+
+
+def _window(view: "PhaseView") -> str:
+    from exceptiondrive.errors import utc_text
+
+    if not view.is_open and view.opens_at is not None and view.closes_at is None:
+        return f"opens {utc_text(view.opens_at)}"
+    if view.closes_at is None:
+        return "open" if view.is_open else "closed"
+    return f"{'until' if view.is_open else 'closed'} {utc_text(view.closes_at)}"
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(leaderboard)
+    app.command()(phases)

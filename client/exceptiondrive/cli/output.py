@@ -1,0 +1,80 @@
+"""Where words go: results on stdout, everything else on stderr, colour and motion on terminals."""
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+    from exceptiondrive.errors import ExceptionDriveError
+    from exceptiondrive_schemas.base import Document
+
+PIPED_WIDTH = 200
+"""Columns where no terminal says how many: tables are not cut for `grep`."""
+_JSON = "exceptiondrive.json"
+
+
+def remember_json(context: typer.Context, value: bool) -> bool:
+    """Note that `--json` was given, so that errors are JSON too."""
+    context.meta[_JSON] = value
+    return value
+
+
+def console(stderr: bool = False) -> "Console":
+    """Return a console for stdout or stderr. It shows no colour when piped, nor with NO_COLOR."""
+    from rich.console import Console
+
+    found = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    if not found.is_terminal:
+        found.width = max(found.width, PIPED_WIDTH)
+    return found
+
+
+def show(*parts: "RenderableType") -> None:
+    """Write a result for people on stdout."""
+    out = console()
+    for part in parts:
+        out.print(part)
+
+
+def show_json(value: Any) -> None:
+    """Write a result for programs on stdout: one JSON document."""
+    typer.echo(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def show_document(document: "Document") -> None:
+    """Write a document as JSON on stdout."""
+    show_json(document.model_dump(mode="json", by_alias=True))
+
+
+def say(text: str) -> None:
+    """Write a remark on stderr."""
+    typer.echo(text, err=True)
+
+
+def has_terminal() -> bool:
+    """Whether a person sees stderr: only then is progress shown."""
+    return sys.stderr.isatty()
+
+
+def can_ask() -> bool:
+    """Whether a person can answer a question."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def report_error(error: "ExceptionDriveError", context: typer.Context) -> None:
+    """Say what is wrong and what to do: words on stderr, and with `--json` a document on stdout."""
+    from exceptiondrive.errors import InvalidFileError
+
+    if context.meta.get(_JSON):
+        show_json({"error": error.document()})
+    elif isinstance(error, InvalidFileError):
+        from exceptiondrive.cli.report_table import report_view
+
+        show(*report_view(error.report))
+    typer.echo(f"error: {error.sentence}", err=True)
+    if error.advice:
+        typer.echo(error.advice, err=True)

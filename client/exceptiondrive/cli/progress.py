@@ -1,0 +1,71 @@
+"""Progress on stderr, and only where a person sees it."""
+
+from types import TracebackType
+from typing import Self
+
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.status import Status
+
+from exceptiondrive.cli.output import console, has_terminal
+from exceptiondrive.cli.submission_table import status_line
+from exceptiondrive_schemas.submission import SubmissionView
+
+
+class UploadBar:
+    """A bar that is called with bytes sent and bytes in all."""
+
+    def __init__(self, name: str) -> None:
+        self._bar = Progress(
+            TextColumn("uploading {task.description}"),
+            BarColumn(),
+            DownloadColumn(),
+            TimeRemainingColumn(),
+            console=console(stderr=True),
+            transient=True,
+            disable=not has_terminal(),
+        )
+        self._task = self._bar.add_task(name, total=None)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def __call__(self, sent: int, total: int) -> None:
+        """Move the bar."""
+        self._bar.update(self._task, completed=sent, total=total)
+
+
+class WaitLine:
+    """A line that says where a submission stands."""
+
+    def __init__(self, view: SubmissionView) -> None:
+        self._status = Status(self._text(view), console=console(stderr=True))
+
+    def __enter__(self) -> Self:
+        if has_terminal():
+            self._status.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._status.stop()
+
+    def __call__(self, view: SubmissionView) -> None:
+        """Say the new state."""
+        if has_terminal():
+            self._status.update(self._text(view))
+
+    def _text(self, view: SubmissionView) -> str:
+        return f"{view.id}  {status_line(view)}"

@@ -1,0 +1,26 @@
+"""Open a client for a command: token sent safely, retries said on stderr."""
+
+from typing import TYPE_CHECKING, Any
+
+from exceptiondrive.cli.output import has_terminal, say
+
+if TYPE_CHECKING:
+    from exceptiondrive.client import Client
+
+
+def open_client(server: str | None) -> "Client":
+    """Return a client for the chosen server."""
+    import stamina.instrumentation
+
+    from exceptiondrive.client import Client
+    from exceptiondrive.credentials import find_server, find_token, is_sent_in_clear
+
+    stamina.instrumentation.set_on_retry_hooks([_say_retry] if has_terminal() else [])
+    address = find_server(server)
+    if is_sent_in_clear(address) and find_token(address):
+        say(f"warning: {address} is not https: your token can be read on the way")
+    return Client(address)
+
+
+def _say_retry(details: Any) -> None:
+    say(f"no answer; trying again in {details.wait_for:.0f} s ...")

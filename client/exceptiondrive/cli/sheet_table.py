@@ -1,0 +1,98 @@
+"""A score sheet for people: both aggregates, families, tasks, plausibility."""
+
+from collections.abc import Iterator, Mapping
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from exceptiondrive.cli.numbers import challenge_of, metric_head, metric_text
+from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ScoreSheet
+
+AGGREGATES = {
+    "macro_family": "macro_family (mean of the family means)",
+    "micro": "micro (mean over all samples)",
+}
+
+
+def sheet_view(
+    sheet: ScoreSheet, protocol: Protocol | None = None, with_tasks: bool = True
+) -> Iterator[RenderableType]:
+    """Yield what to print for a score sheet.
+
+    Args:
+        sheet: Scores, exact or as published.
+        protocol: Gives titles, digits and the headline; ids and two digits without it.
+        with_tasks: Whether to show the rows of the tasks.
+    """
+    yield Text(
+        f"{challenge_of(sheet.challenge).title} · split {sheet.split.name} · "
+        f"protocol {sheet.protocol.version} · {sheet.n} samples",
+        style="bold",
+    )
+    yield _coverage(sheet)
+    yield _table(sheet, protocol, with_tasks)
+    yield from _plausibility(sheet)
+
+
+def _coverage(sheet: ScoreSheet) -> Text:
+    parts = [f"{sheet.coverage.edited:.2%} edited"]
+    if sheet.coverage.source is not None:
+        parts.append(f"{sheet.coverage.source:.2%} source")
+    return Text(f"answers given: {', '.join(parts)}", style="dim")
+
+
+def _table(sheet: ScoreSheet, protocol: Protocol | None, with_tasks: bool) -> Table:
+    challenge = challenge_of(sheet.challenge)
+    table = Table(box=None, padding=(0, 1), header_style="bold")
+    table.add_column("")
+    table.add_column("n", justify="right")
+    for metric in challenge.metrics:
+        table.add_column(metric_head(metric), justify="right", no_wrap=True)
+    headline = protocol.grading.headline if protocol else "macro_family"
+    for key in sorted(AGGREGATES, key=lambda key: key != headline):
+        row: MetricRow = getattr(sheet, key)
+        style = "bold" if key == headline else ""
+        table.add_row(AGGREGATES[key], str(sheet.n), *_cells(challenge, row, protocol), style=style)
+    table.add_section()
+    _add_rows(table, challenge, sheet.families, _family_titles(protocol), protocol)
+    if with_tasks:
+        table.add_row()
+        _add_rows(table, challenge, sheet.tasks, _task_titles(protocol), protocol)
+    return table
+
+
+def _add_rows(
+    table: Table,
+    challenge: Challenge,
+    rows: Mapping[str, BreakdownRow],
+    titles: Mapping[str, str],
+    protocol: Protocol | None,
+) -> None:
+    for key, row in rows.items():
+        n = "" if row.n is None else str(row.n)
+        table.add_row(titles.get(key, key), n, *_cells(challenge, row.metrics, protocol))
+
+
+def _cells(challenge: Challenge, row: MetricRow, protocol: Protocol | None) -> list[str]:
+    digits = protocol.publication if protocol else None
+    return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.metrics]
+
+
+def _family_titles(protocol: Protocol | None) -> dict[str, str]:
+    return {family.id: family.title for family in protocol.families} if protocol else {}
+
+
+def _task_titles(protocol: Protocol | None) -> dict[str, str]:
+    return {task.id: f"{task.id} {task.name}" for task in protocol.tasks} if protocol else {}
+
+
+def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
+    shares = {key: share for key, share in sheet.plausibility.shares.items() if share is not None}
+    if shares:
+        listed = ", ".join(f"{key.replace('_', ' ')} {share:.1%}" for key, share in shares.items())
+        yield Text(f"plausibility: {listed}", style="dim")
+    for flag in sheet.plausibility.flags:
+        yield Text.assemble(("flag ", "yellow"), (flag.label, "bold yellow"), f": {flag.detail}")

@@ -1,0 +1,100 @@
+"""Commands that fetch what a planner needs: manifest, split download."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import show, show_json
+
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where to write it.")
+]
+
+
+def manifest(
+    phase: Annotated[str, typer.Argument(metavar="PHASE", help="Id of the phase.")],
+    output: Output = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Fetch the sample ids of a phase.
+
+    The recorder and `check --manifest` read the file.
+    """
+    from exceptiondrive.cli.session import open_client
+
+    with open_client(server) as client:
+        found = client.manifest(phase)
+    path = output or Path(f"{found.name}.manifest.json")
+    _write(path, found.model_dump_json(by_alias=True, indent=1))
+    facts: dict[str, str | int] = {
+        "output": str(path),
+        "split": found.name,
+        "revision": found.revision,
+        "n_samples": len(found.sample_ids),
+    }
+    _say_written(facts, json)
+
+
+def download(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a development split.")],
+    output: Output = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Fetch a development split for `evaluate`.
+
+    With its hazard regions, which only a development split gives away.
+    """
+    from exceptiondrive.cli.session import open_client
+
+    with open_client(server) as client:
+        found = client.split(name)
+    path = output or Path(f"{found.name}.split.json")
+    _write(path, found.model_dump_json(by_alias=True, exclude_none=True))
+    facts: dict[str, str | int] = {
+        "output": str(path),
+        "split": found.name,
+        "revision": found.revision,
+        "n_samples": len(found.samples),
+    }
+    _say_written(facts, json)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write in one step, compressed if the name ends in `.gz`."""
+    import gzip
+
+    from exceptiondrive.errors import InvalidArgumentError
+
+    data = text.encode()
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
+        os.replace(part, path)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unwritable_file", f"{path} cannot be written: {error.strerror}."
+        ) from None
+
+
+def _say_written(facts: dict[str, str | int], json: bool) -> None:
+    if json:
+        show_json(facts)
+    else:
+        show(f"{facts['n_samples']} samples of split {facts['split']} in {facts['output']}")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(manifest)
+    split = typer.Typer(
+        help="Development splits, whose regions are public.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+    )
+    split.command()(download)
+    app.add_typer(split, name="split")

@@ -1,0 +1,163 @@
+"""Commands about the team's submissions: submit, status, submissions, withdraw."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import show, show_document, show_json
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.submission import Quota, SubmissionStatus
+
+
+def submit(
+    file: options.File,
+    phase: Annotated[str, typer.Option("--phase", metavar="P", help="Id of the phase.")],
+    method: Annotated[
+        str,
+        typer.Option("--method", metavar="NAME", help="Name of the method, as the board has it."),
+    ],
+    description: Annotated[
+        str, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
+    ] = "",
+    paper: Annotated[
+        str | None, typer.Option("--paper", metavar="URL", help="https link to the paper.")
+    ] = None,
+    code: Annotated[
+        str | None, typer.Option("--code", metavar="URL", help="https link to the code.")
+    ] = None,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Wait for score and rank, and show them.")
+    ] = False,
+    timeout: Annotated[
+        float | None,
+        typer.Option("--timeout", metavar="S", min=0, help="With --wait: give up after S seconds."),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Check a file, then upload it.
+
+    With --wait it is followed until it is ranked.
+    The same bytes again give the first submission back and cost no quota.
+    """
+    from exceptiondrive.cli.progress import UploadBar, WaitLine
+    from exceptiondrive.cli.session import open_client
+    from exceptiondrive.cli.submission_table import submission_view
+
+    with open_client(server) as client:
+        with UploadBar(file.name) as bar:
+            submission = client.submit(
+                file,
+                phase=phase,
+                method=method,
+                description=description,
+                paper=paper,
+                code=code,
+                on_progress=bar,
+            )
+        if wait:
+            with WaitLine(submission.view) as line:
+                submission.wait(timeout, on_change=line)
+        if json:
+            show_document(submission.view)
+            return
+        show(*submission_view(submission.view, submission.page_url))
+        show(*_quota_left(client.phase(phase).quota))
+
+
+def status(
+    submission_id: options.SubmissionId,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show one submission.
+
+    Where it stands, and then its score or its faults.
+    Exit code 0 whenever it could be shown, whatever its status.
+    """
+    from exceptiondrive.cli.session import open_client
+    from exceptiondrive.cli.submission_table import submission_view
+
+    with open_client(server) as client:
+        view = client.status(submission_id)
+        if json:
+            show_document(view)
+        else:
+            show(*submission_view(view, client.page_url(view.id)))
+
+
+def submissions(
+    phase: options.Phase = None,
+    only: Annotated[
+        str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
+    ] = None,
+    limit: Annotated[
+        int, typer.Option("--limit", metavar="N", min=1, help="At most so many.")
+    ] = 100,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """List the team's submissions, newest first."""
+    from exceptiondrive.cli.session import open_client
+    from exceptiondrive.cli.submission_table import submissions_table
+
+    with open_client(server) as client:
+        views = client.submissions(phase=phase, status=_status(only), limit=limit)
+    if json:
+        show_json([view.model_dump(mode="json", by_alias=True) for view in views])
+    elif views:
+        show(submissions_table(views))
+    else:
+        show("no submissions")
+
+
+def withdraw(
+    submission_id: options.SubmissionId,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Take a submission off the board.
+
+    It stays in the team's own list.
+    """
+    from exceptiondrive.cli.session import open_client
+
+    with open_client(server) as client:
+        view = client.withdraw(submission_id)
+    if json:
+        show_document(view)
+    else:
+        show(f"{view.id} {view.status}")
+
+
+def _status(name: str | None) -> "SubmissionStatus | None":
+    from exceptiondrive.errors import InvalidArgumentError
+    from exceptiondrive_schemas.submission import SubmissionStatus
+
+    if name is None:
+        return None
+    try:
+        return SubmissionStatus(name)
+    except ValueError:
+        raise InvalidArgumentError(
+            "wrong_option", f"--status must be one of {', '.join(SubmissionStatus)}."
+        ) from None
+
+
+def _quota_left(quota: "Quota | None") -> tuple[str, ...]:
+    from exceptiondrive.errors import utc_text
+
+    if quota is None:
+        return ()
+    text = f"{quota.remaining_today} of {quota.per_day} submissions left today"
+    return (f"{text}; the count resets at {utc_text(quota.resets_at)}",)
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(submit)
+    app.command()(status)
+    app.command()(submissions)
+    app.command()(withdraw)

@@ -1,0 +1,278 @@
+"""The SDK: one object that speaks for a team to one server."""
+
+import os
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any, Self, TypeVar
+from urllib.parse import quote
+
+from pydantic import TypeAdapter, ValidationError
+
+from exceptiondrive.checking import check_file, read_file
+from exceptiondrive.credentials import find_server, find_token, normal_server
+from exceptiondrive.errors import InvalidFileError, ServerError
+from exceptiondrive.submission import Submission
+from exceptiondrive.transport import Transport
+from exceptiondrive.upload import Progress, UploadBody
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.split import Manifest, Split
+from exceptiondrive_schemas.submission import (
+    Me,
+    PhaseView,
+    SubmissionPage,
+    SubmissionStatus,
+    SubmissionView,
+)
+
+AnyDocument = TypeVar("AnyDocument", bound=Document)
+PHASES = TypeAdapter(tuple[PhaseView, ...])
+PAGE_SIZE = 100
+
+
+class Client:
+    """Submits files of one team and reads boards.
+
+    >>> with Client() as client:
+    ...     submission = client.submit("planner.json", phase="dev", method="Planner")
+    ...     print(submission.wait().rank)
+
+    Args:
+        server: Address; else EXCEPTIONDRIVE_SERVER, else what `login` kept, else this machine.
+        token: Team token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
+    """
+
+    def __init__(self, server: str | None = None, token: str | None = None) -> None:
+        self.server = normal_server(server) if server else find_server()
+        self._transport = Transport(self.server, token or find_token(self.server))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._transport.close()
+
+    def me(self) -> Me:
+        """Return who the token speaks for."""
+        return self._get(Me, "/me")
+
+    def phases(self) -> tuple[PhaseView, ...]:
+        """Return all phases, with the team's own quota when a token was given."""
+        content = self._transport.get("/phases").content
+        try:
+            return PHASES.validate_json(content)
+        except ValidationError as error:
+            raise _unknown_form("/phases", error) from None
+
+    def phase(self, phase: str) -> PhaseView:
+        """Return one phase.
+
+        Raises:
+            NotFoundError: There is no such phase.
+        """
+        return self._get(PhaseView, f"/phases/{_quoted(phase)}")
+
+    def manifest(self, phase: str) -> Manifest:
+        """Return the sample ids of a phase's split."""
+        return self._get(Manifest, f"/phases/{_quoted(phase)}/manifest")
+
+    def protocol(self, version: str) -> Protocol:
+        """Return a protocol by its version."""
+        return self._get(Protocol, f"/protocols/{_quoted(version)}")
+
+    def split(self, name: str) -> Split:
+        """Return a development split with its hazard regions; hidden splits are not found."""
+        return self._get(Split, f"/splits/{_quoted(name)}")
+
+    def check(self, file: str | os.PathLike[str], *, phase: str) -> CheckReport:
+        """Check a file on this machine against the samples and the protocol of a phase."""
+        view = self.phase(phase)
+        return check_file(
+            file,
+            manifest=self.manifest(phase),
+            protocol=self.protocol_of(view),
+            challenge=ChallengeId(view.challenge),
+            max_upload_bytes=view.max_upload_bytes,
+        )
+
+    def submit(
+        self,
+        file: str | os.PathLike[str],
+        *,
+        phase: str,
+        method: str,
+        description: str = "",
+        paper: str | None = None,
+        code: str | None = None,
+        on_progress: Progress | None = None,
+    ) -> Submission:
+        """Check a file on this machine, then upload it.
+
+        Args:
+            file: Path of the submission file.
+            phase: Id of the phase.
+            method: Name of the method, as the board shows it.
+            description: One or two sentences about it.
+            paper: https link.
+            code: https link.
+            on_progress: Called with bytes sent and bytes in all.
+
+        Returns:
+            The submission; `is_duplicate` in its view says that the same bytes were there before.
+
+        Raises:
+            InvalidFileError: The file cannot be scored; nothing was sent.
+            QuotaError: Enough submitted for now.
+            NotAllowedError: The phase is closed, or the token may not submit.
+            NetworkError: The server cannot be reached.
+        """
+        report = self.check(file, phase=phase)
+        if not report.is_valid:
+            raise InvalidFileError(report)
+        fields = {
+            "phase": phase,
+            "method": method,
+            "description": description,
+            "paper_url": paper,
+            "code_url": code,
+        }
+        body = UploadBody(Path(file).name, read_file(file), fields, on_progress)
+        content = self._transport.post("/submissions", body).content
+        return Submission(self, _parsed(SubmissionView, content, "/submissions"))
+
+    def submission(self, submission_id: str) -> Submission:
+        """Return a submission to follow."""
+        return Submission(self, self.status(submission_id))
+
+    def status(self, submission_id: str) -> SubmissionView:
+        """Return where a submission stands."""
+        return self._get(SubmissionView, f"/submissions/{_quoted(submission_id)}")
+
+    def submissions(
+        self, *, phase: str | None = None, status: SubmissionStatus | None = None, limit: int = 100
+    ) -> tuple[SubmissionView, ...]:
+        """Return the team's submissions, newest first.
+
+        Args:
+            phase: Only of this phase.
+            status: Only in this status.
+            limit: At most so many.
+        """
+        found: list[SubmissionView] = []
+        after: str | None = None
+        while len(found) < limit:
+            query = {"phase": phase, "status": status and status.value, "after": after}
+            page = self._get(
+                SubmissionPage,
+                "/submissions",
+                {**query, "limit": min(limit - len(found), PAGE_SIZE)},
+            )
+            found.extend(page.submissions)
+            after = page.next
+            if after is None:
+                break
+        return tuple(found)
+
+    def withdraw(self, submission_id: str) -> SubmissionView:
+        """Take a submission off the board; it keeps its place in the team's own list."""
+        path = f"/submissions/{_quoted(submission_id)}/withdraw"
+        return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
+
+    def leaderboard(
+        self,
+        *,
+        phase: str | None = None,
+        challenge: str | None = None,
+        protocol: str | None = None,
+        as_of: datetime | date | str | None = None,
+        sort: str | None = None,
+    ) -> Board:
+        """Return a board.
+
+        Args:
+            phase: Id of the phase.
+            challenge: `planning` or `strategy`.
+            protocol: Version; else the one in force.
+            as_of: The board as it stood then.
+            sort: Key of a metric; ranks stay what they are.
+        """
+        query = _board_query(phase, challenge, protocol, as_of, sort)
+        return self._get(Board, "/leaderboard", query)
+
+    def leaderboard_csv(
+        self,
+        *,
+        phase: str | None = None,
+        challenge: str | None = None,
+        protocol: str | None = None,
+        as_of: datetime | date | str | None = None,
+        sort: str | None = None,
+    ) -> str:
+        """Return a board as CSV, as the server writes it."""
+        query = _board_query(phase, challenge, protocol, as_of, sort)
+        return self._transport.get("/leaderboard.csv", query).text
+
+    def page_url(self, submission_id: str) -> str:
+        """Address of the page that shows a submission."""
+        return f"{self.server}/submissions/{submission_id}"
+
+    def protocol_of(self, phase: PhaseView) -> Protocol:
+        """Return the phase's protocol, from this package where it is the same."""
+        try:
+            shipped = packaged_protocol(phase.protocol)
+        except FileNotFoundError:
+            return self.protocol(phase.protocol)
+        is_same = shipped.digest == phase.protocol_digest
+        return shipped if is_same else self.protocol(phase.protocol)
+
+    def _get(
+        self, kind: type[AnyDocument], path: str, query: dict[str, Any] | None = None
+    ) -> AnyDocument:
+        return _parsed(kind, self._transport.get(path, query).content, path)
+
+
+def _quoted(name: str) -> str:
+    """Return a name as one part of a path, whatever it holds."""
+    return quote(name, safe="") or "-"
+
+
+def _board_query(
+    phase: str | None,
+    challenge: str | None,
+    protocol: str | None,
+    as_of: datetime | date | str | None,
+    sort: str | None,
+) -> dict[str, str | None]:
+    moment = as_of.isoformat() if isinstance(as_of, date) else as_of
+    return {
+        "phase": phase,
+        "challenge": challenge,
+        "protocol": protocol,
+        "as_of": moment,
+        "sort": sort,
+    }
+
+
+def _parsed(kind: type[AnyDocument], content: bytes, path: str) -> AnyDocument:
+    try:
+        return kind.model_validate_json(content)
+    except ValidationError as error:
+        raise _unknown_form(path, error) from None
+
+
+def _unknown_form(path: str, error: ValidationError) -> ServerError:
+    first = error.errors(include_url=False, include_input=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return ServerError(
+        "unexpected_answer",
+        f"The server answered {path} in a form that this client does not know "
+        f"({where}: {first['msg']}).",
+        "Install the newest client: pip install --upgrade exceptiondrive",
+    )

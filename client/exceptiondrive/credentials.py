@@ -1,0 +1,123 @@
+"""Which server, and which token for it.
+
+Server: argument, then EXCEPTIONDRIVE_SERVER, then what `login` kept, then this machine.
+Token: argument of the SDK, then EXCEPTIONDRIVE_TOKEN, then what `login` kept for that server.
+Tokens lie in one file that only its owner can read; they are never a command-line flag.
+"""
+
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from exceptiondrive.errors import InvalidArgumentError, NotAllowedError
+
+DEFAULT_SERVER = "http://127.0.0.1:8000"
+SERVER_VARIABLE = "EXCEPTIONDRIVE_SERVER"
+TOKEN_VARIABLE = "EXCEPTIONDRIVE_TOKEN"
+
+
+def credentials_path() -> Path:
+    """Where `login` keeps tokens."""
+    import platformdirs
+
+    return Path(platformdirs.user_config_dir("exceptiondrive")) / "credentials.json"
+
+
+def find_server(server: str | None = None) -> str:
+    """Return the address of the server, without a slash at the end.
+
+    Raises:
+        InvalidArgumentError: Not an http or https address.
+    """
+    chosen = server or os.environ.get(SERVER_VARIABLE) or _read().get("server") or DEFAULT_SERVER
+    return normal_server(chosen)
+
+
+def normal_server(server: str) -> str:
+    """Return an address in its one form: scheme and host in small letters, no slash at the end."""
+    parts = urlsplit(server.strip())
+    if parts.scheme.lower() not in ("http", "https") or not parts.hostname or parts.username:
+        raise InvalidArgumentError(
+            "wrong_server",
+            f"{server!r} is not the address of a server.",
+            f"Write it like {DEFAULT_SERVER}.",
+        )
+    return f"{parts.scheme.lower()}://{parts.netloc.lower()}{parts.path.rstrip('/')}"
+
+
+def find_token(server: str) -> str | None:
+    """Return the token for this server, or None.
+
+    Raises:
+        NotAllowedError: Others can read the file of tokens.
+    """
+    token = os.environ.get(TOKEN_VARIABLE, "").strip()
+    return token or _read().get("tokens", {}).get(server)
+
+
+def keep_token(server: str, token: str) -> Path:
+    """Keep a token for this server, and make the server the usual one; return the file.
+
+    Raises:
+        NotAllowedError: Others can read the file of tokens.
+    """
+    content = _read()
+    tokens = {**content.get("tokens", {}), server: token}
+    return _write({"server": server, "tokens": tokens})
+
+
+def forget_token(server: str) -> bool:
+    """Forget the token of this server; return whether there was one."""
+    content = _read()
+    tokens = dict(content.get("tokens", {}))
+    was_there = tokens.pop(server, None) is not None
+    if was_there:
+        _write({**content, "tokens": tokens})
+    return was_there
+
+
+def is_sent_in_clear(server: str) -> bool:
+    """Whether a token would cross a network unencrypted."""
+    parts = urlsplit(server)
+    host = parts.hostname or ""
+    is_here = host in ("localhost", "::1") or host.startswith("127.")
+    return parts.scheme == "http" and not is_here
+
+
+def _read() -> dict[str, Any]:
+    path = credentials_path()
+    try:
+        with path.open(encoding="utf-8") as stream:
+            mode = os.fstat(stream.fileno()).st_mode
+            if os.name == "posix" and stat.S_IMODE(mode) & 0o077:
+                raise NotAllowedError(
+                    "token_file_open",
+                    f"Others can read the tokens in {path}.",
+                    f"Run: chmod 600 '{path}' (and have a new token made if it was read).",
+                )
+            content = json.load(stream)
+    except FileNotFoundError:
+        return {}
+    except ValueError:
+        content = None
+    if not isinstance(content, dict) or not isinstance(content.get("tokens", {}), dict):
+        raise InvalidArgumentError(
+            "token_file_damaged", f"{path} is damaged.", "Remove it and run: exceptiondrive login"
+        )
+    return content
+
+
+def _write(content: dict[str, Any]) -> Path:
+    """Write beside the file and rename; never readable by others, not even for a moment."""
+    path = credentials_path()
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    part.unlink(missing_ok=True)
+    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+        json.dump(content, stream, indent=1)
+    os.replace(part, path)
+    return path

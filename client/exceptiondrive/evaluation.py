@@ -1,0 +1,179 @@
+"""Score a file on this machine, exactly as the worker does and unrounded.
+
+Needs a split with its hazard regions, such as the development split, and numpy (the extra
+`evaluate`). Nothing else in the client touches numpy or the scoring package.
+"""
+
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from exceptiondrive.checking import manifest_of, read_file
+from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive_schemas.check import (
+    CheckedDocument,
+    PlanningDocument,
+    StrategyAnswer,
+    check,
+    inflate,
+)
+from exceptiondrive_schemas.check.inflate import UnreadableFileError
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Coverage,
+    Flag,
+    Plausibility,
+    ProtocolRef,
+    ScoreSheet,
+)
+from exceptiondrive_schemas.split import Split, SplitRef
+from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.taxonomy import Strategy
+
+if TYPE_CHECKING:
+    from exceptiondrive_scoring.sheet import Row
+
+MAX_SPLIT_BYTES = 256 * 1024 * 1024
+
+
+def evaluate_file(
+    file: str | os.PathLike[str],
+    *,
+    split: str | os.PathLike[str] | Split,
+    protocol: Protocol | None = None,
+) -> ScoreSheet:
+    """Score a submission file against a split that is at hand.
+
+    Args:
+        file: Path of the submission file.
+        split: The split with its regions, or the path of its file.
+        protocol: Protocol; without it the one that ships with the client.
+
+    Returns:
+        The score sheet, unrounded.
+
+    Raises:
+        InvalidFileError: The file cannot be scored; the error carries every fault.
+        InvalidArgumentError: The split cannot be used, or the extra `evaluate` is missing.
+    """
+    _require_numpy()
+    split = split if isinstance(split, Split) else read_split(split)
+    protocol = protocol or packaged_protocol()
+    checked = check(read_file(file), protocol=protocol, manifest=manifest_of(split, protocol))
+    if checked.document is None:
+        raise InvalidFileError(checked.report)
+    return score(checked.document, split, protocol)
+
+
+def read_split(path: str | os.PathLike[str]) -> Split:
+    """Read a split file, plain or gzip.
+
+    Raises:
+        InvalidArgumentError: Not a split file.
+    """
+    try:
+        data = inflate(
+            read_file(path), max_upload_bytes=MAX_SPLIT_BYTES, max_inflated_bytes=MAX_SPLIT_BYTES
+        )
+        return Split.model_validate_json(data)
+    except UnreadableFileError as error:
+        reason = str(error)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        reason = f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
+    raise InvalidArgumentError(
+        "wrong_split_file",
+        f"{Path(path).name} is not a split file ({reason}).",
+        "Take the development split: exceptiondrive split download NAME",
+    )
+
+
+def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreSheet:
+    """Score what a sound file says: measure, grade, aggregate (PROTOCOL.md 2 and 3)."""
+    from exceptiondrive_scoring.challenge import SCORING
+    from exceptiondrive_scoring.sheet import aggregate
+    from exceptiondrive_scoring.split_arrays import split_arrays
+
+    try:
+        arrays = split_arrays(split.samples, protocol.taxonomy)
+    except ValueError as error:
+        raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
+    sample_ids = sorted(sample.sample_id for sample in split.samples)
+    scoring = SCORING[document.challenge]
+    measurements = scoring.measure(columns_of(document, sample_ids), arrays, protocol.geometry)
+    breakdown = aggregate(scoring.grade(measurements, arrays, protocol), arrays, protocol.taxonomy)
+    coverage = scoring.coverage(measurements)
+    plausibility = scoring.plausibility(measurements, protocol)
+    return ScoreSheet(
+        challenge=document.challenge,
+        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        split=SplitRef(name=split.name, revision=split.revision),
+        scorer_version=version("exceptiondrive"),
+        n=breakdown.n,
+        coverage=Coverage(edited=coverage["edited"] or 0.0, source=coverage["source"]),
+        micro=breakdown.micro,
+        macro_family=breakdown.macro_family,
+        families=_breakdown_rows(breakdown.families),
+        tasks=_breakdown_rows(breakdown.tasks),
+        plausibility=Plausibility(
+            shares=plausibility.shares,
+            flags=tuple(
+                Flag(code=flag.code, label=flag.label, detail=flag.detail)
+                for flag in plausibility.flags
+            ),
+        ),
+        extra=scoring.extra(measurements, arrays, protocol),
+    )
+
+
+def columns_of(document: CheckedDocument, sample_ids: list[str]) -> dict[str, Any]:
+    """Return the answers as the named arrays that scoring takes, in the order of `sample_ids`."""
+    import numpy as np
+
+    if isinstance(document, PlanningDocument):
+        shape = (len(sample_ids), document.n_waypoints, 2)
+        flat = document.columns(sample_ids)
+        return {
+            side: np.frombuffer(column, dtype=np.float64).reshape(shape)
+            for side, column in flat.items()
+        }
+    return _strategy_columns([document.answers[sample_id] for sample_id in sample_ids])
+
+
+def _strategy_columns(answers: list[StrategyAnswer]) -> dict[str, Any]:
+    import numpy as np
+
+    from exceptiondrive_scoring.split_arrays import STRATEGIES
+    from exceptiondrive_scoring.strategy import NO_ANSWER
+
+    code: dict[Strategy | None, int] = {s: index for index, s in enumerate(STRATEGIES)}
+    code[None] = NO_ANSWER
+    said = [answer.reminder or ReminderRecord() for answer in answers]
+    presence = [-1 if r.hazard_present is None else int(r.hazard_present) for r in said]
+    recommended = [code[r.recommended_strategy] for r in said]
+    return {
+        "strategy": np.array([code[a.strategy] for a in answers], dtype=np.int8),
+        "reminder_given": np.array([a.reminder is not None for a in answers], dtype=np.bool_),
+        "hazard_present": np.array(presence, dtype=np.int8),
+        "hazard_type": np.array([(r.hazard_type or "").encode() for r in said], dtype="S64"),
+        "recommended": np.array(recommended, dtype=np.int8),
+    }
+
+
+def _breakdown_rows(rows: "dict[str, Row]") -> dict[str, BreakdownRow]:
+    return {key: BreakdownRow.of(row.n, row.metrics) for key, row in rows.items()}
+
+
+def _require_numpy() -> None:
+    try:
+        import numpy as np  # noqa: F401
+    except ModuleNotFoundError:
+        raise InvalidArgumentError(
+            "extra_missing",
+            "Scoring on this machine needs numpy.",
+            'Run: pip install "exceptiondrive[evaluate]"',
+        ) from None

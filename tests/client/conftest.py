@@ -1,0 +1,136 @@
+"""Fixtures of the client's tests: small files, a home of its own, and a server with set answers.
+
+The set answers are for what a healthy server does not do on demand (503, Retry-After, rubbish);
+all else is tested against the real application in test_with_server.py.
+"""
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+STRAIGHT = [[4.0 * step, 0.0] for step in range(1, 7)]
+SPLIT = {
+    "schema": "exceptiondrive.split/1",
+    "name": "tiny",
+    "title": "Tiny",
+    "samples": [
+        {
+            "sample_id": f"s{number}",
+            "scene_id": f"scene-{number // 2}",
+            "task": ("SE1", "LB1", "SR1", "IC1")[number],
+            "region": [[20.0, -1.0], [22.0, -1.0], [22.0, 1.0], [20.0, 1.0]],
+        }
+        for number in range(4)
+    ],
+}
+
+Answer = tuple[int, dict[str, str], bytes]
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A home without tokens, and an environment without settings of this client."""
+    home = tmp_path_factory.mktemp("home")
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(home / "config"))
+    for name in ("EXCEPTIONDRIVE_SERVER", "EXCEPTIONDRIVE_TOKEN", "NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    return home
+
+
+@pytest.fixture
+def planning_file(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a valid file for the tiny split; keyword arguments replace parts of it."""
+
+    def write(name: str = "planner.json", **changes: Any) -> Path:
+        predictions = [
+            {"sample_id": f"s{number}", "source": STRAIGHT, "edited": STRAIGHT}
+            for number in range(4)
+        ]
+        document = {"schema": "exceptiondrive.planning/1", "split": "tiny"}
+        path = tmp_path / name
+        path.write_text(json.dumps({**document, "predictions": predictions, **changes}))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def split_file(tmp_path: Path) -> Path:
+    """The tiny split with its regions."""
+    path = tmp_path / "tiny.split.json"
+    path.write_text(json.dumps(SPLIT))
+    return path
+
+
+@dataclass
+class CannedServer:
+    """A real HTTP server on the loopback that gives set answers, the last one for ever."""
+
+    url: str = ""
+    answers: dict[str, list[Answer]] = field(default_factory=dict)
+    requests: list[tuple[str, str, bytes]] = field(default_factory=list)
+    headers: list[dict[str, str]] = field(default_factory=list)
+
+    def answer(
+        self, path: str, status: int, document: Any, headers: dict[str, str] | None = None
+    ) -> None:
+        """Add an answer for `METHOD /path`, to be given once the earlier ones are used."""
+        body = document if isinstance(document, bytes) else json.dumps(document).encode()
+        self.answers.setdefault(path, []).append((status, headers or {}, body))
+
+    def problem(self, path: str, status: int, code: str, **more: Any) -> None:
+        """Add an RFC 9457 problem."""
+        document = {
+            "type": f"/problems/{code}",
+            "title": code,
+            "status": status,
+            "code": code,
+            "detail": more.pop("detail", f"The server says {code}."),
+        }
+        self.answer(path, status, {**document, **more})
+
+    def take(self, path: str) -> Answer:
+        """Return the next answer for a path."""
+        waiting = self.answers.get(path) or [(404, {}, b"no such canned answer")]
+        return waiting.pop(0) if len(waiting) > 1 else waiting[0]
+
+
+@pytest.fixture
+def canned_server() -> Iterator[CannedServer]:
+    """Start a server with set answers."""
+    canned = CannedServer()
+
+    class Handler(BaseHTTPRequestHandler):
+        def _serve(self) -> None:
+            body = self.rfile.read(int(self.headers.get("content-length") or 0))
+            path = self.path.split("?")[0].removeprefix("/api/v1")
+            canned.requests.append((self.command, self.path, body))
+            canned.headers.append(dict(self.headers))
+            status, headers, content = canned.take(f"{self.command} {path}")
+            self.send_response(status)
+            for name, value in headers.items():
+                self.send_header(name, value)
+            self.send_header("content-length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        do_GET = do_POST = _serve  # noqa: N815
+
+        def log_message(self, *_: object) -> None:
+            """Say nothing."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    canned.url = f"http://127.0.0.1:{server.server_port}"
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
+    thread.start()
+    yield canned
+    server.shutdown()
+    server.server_close()
+    thread.join()

@@ -1,0 +1,312 @@
+"""The SDK against set answers: retries, errors, waiting. The real server: test_with_server.py."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import exceptiondrive.submission
+from exceptiondrive import (
+    Client,
+    ExceptionDriveError,
+    InvalidArgumentError,
+    InvalidFileError,
+    NetworkError,
+    NotAllowedError,
+    NotFoundError,
+    NotSignedInError,
+    QuotaError,
+    ScoringFailedError,
+    ServerError,
+    Submission,
+    WaitTimeoutError,
+)
+from exceptiondrive.checking import manifest_of
+from exceptiondrive.evaluation import read_split
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.submission import SubmissionView
+
+if TYPE_CHECKING:
+    from tests.client.conftest import CannedServer
+
+ME = {"team": "alpha", "token_name": "ci", "scopes": ["submit"], "expires_at": None}
+VIEW: dict[str, Any] = {
+    "id": "abc",
+    "phase": "dev",
+    "challenge": "planning",
+    "team": "alpha",
+    "method": "Planner",
+    "description": "",
+    "links": {},
+    "file_digest": "sha256:00",
+    "size_bytes": 10,
+    "status": "queued",
+    "received_at": "2026-11-21T00:00:00Z",
+    "status_at": "2026-11-21T00:00:00Z",
+}
+PHASE: dict[str, Any] = {
+    "id": "dev",
+    "challenge": "planning",
+    "title": "Development",
+    "description": "",
+    "split": "tiny",
+    "split_revision": "sha256:00",
+    "split_is_public": True,
+    "n_samples": 4,
+    "protocol": "1.0",
+    "protocol_digest": packaged_protocol().digest,
+    "opens_at": None,
+    "closes_at": None,
+    "is_open": True,
+    "quota_per_day": 3,
+    "quota_total": None,
+    "max_upload_bytes": 1_000_000,
+}
+
+
+@pytest.fixture
+def phase_dev(canned_server: "CannedServer", split_file: Path) -> "CannedServer":
+    manifest = manifest_of(read_split(split_file), packaged_protocol())
+    canned_server.answer("GET /phases/dev", 200, PHASE)
+    canned_server.answer(
+        "GET /phases/dev/manifest", 200, manifest.model_dump(mode="json", by_alias=True)
+    )
+    return canned_server
+
+
+def test_the_token_travels_as_a_bearer(canned_server: "CannedServer") -> None:
+    canned_server.answer("GET /me", 200, ME)
+    with Client(canned_server.url, "edk_t_1") as client:
+        assert client.me().team == "alpha"
+    headers = {name.lower(): value for name, value in canned_server.headers[0].items()}
+    assert headers["authorization"] == "Bearer edk_t_1"
+    assert headers["user-agent"].startswith("exceptiondrive/")
+
+
+def test_a_server_that_is_busy_for_a_moment_is_asked_again(canned_server: "CannedServer") -> None:
+    canned_server.answer("GET /me", 503, b"", {"retry-after": "0"})
+    canned_server.problem("GET /me", 429, "too_many_requests", retry_after_s=0)
+    canned_server.answer("GET /me", 200, ME)
+    with Client(canned_server.url) as client:
+        assert client.me().team == "alpha"
+    assert len(canned_server.requests) == 3
+
+
+def test_a_long_retry_after_is_not_sat_out(canned_server: "CannedServer") -> None:
+    body = {
+        "type": "/problems/store_unavailable",
+        "title": "x",
+        "status": 503,
+        "code": "store_unavailable",
+        "detail": "The database is being moved.",
+    }
+    canned_server.answer("GET /me", 503, body, {"retry-after": "3600"})
+    with Client(canned_server.url) as client, pytest.raises(ServerError, match="being moved"):
+        client.me()
+    assert len(canned_server.requests) == 1
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "kind", "exit_code"),
+    [
+        (400, "bad_request", InvalidArgumentError, 2),
+        (401, "not_signed_in", NotSignedInError, 4),
+        (403, "not_allowed", NotAllowedError, 4),
+        (404, "not_found", NotFoundError, 2),
+        (409, "conflict", NotAllowedError, 4),
+        (403, "phase_closed", NotAllowedError, 4),
+        (413, "upload_too_large", InvalidArgumentError, 2),
+        (429, "quota_exceeded", QuotaError, 3),
+        (429, "rejected_cap_exceeded", QuotaError, 3),
+        (500, "internal", ServerError, 5),
+    ],
+)
+def test_every_problem_is_an_error_of_its_kind(
+    canned_server: "CannedServer",
+    status: int,
+    code: str,
+    kind: type[ExceptionDriveError],
+    exit_code: int,
+) -> None:
+    canned_server.problem("GET /me", status, code, fields={"method": "too long"})
+    with Client(canned_server.url) as client, pytest.raises(kind) as caught:
+        client.me()
+    assert (caught.value.code, caught.value.exit_code) == (code, exit_code)
+    assert caught.value.sentence.startswith(f"The server says {code}.")
+    assert len(canned_server.requests) == 1, "none of these is asked again"
+
+
+def test_wrong_fields_are_named(canned_server: "CannedServer") -> None:
+    canned_server.problem("GET /me", 422, "bad_request", fields={"method": "too long"})
+    with Client(canned_server.url) as client, pytest.raises(InvalidArgumentError) as caught:
+        client.me()
+    assert "method: too long" in caught.value.sentence
+    assert caught.value.document()["fields"] == {"method": "too long"}
+
+
+def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> None:
+    canned_server.problem("GET /me", 429, "quota_exceeded", retry_after_s=3600)
+    with Client(canned_server.url) as client, pytest.raises(QuotaError) as caught:
+        client.me()
+    assert caught.value.resets_at is not None
+    assert f"{caught.value.resets_at:%Y-%m-%d %H:%M} UTC" in caught.value.advice
+
+
+@pytest.mark.parametrize("body", [b"<html>proxy</html>", b'{"detail": "no"}'])
+def test_an_answer_of_something_else_is_not_taken_for_ours(
+    canned_server: "CannedServer", body: bytes
+) -> None:
+    canned_server.answer("GET /me", 418, body)
+    with Client(canned_server.url) as client, pytest.raises(ServerError, match="answered 418"):
+        client.me()
+
+
+def test_a_form_that_is_not_known_asks_for_a_newer_client(canned_server: "CannedServer") -> None:
+    canned_server.answer("GET /me", 200, {**ME, "colour": "red"})
+    with Client(canned_server.url) as client, pytest.raises(ServerError) as caught:
+        client.me()
+    assert "--upgrade" in caught.value.advice
+
+
+def test_an_address_where_nobody_listens_is_a_network_error() -> None:
+    from exceptiondrive.transport import Transport
+
+    transport = Transport("http://127.0.0.1:9", None, attempts=2)
+    with pytest.raises(NetworkError, match="cannot be reached"):
+        transport.get("/me")
+    transport.close()
+
+
+def test_names_cannot_leave_their_place_in_the_path(canned_server: "CannedServer") -> None:
+    with Client(canned_server.url) as client, pytest.raises(ServerError):
+        client.status("../me?x=1")
+    assert canned_server.requests[0][1] == "/api/v1/submissions/..%2Fme%3Fx%3D1"
+
+
+def test_a_file_with_faults_is_never_sent(
+    phase_dev: "CannedServer", planning_file: Callable[..., Path]
+) -> None:
+    with Client(phase_dev.url) as client, pytest.raises(InvalidFileError):
+        client.submit(planning_file(split="other"), phase="dev", method="Planner")
+    assert [method for method, *_ in phase_dev.requests] == ["GET", "GET"]
+
+
+def test_an_upload_that_is_sent_again_is_whole_again(
+    phase_dev: "CannedServer", planning_file: Callable[..., Path]
+) -> None:
+    path = planning_file()
+    phase_dev.answer("POST /submissions", 503, b"", {"retry-after": "0"})
+    phase_dev.answer("POST /submissions", 202, VIEW)
+    seen: list[tuple[int, int]] = []
+    with Client(phase_dev.url) as client:
+        submission = client.submit(
+            path,
+            phase="dev",
+            method="Planner",
+            paper="https://example.org/paper",
+            on_progress=lambda sent, total: seen.append((sent, total)),
+        )
+    bodies = [body for method, _, body in phase_dev.requests if method == "POST"]
+    assert len(bodies) == 2
+    assert all(
+        path.read_bytes() in body and b"https://example.org/paper" in body for body in bodies
+    )
+    assert all(b"code_url" not in body for body in bodies), "empty fields are left out"
+    size = path.stat().st_size
+    assert seen[-1] == (size, size)
+    assert isinstance(submission, Submission)
+    assert submission.id == "abc"
+
+
+def test_submissions_are_read_page_by_page(canned_server: "CannedServer") -> None:
+    canned_server.answer("GET /submissions", 200, {"submissions": [VIEW, VIEW], "next": "abc"})
+    canned_server.answer("GET /submissions", 200, {"submissions": [VIEW], "next": None})
+    with Client(canned_server.url) as client:
+        assert len(client.submissions(phase="dev")) == 3
+    assert "after=abc" in canned_server.requests[1][1]
+    assert "after" not in canned_server.requests[0][1]
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exceptiondrive.submission, "FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr(exceptiondrive.submission, "WAIT_FOR_RANK_S", 0.05)
+
+
+def followed(canned_server: "CannedServer") -> Submission:
+    return Submission(
+        Client(canned_server.url), SubmissionView.model_validate_json(json.dumps(VIEW))
+    )
+
+
+@pytest.mark.usefixtures("impatient")
+def test_waiting_follows_every_change_until_the_rank(canned_server: "CannedServer") -> None:
+    queue = {"position": 2, "expected_wait_s": 3.0, "attempts": 0, "workers_alive": 1}
+    for change in (
+        {"queue": queue},
+        {"status": "scoring"},
+        {"status": "scored"},
+        {"status": "scored", "rank": 3},
+    ):
+        canned_server.answer("GET /submissions/abc", 200, {**VIEW, **change})
+    canned_server.problem("GET /leaderboard", 404, "not_found")
+    submission = followed(canned_server)
+    seen: list[str] = []
+    view = submission.wait(on_change=lambda view: seen.append(view.status.value))
+    assert view.rank == 3
+    assert seen == ["queued", "scoring", "scored", "scored"]
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_rejected_file_ends_the_wait_with_its_report(canned_server: "CannedServer") -> None:
+    report = {
+        "challenge": "planning",
+        "split": "tiny",
+        "n_predictions": 4,
+        "digest": "sha256:00",
+        "size_bytes": 10,
+        "faults": [
+            {
+                "code": "wrong_frame",
+                "message": "Wrong frame.",
+                "count": 1,
+                "examples": [{"path": "$", "expected": "x forward", "got": "x right"}],
+            }
+        ],
+    }
+    rejected = {**VIEW, "status": "rejected", "report": report}
+    canned_server.answer("GET /submissions/abc", 200, rejected)
+    with pytest.raises(InvalidFileError) as caught:
+        followed(canned_server).wait()
+    assert caught.value.report.faults[0].code == "wrong_frame"
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"status": "failed", "failure": {"code": "x", "message": "No memory."}}, "No memory"),
+        ({"status": "failed"}, "no reason was given"),
+        ({"status": "withdrawn"}, "was withdrawn"),
+    ],
+)
+def test_what_will_get_no_score_ends_the_wait(
+    canned_server: "CannedServer", change: dict[str, Any], message: str
+) -> None:
+    canned_server.answer("GET /submissions/abc", 200, {**VIEW, **change})
+    with pytest.raises(ScoringFailedError, match=message) as caught:
+        followed(canned_server).wait()
+    assert caught.value.exit_code == 6
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_wait_ends_in_time_and_says_that_the_submission_is_safe(
+    canned_server: "CannedServer",
+) -> None:
+    canned_server.answer("GET /submissions/abc", 200, VIEW)
+    with pytest.raises(WaitTimeoutError, match=r"within 0\.05 s") as caught:
+        followed(canned_server).wait(timeout_s=0.05)
+    assert "exceptiondrive status abc" in caught.value.advice
+    assert caught.value.submission.id == "abc"

@@ -1,0 +1,126 @@
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from exceptiondrive import InvalidArgumentError, InvalidFileError, StrategyRecorder, evaluate_file
+from exceptiondrive.evaluation import read_split
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+
+MakeFile = Callable[..., Path]
+SHARED = Path(__file__).parents[3] / "shared"
+STANDING = [[0.0, 0.0]] * 6
+
+
+def test_driving_into_the_region_is_an_intrusion_of_every_sample(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    sheet = evaluate_file(planning_file(), split=split_file)
+    assert sheet.n == 4
+    assert (sheet.micro["ur"], sheet.micro["hcc"], sheet.micro["cts"]) == (1.0, 0.0, 0.0)
+    assert sheet.families["lane_blockage"].n == 1
+    assert [flag.code for flag in sheet.plausibility.flags] == ["blind_to_the_edit"]
+
+
+def test_a_sheet_names_protocol_and_split_by_digest(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    sheet = evaluate_file(planning_file(), split=split_file)
+    assert sheet.protocol.digest == packaged_protocol().digest
+    assert sheet.split.revision == read_split(split_file).revision
+
+
+def test_standing_still_keeps_the_clearance_by_hand(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    """The front of the footprint is at 1.486 + 4.084 / 2 = 3.528 m; the region begins at 20 m."""
+    path = planning_file(
+        predictions=[
+            {"sample_id": f"s{n}", "source": STANDING, "edited": STANDING} for n in range(4)
+        ]
+    )
+    sheet = evaluate_file(path, split=split_file)
+    clearance_m = 20.0 - 3.528
+    of_stalled_vehicle = sheet.tasks["LB1"].metrics
+    assert of_stalled_vehicle["hcc"] == 1.0
+    assert of_stalled_vehicle["hpr"] == pytest.approx(1.0 / (clearance_m - 1.0 + 1.0), abs=1e-12)
+
+
+def test_strategies_are_scored_too(tmp_path: Path, split_file: Path) -> None:
+    """SE1 takes C or D, the others take C among others: three right, one missing."""
+    with StrategyRecorder(tmp_path / "a.json", split="tiny") as recorder:
+        for number in range(3):
+            recorder.add(f"s{number}", strategy="C", reminder={"hazard_present": True})
+        recorder.add("s3", strategy=None)
+    sheet = evaluate_file(tmp_path / "a.json", split=split_file)
+    assert sheet.challenge == "strategy"
+    assert sheet.micro["accuracy"] == 0.75
+    assert sheet.micro["missing"] == sheet.micro["under_warning"] == 0.25
+    assert sheet.extra["reminder"]
+
+
+def test_a_file_with_faults_is_refused_with_its_report(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    with pytest.raises(InvalidFileError) as caught:
+        evaluate_file(planning_file(split="other"), split=split_file)
+    assert [group.code for group in caught.value.report.faults] == ["wrong_split"]
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "rubbish", '{"schema": "exceptiondrive.split/1"}'])
+def test_a_file_that_is_no_split_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "split.json"
+    path.write_text(text)
+    with pytest.raises(InvalidArgumentError, match="is not a split file") as caught:
+        read_split(path)
+    assert "split download" in caught.value.advice
+
+
+def test_a_split_with_tasks_that_the_protocol_does_not_list_is_refused(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    document = json.loads(split_file.read_text())
+    document["samples"][0]["task"] = "ZZ9"
+    split_file.write_text(json.dumps(document))
+    with pytest.raises(InvalidArgumentError, match="ZZ9"):
+        evaluate_file(planning_file(), split=split_file)
+
+
+@pytest.mark.parametrize(
+    ("submission", "golden"),
+    [
+        ("nuscenes-real/gpt-4.1.json.gz", "nuscenes-real.gpt-4.1.json"),
+        ("carla-pairs/cosmos.json.gz", "carla-pairs.cosmos.json"),
+    ],
+)
+def test_golden_scores_are_reproduced_to_1e_9(submission: str, golden: str) -> None:
+    path = SHARED / "realdata" / submission
+    if not path.exists():
+        pytest.skip("../shared/realdata is not here: golden scores were not compared")
+    sheet = evaluate_file(path, split=path.parent / "split.json.gz")
+    expected = json.loads((SHARED / "golden" / golden).read_text())
+    assert sheet.n == expected["n"]
+    found = sheet.model_dump(mode="json")
+    for name in ("micro", "macro_family"):
+        _assert_close(found[name], expected[name])
+    for name in ("families", "tasks"):
+        assert set(found[name]) == set(expected[name])
+        for key, row in expected[name].items():
+            _assert_close(found[name][key], row)
+
+
+def _assert_close(found: dict[str, float | None], expected: dict[str, float | None]) -> None:
+    for key, value in expected.items():
+        if value is None:
+            assert found[key] is None
+        else:
+            assert math.isclose(found[key] or 0.0, value, rel_tol=0, abs_tol=1e-9), key
+
+
+def test_evaluating_twice_gives_the_same_bits(planning_file: MakeFile, split_file: Path) -> None:
+    first, second = (evaluate_file(planning_file(), split=split_file) for _ in range(2))
+    assert isinstance(first, ScoreSheet)
+    assert first.model_dump_json() == second.model_dump_json()
