@@ -1,0 +1,5 @@
+"""`python -m exceptiondrive`."""
+
+from exceptiondrive.cli import main
+
+main()

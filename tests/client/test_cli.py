@@ -1,0 +1,329 @@
+"""The command line as scripts see it: exit codes, stdout, stderr, no terminal."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from typer.testing import CliRunner
+
+from exceptiondrive.cli import app
+
+if TYPE_CHECKING:
+    from tests.client.conftest import CannedServer
+
+MakeFile = Callable[..., Path]
+ME = {"team": "alpha", "token_name": "ci", "scopes": ["submit"], "expires_at": None}
+
+
+def run(*arguments: object, stdin: str = "") -> Any:
+    """Run a command without a terminal."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], input=stdin)
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "exit_code"),
+    [
+        (400, "bad_request", 2),
+        (404, "not_found", 2),
+        (413, "upload_too_large", 2),
+        (415, "unsupported_media_type", 2),
+        (429, "quota_exceeded", 3),
+        (429, "rejected_cap_exceeded", 3),
+        (401, "not_signed_in", 4),
+        (403, "not_allowed", 4),
+        (403, "phase_closed", 4),
+        (409, "conflict", 4),
+        (500, "internal", 5),
+    ],
+)
+def test_the_exit_code_tells_causes_apart(
+    canned_server: "CannedServer", status: int, code: str, exit_code: int
+) -> None:
+    canned_server.problem("GET /me", status, code)
+    done = run("whoami", "--server", canned_server.url)
+    assert done.exit_code == exit_code
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"error: The server says {code}.")
+
+
+def test_done_is_0(canned_server: "CannedServer") -> None:
+    canned_server.answer("GET /me", 200, ME)
+    done = run("whoami", "--server", canned_server.url)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[0] == f"team alpha at {canned_server.url}"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nonsense"],
+        ["check"],
+        ["submit", "planner.json", "--method", "Planner"],
+        ["submit", "planner.json", "--phase", "dev"],
+        ["evaluate", "planner.json"],
+        ["whoami", "--server", "not an address"],
+        ["check", "planner.json", "--split", "a", "--phase", "b"],
+        ["submissions", "--status", "asleep"],
+        ["whoami", "--token", "edk_t_1"],
+    ],
+)
+def test_wrong_arguments_are_2(arguments: list[str]) -> None:
+    done = run(*arguments)
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert done.stderr
+
+
+def test_an_invalid_file_is_2_and_every_fault_is_shown(planning_file: MakeFile) -> None:
+    path = planning_file(schema="exceptiondrive.planning/1", split=5, extra=1)
+    done = run("check", path)
+    assert done.exit_code == 2
+    assert "planner.json is not valid: 2 faults of 2 kinds" in done.stdout
+    assert "unknown_key" in done.stdout
+    assert "wrong_type" in done.stdout
+
+
+def test_a_valid_file_is_0(planning_file: MakeFile, split_file: Path) -> None:
+    done = run("check", planning_file(), "--split", split_file)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout == "planner.json is valid: planning, 4 predictions, split tiny\n"
+
+
+def test_check_says_when_sample_ids_were_not_checked(planning_file: MakeFile) -> None:
+    assert "Only the form was checked" in run("check", planning_file()).stderr
+
+
+def test_check_json_is_the_report_of_the_server(planning_file: MakeFile, split_file: Path) -> None:
+    from exceptiondrive_schemas.faults import CheckReport
+
+    done = run("check", planning_file(predictions=[]), "--split", split_file, "--json")
+    assert done.exit_code == 2
+    report = CheckReport.model_validate_json(done.stdout)
+    assert [(group.code.value, group.count) for group in report.faults] == [("missing_sample", 4)]
+
+
+def test_check_takes_a_manifest_but_only_one_source_of_samples(
+    planning_file: MakeFile, split_file: Path, tmp_path: Path
+) -> None:
+    manifest = {
+        "schema": "exceptiondrive.manifest/1",
+        "name": "tiny",
+        "title": "Tiny",
+        "revision": "sha256:00",
+        "waypoints": 6,
+        "time_step_s": 0.5,
+        "sample_ids": ["s0", "s1", "s2", "s3", "s4"],
+    }
+    path = tmp_path / "manifest.json"
+    path.write_text(json.dumps(manifest))
+    done = run("check", planning_file(), "--manifest", path)
+    assert done.exit_code == 2
+    assert "missing_sample" in done.stdout
+    both = run("check", planning_file(), "--manifest", path, "--split", split_file)
+    assert (both.exit_code, both.stdout) == (2, "")
+    wrong = run("check", planning_file(), "--manifest", split_file)
+    assert "is not a manifest" in wrong.stderr
+
+
+def test_evaluate_shows_both_aggregates_labelled(planning_file: MakeFile, split_file: Path) -> None:
+    done = run("evaluate", planning_file(), "--split", split_file)
+    assert done.exit_code == 0, done.stderr
+    for words in (
+        "macro_family (mean of the family means)",
+        "micro (mean over all samples)",
+        "Sudden Emergence",
+        "LB1 stalled_vehicle",
+        "Blind to the edit",
+    ):
+        assert words in done.stdout
+
+
+def test_evaluate_json_is_the_exact_sheet(planning_file: MakeFile, split_file: Path) -> None:
+    from exceptiondrive import evaluate_file
+    from exceptiondrive_schemas.score_sheet import ScoreSheet
+
+    done = run("evaluate", planning_file(), "--split", split_file, "--json")
+    exact = evaluate_file(planning_file(), split=split_file)
+    assert ScoreSheet.model_validate_json(done.stdout) == exact
+
+
+def test_evaluate_follows_another_protocol(
+    planning_file: MakeFile, split_file: Path, tmp_path: Path
+) -> None:
+    from exceptiondrive_schemas.protocol import packaged_protocol_toml
+
+    toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
+    path = tmp_path / "1.1.toml"
+    path.write_text(toml, encoding="utf-8")
+    done = run("evaluate", planning_file(), "--split", split_file, "--protocol", path, "--json")
+    assert json.loads(done.stdout)["protocol"]["version"] == "1.1"
+    path.write_text("version = 3", encoding="utf-8")
+    assert run("check", planning_file(), "--protocol", path).exit_code == 2
+    unknown = run("check", planning_file(), "--protocol", "9.9")
+    assert "neither a protocol file nor a version" in unknown.stderr
+
+
+def test_evaluate_without_numpy_names_the_extra(
+    planning_file: MakeFile, split_file: Path, tmp_path: Path
+) -> None:
+    """A module that cannot be found, as on a machine without the extra."""
+    code = (
+        "import sys; sys.modules['numpy'] = None; "
+        f"sys.argv = ['exceptiondrive', 'evaluate', {str(planning_file())!r}, "
+        f"'--split', {str(split_file)!r}]; from exceptiondrive.cli import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert 'pip install "exceptiondrive[evaluate]"' in done.stderr
+
+
+def test_convert_says_exactly_what_it_did(planning_file: MakeFile, tmp_path: Path) -> None:
+    sideways = [[0.0, 2.0 * step] for step in range(7)]
+    path = planning_file(predictions=[{"sample_id": "s0", "source": sideways, "edited": None}])
+    output = tmp_path / "out.json"
+    done = run("convert", path, "-o", output, "--swap-axes")
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "- swapped x right / y forward to x forward / y left: (x, y) -> (y, -x)",
+        "- left out the first point of 1 trajectories: within 0.05 m of the origin, it is t = 0",
+        f"1 predictions in {output}",
+    ]
+    assert json.loads(output.read_text())["predictions"][0]["source"][0] == [2.0, 0.0]
+    assert run("check", output).exit_code == 0
+
+
+def test_convert_needs_a_split_and_sound_options(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    path.write_text('{"sample_id": "s0", "source": null, "edited": null}\n')
+    output = tmp_path / "o.json"
+    assert "Add --split NAME" in run("convert", path, "-o", output).stderr
+    named = ("convert", path, "-o", output, "--split", "tiny")
+    assert run(*named, "--follows", "camera").exit_code == 2
+    assert run(*named, "--origin-offset-m", "nan").exit_code == 2
+    assert "cannot be written" in run(*named[:3], tmp_path / "none" / "o", *named[4:]).stderr
+    done = run(*named, "--json")
+    assert json.loads(done.stdout) == {
+        "output": str(output),
+        "split": "tiny",
+        "n_predictions": 1,
+        "size_bytes": output.stat().st_size,
+        "done": [],
+    }
+
+
+def test_an_error_is_json_too_where_json_was_asked_for(canned_server: "CannedServer") -> None:
+    canned_server.problem("GET /me", 429, "quota_exceeded", retry_after_s=60)
+    done = run("whoami", "--server", canned_server.url, "--json")
+    assert done.exit_code == 3
+    error = json.loads(done.stdout)["error"]
+    assert (error["code"], error["exit_code"]) == ("quota_exceeded", 3)
+    assert error["resets_at"].endswith("+00:00")
+
+
+def test_login_reads_stdin_tries_the_token_and_keeps_it(
+    canned_server: "CannedServer", home: Path
+) -> None:
+    canned_server.answer("GET /me", 200, ME)
+    done = run("login", "--server", canned_server.url, stdin="edk_t_1\n")
+    assert done.exit_code == 0, done.stderr
+    assert "edk_t_1" not in done.stdout + done.stderr
+    assert run("whoami").exit_code == 0, "the server of the last login is the usual one"
+    sent = [{k.lower(): v for k, v in headers.items()} for headers in canned_server.headers]
+    assert [headers["authorization"] for headers in sent] == ["Bearer edk_t_1"] * 2
+    assert "forgotten" in run("logout").stdout
+    assert "no token" in run("logout", "--server", canned_server.url).stdout
+
+
+def test_a_token_that_is_refused_is_not_kept(canned_server: "CannedServer", home: Path) -> None:
+    canned_server.problem("GET /me", 401, "not_signed_in")
+    assert run("login", "--server", canned_server.url, stdin="wrong\n").exit_code == 4
+    assert not list(home.rglob("credentials.json"))
+
+
+def test_login_without_a_terminal_and_without_a_token_does_not_ask() -> None:
+    done = run("login")
+    assert done.exit_code == 4
+    assert "No token was given" in done.stderr
+    assert done.stdout == ""
+
+
+def in_a_process(*arguments: object, **environment: str) -> "subprocess.CompletedProcess[str]":
+    code = "from exceptiondrive.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, **environment},
+    )
+
+
+def test_piped_output_has_no_colour_no_motion_and_whole_lines(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    done = in_a_process("evaluate", planning_file(), "--split", split_file, TERM="xterm-256color")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "\x1b" not in done.stdout
+    assert "…" not in done.stdout
+
+
+def test_output_survives_a_terminal_that_knows_ascii_only(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    done = in_a_process(
+        "evaluate", planning_file(), "--split", split_file, PYTHONIOENCODING="ascii", LC_ALL="C"
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a POSIX matter")
+@pytest.mark.parametrize(("no_color", "has_colour"), [("", True), ("1", False)])
+def test_a_terminal_gets_colour_unless_no_color_is_set(
+    planning_file: MakeFile, no_color: str, has_colour: bool
+) -> None:
+    import pty
+
+    main_end, terminal = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm-256color", "NO_COLOR": no_color}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "exceptiondrive", "check", str(planning_file())],
+        stdout=terminal,
+        stderr=subprocess.DEVNULL,
+        stdin=subprocess.DEVNULL,
+        env=environment,
+    )
+    output = os.read(main_end, 4096)
+    process.wait()
+    os.close(terminal)
+    os.close(main_end)
+    assert (b"\x1b[1;32m" in output) is has_colour
+    assert b"is valid" in output
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """`--help` stays fast: no HTTP library, no numpy, no models, no tables."""
+    code = (
+        "import sys; from exceptiondrive.cli import app; "
+        "app(['--help'], standalone_mode=False); "
+        "heavy = {'httpx', 'numpy', 'pydantic', 'stamina', 'rich.table', 'platformdirs', 'openai'};"
+        "print('heavy:', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "heavy: []"
+
+
+def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> None:
+    code = (
+        "import sys; from exceptiondrive.cli import app; "
+        f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
+        "print('heavy:', sorted({'numpy', 'exceptiondrive_scoring', 'httpx'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "heavy: []"
