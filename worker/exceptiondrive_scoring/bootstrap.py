@@ -3,8 +3,8 @@
 One scene carries up to 21 samples, so scenes are drawn, not samples (PROTOCOL.md section 4). Draws
 come from the protocol's seed alone and are the same for every entry: comparisons are paired.
 
-Each entry is computed by itself, in blocks of fixed shape. So its intervals do not depend, not even
-in the last bit, on which other entries stand on the board, and memory does not grow with them.
+Entries are resampled in blocks, so memory does not grow with them. Sums are exact (`scene_sums`), so
+an entry's intervals do not depend, not even in the last bit, on the others of its block.
 """
 
 from collections.abc import Iterable, Iterator
@@ -17,11 +17,15 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import RankingSection
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
-from exceptiondrive_scoring.interval import percentile_intervals, wilson_at_the_ends
+from exceptiondrive_scoring.interval import (
+    draws_cut_off,
+    percentile_intervals,
+    wilson_at_the_ends,
+)
 from exceptiondrive_scoring.scene_sums import SceneSums
 
-BLOCK_DRAWS = 250
-BLOCK_ENTRIES = 8
+BLOCK_DRAWS = 8000
+"""Draws, of all entries of a block together, that are held at once."""
 FEWEST_SCENES = 2
 """One scene drawn again and again says nothing about another scene."""
 
@@ -54,12 +58,23 @@ class Uncertainty:
         macro_family: (M, 2).
         families: (F, M, 2).
         primary_draws: (B,) headline of the metric that ranks first: for `rank_intervals`.
+        primary_cut: Draws that its interval leaves outside at each end.
     """
 
     micro: FloatArray
     macro_family: FloatArray
     families: FloatArray
     primary_draws: FloatArray
+    primary_cut: int
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """How draws are read: which metrics are fractions, which one ranks, by which aggregate."""
+
+    is_fraction: BoolArray
+    primary: int
+    headline: str
 
 
 def bootstrap(
@@ -73,13 +88,13 @@ def bootstrap(
         ranking: Draws, seed, confidence, rank order.
         headline: `micro` or `macro_family`.
     """
-    is_fraction = np.array([metric.unit == "fraction" for metric in challenge.metrics])
-    primary = challenge.metric_keys.index(ranking.order[challenge.id][0].metric)
+    reading = _Reading(
+        is_fraction=np.array([metric.unit == "fraction" for metric in challenge.metrics]),
+        primary=challenge.metric_keys.index(ranking.order[challenge.id][0].metric),
+        headline=headline,
+    )
     return [
-        _uncertainty(
-            entry, draws, is_fraction, ranking.confidence, draws.headline(headline)[primary]
-        )
-        for entry, draws in resample(entries, ranking)
+        _uncertainty(entry, draws, reading, ranking) for entry, draws in resample(entries, ranking)
     ]
 
 
@@ -97,83 +112,111 @@ def resample(
     entries: Iterable[SceneSums], ranking: RankingSection
 ) -> Iterator[tuple[SceneSums, Draws]]:
     """Yield every entry with its draws."""
-    weights: NDArray[np.uint16] | None = None
     entries = iter(entries)
-    while block := list(islice(entries, BLOCK_ENTRIES)):
+    weights: NDArray[np.uint16] | None = None
+    n_together = max(1, BLOCK_DRAWS // ranking.bootstrap_draws)
+    while block := list(islice(entries, n_together)):
         if weights is None:
             weights = scene_weights(len(block[0].sums), ranking)
-        yield from zip(block, _totals(block, weights), strict=True)
+        yield from zip(block, _resample_block(block, weights), strict=True)
 
 
-def _totals(block: list[SceneSums], weights: NDArray[np.uint16]) -> list[Draws]:
-    """Weighted sums over scenes; weights become floating point once per block of entries."""
-    cells = [_cells_by_scene(entry) for entry in block]
-    n_draws = weights.shape[1]
-    totals = [np.empty((len(matrix), n_draws)) for matrix, _ in cells]
-    for begin in range(0, n_draws, BLOCK_DRAWS):
-        part = slice(begin, begin + BLOCK_DRAWS)
-        drawn = weights[:, part].astype(np.float64)
-        for total, (matrix, _) in zip(totals, cells, strict=True):
-            np.matmul(matrix, drawn, out=total[:, part])
+def _resample_block(block: list[SceneSums], weights: NDArray[np.uint16]) -> list[Draws]:
+    n_families, n_metrics = block[0].sums.shape[1:]
+    n_sums = len(block) * n_metrics
+    kinds, kind = _distinct_counts(block)
+    totals = np.empty((n_families, n_sums + len(kinds), weights.shape[1]))
+    for family in range(n_families):
+        scenes = np.flatnonzero(kinds[:, :, family].any(axis=0))
+        sums = [entry.sums[scenes, family].T for entry in block]
+        rows = np.concatenate([*sums, kinds[:, scenes, family]])
+        np.matmul(rows, weights[scenes].astype(np.float64), out=totals[family])
+    counts = totals[:, n_sums:]
     return [
-        _means(total, entry.sums.shape[1:], column)
-        for total, entry, (_, column) in zip(totals, block, cells, strict=True)
+        _means(totals[:, e * n_metrics : (e + 1) * n_metrics], counts, kind[e])
+        for e in range(len(block))
     ]
 
 
-def _cells_by_scene(entry: SceneSums) -> tuple[FloatArray, IntArray]:
-    """Rows (F * M sums, then F * G counts) by scene, and which of the G counts each metric has.
+def _distinct_counts(block: list[SceneSums]) -> tuple[FloatArray, IntArray]:
+    """Different counts by scene and family, (G, S, F), and which of them each metric has, (E, M).
 
-    Metrics that are defined for the same samples share their counts: most entries have one kind.
+    Metrics defined for the same samples share their counts: mostly those of the split itself.
     """
-    n_scenes, _, n_metrics = entry.sums.shape
-    counts, column = np.unique(entry.counts.reshape(-1, n_metrics), axis=1, return_inverse=True)
-    rows = np.concatenate([entry.sums.reshape(n_scenes, -1), counts.reshape(n_scenes, -1)], axis=1)
-    return np.ascontiguousarray(rows.T), column.reshape(-1)
+    kinds: dict[bytes, FloatArray] = {}
+    kind: list[int] = []
+    for entry in block:
+        for counts in np.moveaxis(entry.counts, -1, 0):
+            key = counts.tobytes()
+            kinds.setdefault(key, counts)
+            kind.append(list(kinds).index(key))
+    return np.stack(list(kinds.values())), np.array(kind).reshape(len(block), -1)
 
 
-def _means(totals: FloatArray, shape: tuple[int, ...], column: IntArray) -> Draws:
-    n_families, n_metrics = shape
-    n_draws = totals.shape[1]
-    sums = totals[: n_families * n_metrics].reshape(n_families, n_metrics, n_draws)
-    counts = totals[n_families * n_metrics :].reshape(n_families, -1, n_draws)
+def _means(sums: FloatArray, counts: FloatArray, kind: IntArray) -> Draws:
+    """Draws of one entry from its weighted sums, (F, M, B), and all counts, (F, G, B)."""
+    defined = counts > 0
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN: this draw defines no mean
-        families = sums / counts[:, column]
-        micro = sums.sum(axis=0) / counts.sum(axis=0)[column]
-        defined = counts > 0
+        families = sums / counts[:, kind]
+        micro = sums.sum(axis=0) / counts.sum(axis=0)[kind]
         if defined.all():
-            return Draws(micro, families.sum(axis=0) / n_families, families)
-        macro = np.where(defined[:, column], families, 0).sum(axis=0) / defined.sum(axis=0)[column]
+            return Draws(micro, families.mean(axis=0), families)
+        filled = np.where(defined[:, kind], families, 0.0)
+        macro = filled.sum(axis=0) / defined.sum(axis=0)[kind]
     return Draws(micro, macro, families)
 
 
 def _uncertainty(
-    entry: SceneSums,
-    draws: Draws,
-    is_fraction: BoolArray,
-    confidence: float,
-    primary_draws: FloatArray,
+    entry: SceneSums, draws: Draws, reading: _Reading, ranking: RankingSection
 ) -> Uncertainty:
-    of_family = np.count_nonzero(entry.counts, axis=0)
-    overall = np.count_nonzero(entry.counts.sum(axis=1), axis=0)
+    n_overall = scenes_of(entry)
+    n_families = scenes_of_families(entry)
+    n_macro = effective_scenes(entry)
+    n_headline = {"micro": n_overall, "macro_family": n_macro}[reading.headline]
+    primary = reading.primary
 
-    def intervals(values: FloatArray, n_scenes: IntArray, effective_n: FloatArray) -> FloatArray:
-        found = percentile_intervals(values, confidence)
-        wilson = wilson_at_the_ends(found, effective_n, confidence)
-        found = np.where(is_fraction[:, None], wilson, found)
-        return np.where((n_scenes >= FEWEST_SCENES)[..., None], found, np.nan)
+    def intervals(values: FloatArray, n_scenes: FloatArray) -> FloatArray:
+        found = percentile_intervals(values, n_scenes, ranking.confidence)
+        wilson = wilson_at_the_ends(found, n_scenes, ranking.confidence)
+        return where_enough(np.where(reading.is_fraction[:, None], wilson, found), n_scenes)
 
     return Uncertainty(
-        micro=intervals(draws.micro, overall, overall.astype(np.float64)),
-        macro_family=intervals(draws.macro_family, overall, _effective_n(of_family)),
-        families=intervals(draws.families, of_family, of_family.astype(np.float64)),
-        primary_draws=primary_draws.copy(),
+        micro=intervals(draws.micro, n_overall),
+        macro_family=intervals(draws.macro_family, n_macro),
+        families=intervals(draws.families, n_families),
+        primary_draws=draws.headline(reading.headline)[primary].copy(),
+        primary_cut=draws_cut_off(
+            ranking.bootstrap_draws, ranking.confidence, float(n_headline[primary])
+        ),
     )
 
 
-def _effective_n(n_by_family: IntArray) -> FloatArray:
-    """Observations that an unweighted mean of F family means is worth: F^2 / sum(1 / n_f), (M,)."""
+def scenes_of(entry: SceneSums) -> FloatArray:
+    """Scenes with a sample that defines the metric, (M,)."""
+    n_scenes: FloatArray = np.count_nonzero(entry.counts.sum(axis=1), axis=0).astype(np.float64)
+    return n_scenes
+
+
+def scenes_of_families(entry: SceneSums) -> FloatArray:
+    """Scenes with a sample of the family that defines the metric, (F, M)."""
+    n_scenes: FloatArray = np.count_nonzero(entry.counts, axis=0).astype(np.float64)
+    return n_scenes
+
+
+def effective_scenes(entry: SceneSums) -> FloatArray:
+    """Scenes that the unweighted mean of F family means is worth, (M,).
+
+    F^2 / sum(1 / n_f) for independent families; but a scene may lie in several families, so it is
+    never worth more than there are scenes.
+    """
+    n_by_family = scenes_of_families(entry)
     present = n_by_family > 0
     harmonic = np.where(present, 1 / np.maximum(n_by_family, 1), 0.0).sum(axis=0)
-    worth: FloatArray = present.sum(axis=0) ** 2 / np.where(harmonic > 0, harmonic, 1.0)
-    return worth
+    worth = present.sum(axis=0) ** 2 / np.where(harmonic > 0, harmonic, 1.0)
+    effective: FloatArray = np.minimum(worth, scenes_of(entry))
+    return effective
+
+
+def where_enough(intervals: FloatArray, n_scenes: FloatArray) -> FloatArray:
+    """Intervals that rest on too few scenes become NaN."""
+    return np.where((n_scenes >= FEWEST_SCENES)[..., None], intervals, np.nan)

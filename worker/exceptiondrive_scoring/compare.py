@@ -6,9 +6,15 @@ import numpy as np
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_scoring.aliases import FloatArray, IntArray
+from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.bootstrap import FEWEST_SCENES, resample
+from exceptiondrive_scoring.bootstrap import (
+    effective_scenes,
+    resample,
+    scenes_of,
+    scenes_of_families,
+    where_enough,
+)
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
 from exceptiondrive_scoring.scene_sums import scene_sums
@@ -63,11 +69,14 @@ def compare(
     sums = scene_sums(difference, split, taxonomy)
     ((_, draws),) = resample([sums], protocol.ranking)
     confidence = protocol.ranking.confidence
-    n_scenes = np.count_nonzero(sums.counts.sum(axis=1), axis=0)
-    overall = _where_enough(percentile_intervals(draws.headline(headline), confidence), n_scenes)
-    by_family = _where_enough(
-        percentile_intervals(draws.families, confidence), np.count_nonzero(sums.counts, axis=0)
-    )
+    n_families = scenes_of_families(sums)
+    n_overall = {"micro": scenes_of, "macro_family": effective_scenes}[headline](sums)
+
+    def intervals(values: FloatArray, n_scenes: FloatArray) -> FloatArray:
+        return where_enough(percentile_intervals(values, n_scenes, confidence), n_scenes)
+
+    overall = intervals(draws.headline(headline), n_overall)
+    by_family = intervals(draws.families, n_families)
     return Comparison(
         overall=_differences(challenge, means.headline(headline), discordant.micro, overall),
         families={
@@ -81,10 +90,6 @@ def compare(
             if family.id in means.families
         },
     )
-
-
-def _where_enough(intervals: FloatArray, n_scenes: IntArray) -> FloatArray:
-    return np.where((n_scenes >= FEWEST_SCENES)[..., None], intervals, np.nan)
 
 
 def _differences(

@@ -5,14 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from exceptiondrive_scoring.aliases import FloatArray, IntArray
-from exceptiondrive_scoring.interval import draws_cut_off
+from exceptiondrive_scoring.aliases import IntArray
+from exceptiondrive_scoring.bootstrap import Uncertainty
 
 
 def rank_intervals(
-    primary_draws: Sequence[FloatArray],
-    order: Literal["descending", "ascending"],
-    confidence: float,
+    entries: Sequence[Uncertainty], order: Literal["descending", "ascending"]
 ) -> IntArray:
     """Best and worst rank of each entry that the draws leave open (PROTOCOL.md section 4).
 
@@ -21,24 +19,23 @@ def rank_intervals(
     1 + number of entries surely better ... K - number surely worse.
 
     Args:
-        primary_draws: K arrays (B,) of the same draws: only the entries that rank.
-        order: Whether more is better (`descending`) or less.
-        confidence: For example 0.95.
+        entries: Primary draws of the K entries that rank, all of one split and protocol.
+        order: Of the metric that ranks first: whether more is better (`descending`) or less.
 
     Returns:
         (K, 2).
     """
-    draws = np.stack(primary_draws) if len(primary_draws) else np.empty((0, 0))
+    n_entries = len(entries)
+    draws = np.stack([entry.primary_draws for entry in entries]) if entries else np.empty((0, 0))
     if order == "ascending":
         draws = -draws
-    n_entries, n_draws = draws.shape
-    needed = n_draws - int(draws_cut_off(n_draws, confidence))
+    needed = draws.shape[1] - np.array([entry.primary_cut for entry in entries])
     best = np.ones(n_entries, dtype=np.intp)
     worst = np.full(n_entries, n_entries, dtype=np.intp)
     for i in range(n_entries):
-        others = draws[i + 1 :]
-        wins = np.count_nonzero(draws[i] > others, axis=1) >= needed
-        losses = np.count_nonzero(draws[i] < others, axis=1) >= needed
+        others, of_both = draws[i + 1 :], np.maximum(needed[i], needed[i + 1 :])
+        wins = np.count_nonzero(draws[i] > others, axis=1) >= of_both
+        losses = np.count_nonzero(draws[i] < others, axis=1) >= of_both
         best[i] += np.count_nonzero(losses)
         worst[i] -= np.count_nonzero(wins)
         best[i + 1 :] += wins

@@ -1,0 +1,236 @@
+"""The bootstrap against loops that share no code with it, and its coverage in simulation."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.protocol import Protocol, RankingSection
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
+from exceptiondrive_scoring.grade import SampleScores
+from exceptiondrive_scoring.rank_interval import rank_intervals
+from exceptiondrive_scoring.scene_sums import GRID, SceneSums, scene_sums
+
+MakeSplit = Callable[..., SplitArrays]
+KEYS = PLANNING.metric_keys
+NAN = float("nan")
+N, SCENES = 240, 60
+
+
+@pytest.fixture
+def split(make_split: MakeSplit) -> SplitArrays:
+    rng = np.random.default_rng(5)
+    return make_split(
+        np.zeros((N, 4, 2)),
+        tasks=rng.integers(0, 21, N).tolist(),
+        scenes=rng.permutation(np.arange(N) % SCENES).tolist(),
+    )
+
+
+def _scores(seed: int, *, safe: float = 0.3, missing_source: float = 0.0) -> SampleScores:
+    rng = np.random.default_rng(seed)
+    is_safe = rng.random(N) < safe
+    hcc, hpr = is_safe * rng.random(N), is_safe * rng.random(N)
+    cts = rng.gamma(2.0, 1.0, (N, 3))
+    cts[rng.random(N) < missing_source] = NAN
+    return SampleScores(KEYS, np.column_stack([hcc, ~is_safe, hpr, cts]))
+
+
+def _one(scores: SampleScores, split: SplitArrays, protocol: Protocol) -> Uncertainty:
+    sums = scene_sums(scores, split, protocol.taxonomy)
+    (result,) = bootstrap([sums], PLANNING, protocol.ranking, protocol.grading.headline)
+    return result
+
+
+def _naive_draws(
+    scores: SampleScores, split: SplitArrays, ranking: RankingSection
+) -> dict[str, FloatArray]:
+    """Gather the samples of the drawn scenes, draw by draw, and average them."""
+    rng = np.random.Generator(np.random.PCG64(ranking.bootstrap_seed))
+    samples = [np.flatnonzero(split.scene_index == s) for s in range(split.n_scenes)]
+    micro, macro, families = [], [], []
+    for _ in range(ranking.bootstrap_draws):
+        taken = rng.integers(0, split.n_scenes, size=split.n_scenes)
+        rows = np.concatenate([samples[scene] for scene in taken])
+        values, family = scores.values[rows], split.family_index[rows]
+        means = np.stack([_mean(values[family == f]) for f in range(6)])
+        families.append(means)
+        micro.append(_mean(values))
+        macro.append(_mean(means))
+    return {"micro": np.array(micro), "macro": np.array(macro), "families": np.array(families)}
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    defined = ~np.isnan(values)
+    sums = np.where(defined, values, 0).sum(axis=0)
+    return np.where(defined.any(axis=0), sums / np.maximum(defined.sum(axis=0), 1), NAN)
+
+
+@pytest.mark.parametrize("missing_source", [0.0, 0.3])
+def test_intervals_agree_with_gathering_samples_draw_by_draw(
+    missing_source: float, split: SplitArrays, protocol: Protocol
+) -> None:
+    scores = _scores(1, missing_source=missing_source)
+    result = _one(scores, split, protocol)
+    naive = _naive_draws(scores, split, protocol.ranking)
+    np.testing.assert_allclose(result.primary_draws, naive["macro"][:, 0], atol=1e-9)
+    for interval, draws in ((result.micro, naive["micro"]), (result.families, naive["families"])):
+        inside = (draws >= interval[..., 0] - 1e-9) & (draws <= interval[..., 1] + 1e-9)
+        share = inside.mean(axis=0)
+        assert ((share >= 0.95 - 1e-9) & (share < 0.985)).all()
+        ends = np.sort(draws, axis=0)
+        nearest = np.abs(ends[None] - np.moveaxis(interval, -1, 0)[:, None]).min(axis=1)
+        np.testing.assert_allclose(nearest, 0, atol=1e-9)
+
+
+def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    entries = [
+        scene_sums(_scores(seed, missing_source=0.1 * (seed % 3)), split, protocol.taxonomy)
+        for seed in range(20)
+    ]
+    together = bootstrap(entries, PLANNING, protocol.ranking, "micro")
+    for entry, among_others in zip(entries, together, strict=True):
+        (alone,) = bootstrap([entry], PLANNING, protocol.ranking, "micro")
+        for name in ("micro", "macro_family", "families", "primary_draws"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(among_others, name))
+
+
+def test_another_seed_gives_other_draws(split: SplitArrays, protocol: Protocol) -> None:
+    ranking = protocol.ranking.model_copy(update={"bootstrap_seed": 1})
+    other = protocol.model_copy(update={"ranking": ranking})
+    scores = _scores(1)
+    first, second = (_one(scores, split, p).primary_draws for p in (protocol, other))
+    assert (first != second).any()
+
+
+def test_a_fraction_of_zero_or_one_has_wilsons_interval(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    result = _one(_scores(1, safe=0.0), split, protocol)
+    hcc, ur = result.micro[:2]
+    assert hcc.tolist() == pytest.approx([0.0, 3.8415 / (SCENES + 3.8415)], abs=1e-4)
+    assert ur.tolist() == pytest.approx([SCENES / (SCENES + 3.8415), 1.0], abs=1e-4)
+    assert result.macro_family[0, 1] >= hcc[1]
+    assert (result.families[:, 0, 1] > hcc[1]).all()
+
+
+def test_a_shift_of_zero_everywhere_is_known_exactly(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    scores = _scores(1)
+    scores.values[:, 3:] = 0.0
+    assert _one(scores, split, protocol).micro[3].tolist() == [0.0, 0.0]
+
+
+def test_one_scene_says_nothing_about_another(make_split: MakeSplit, protocol: Protocol) -> None:
+    split = make_split(np.zeros((N, 4, 2)), scenes=[0] * N)
+    result = _one(_scores(1), split, protocol)
+    for intervals in (result.micro, result.macro_family, result.families):
+        assert np.isnan(intervals).all()
+
+
+def test_an_undefined_metric_has_no_interval(split: SplitArrays, protocol: Protocol) -> None:
+    result = _one(_scores(1, missing_source=1.1), split, protocol)
+    assert np.isnan(result.micro[3:]).all()
+    assert not np.isnan(result.micro[:3]).any()
+
+
+def test_scene_sums_lie_on_a_grid_finer_than_a_billionth(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    scores = _scores(1)
+    sums = scene_sums(scores, split, protocol.taxonomy)
+    assert GRID < 1e-9
+    np.testing.assert_array_equal(sums.sums / GRID, np.rint(sums.sums / GRID))
+    np.testing.assert_allclose(sums.sums.sum(axis=(0, 1)), scores.values.sum(axis=0), atol=1e-6)
+    np.testing.assert_array_equal(sums.counts.sum(axis=(0, 1)), np.full(6, N))
+
+
+def _entries(draws: list[list[float]], cut: int) -> list[Uncertainty]:
+    nothing = np.empty((0, 2))
+    return [Uncertainty(nothing, nothing, nothing, np.array(row), cut) for row in draws]
+
+
+def test_a_rank_interval_counts_who_is_surely_better_and_surely_worse() -> None:
+    a, b = [5.0, 5.0, 5.0, 5.0], [4.0, 4.0, 4.0, 6.0]
+    c, d = [1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]
+    sure_of_all = rank_intervals(_entries([a, b, c, d], cut=0), "descending")
+    assert sure_of_all.tolist() == [[1, 2], [1, 2], [3, 4], [3, 4]]
+    one_cut_off = rank_intervals(_entries([a, b, c, d], cut=1), "descending")
+    assert one_cut_off.tolist() == [[1, 1], [2, 2], [3, 4], [3, 4]]
+    less_is_better = rank_intervals(_entries([a, b, c, d], cut=1), "ascending")
+    assert less_is_better.tolist() == [[4, 4], [3, 3], [1, 2], [1, 2]]
+
+
+def test_rank_intervals_of_an_empty_board() -> None:
+    assert rank_intervals([], "descending").shape == (0, 2)
+
+
+def test_rank_intervals_agree_with_the_interval_of_every_paired_difference(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    entries = [
+        scene_sums(_scores(seed, safe=0.2 + 0.03 * seed), split, protocol.taxonomy)
+        for seed in range(12)
+    ]
+    uncertain = bootstrap(entries, PLANNING, protocol.ranking, "micro")
+    found = rank_intervals(uncertain, "descending")
+    for i, entry in enumerate(uncertain):
+        best, worst = 1, len(uncertain)
+        for other in uncertain:
+            ordered = np.sort(entry.primary_draws - other.primary_draws)
+            best += ordered[-1 - entry.primary_cut] < 0
+            worst -= ordered[entry.primary_cut] > 0
+        assert found[i].tolist() == [best, worst]
+    assert found[0, 0] > 1
+    assert found[-1, 1] < len(uncertain)
+
+
+def _simulated_boards(
+    n_boards: int, n_scenes: int
+) -> tuple[list[SceneSums], FloatArray, FloatArray]:
+    """Boards of one true planner: samples of a scene are alike. Also the true means."""
+    rng = np.random.default_rng(20261121)
+    share = np.array([0.2556, 0.1975, 0.2496, 0.0360, 0.0910, 0.1703])
+    unsafe = np.array([0.75, 0.80, 0.70, 0.90, 0.85, 0.80])
+    hcc_if_safe = np.array([0.6, 0.5, 0.7, 0.4, 0.5, 0.6])
+    threshold = np.array([0.6745, 0.8416, 0.5244, 1.2816, 1.0364, 0.8416])  # normal quantiles
+    boards = []
+    for _ in range(n_boards):
+        scene = np.repeat(np.arange(n_scenes), np.maximum(rng.poisson(4.0, n_scenes), 1))
+        family = rng.choice(6, len(scene), p=share / share.sum())
+        alike = np.sqrt(0.4) * rng.normal(size=n_scenes)[scene]
+        is_unsafe = alike + np.sqrt(0.6) * rng.normal(size=len(scene)) < threshold[family]
+        hcc = ~is_unsafe * rng.beta(2 * hcc_if_safe[family], 2 - 2 * hcc_if_safe[family])
+        values = np.column_stack([hcc, is_unsafe])
+        sums, counts = np.zeros((2, n_scenes, 6, 2))
+        np.add.at(sums, (scene, family), values)
+        np.add.at(counts, (scene, family), 1)
+        pick = [0, 1, 0, 0, 0, 0]
+        boards.append(SceneSums(np.rint(sums[..., pick] / GRID) * GRID, counts[..., pick]))
+    means = np.column_stack([(1 - unsafe) * hcc_if_safe, unsafe])
+    return boards, share / share.sum() @ means, means
+
+
+def test_95_per_cent_intervals_cover_the_truth_in_93_to_97_per_cent_of_boards(
+    protocol: Protocol,
+) -> None:
+    boards, true_micro, true_families = _simulated_boards(n_boards=600, n_scenes=500)
+    results = bootstrap(boards, PLANNING, protocol.ranking, "macro_family")
+
+    def coverage(intervals: FloatArray, truth: FloatArray) -> FloatArray:
+        inside = (intervals[..., 0] <= truth) & (truth <= intervals[..., 1])
+        share: FloatArray = inside.mean(axis=0)
+        return share
+
+    micro = coverage(np.stack([r.micro[:2] for r in results]), true_micro)
+    macro = coverage(np.stack([r.macro_family[:2] for r in results]), true_families.mean(axis=0))
+    families = coverage(np.stack([r.families[:, :2] for r in results]), true_families)
+    overall = np.concatenate([micro, macro, families.mean(axis=0)])
+    assert ((overall >= 0.93) & (overall <= 0.97)).all(), overall
+    assert (families >= 0.91).all(), families

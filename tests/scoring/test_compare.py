@@ -1,0 +1,122 @@
+"""Two entries on the same samples: difference, interval, discordant share, plain verdict."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.bootstrap import bootstrap
+from exceptiondrive_scoring.compare import compare
+from exceptiondrive_scoring.grade import SampleScores
+from exceptiondrive_scoring.rank_interval import rank_intervals
+from exceptiondrive_scoring.scene_sums import scene_sums
+from exceptiondrive_scoring.strategy import StrategyAnswers, grade_strategies
+
+MakeSplit = Callable[..., SplitArrays]
+N, SCENES = 400, 100
+
+
+@pytest.fixture
+def split(make_split: MakeSplit) -> SplitArrays:
+    rng = np.random.default_rng(5)
+    return make_split(
+        np.zeros((N, 4, 2)),
+        tasks=rng.integers(0, 21, N).tolist(),
+        scenes=(np.arange(N) % SCENES).tolist(),
+    )
+
+
+def _scores(unsafe: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]") -> SampleScores:
+    hcc = 0.5 * ~unsafe
+    return SampleScores(
+        PLANNING.metric_keys, np.column_stack([hcc, unsafe, hcc, *([np.ones(N)] * 3)])
+    )
+
+
+def test_an_entry_compared_with_itself_is_not_separable(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    scores = _scores(np.random.default_rng(1).random(N) < 0.8)
+    comparison = compare(scores, scores, split, protocol, PLANNING)
+    for difference in comparison.overall.values():
+        assert difference.difference == 0
+        assert difference.interval == (0, 0)
+        assert difference.discordant == 0
+        assert difference.verdict == "not separable on this split"
+
+
+def test_paired_samples_separate_what_single_intervals_do_not(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    rng = np.random.default_rng(1)
+    b_unsafe = rng.random(N) < 0.8
+    a_unsafe = b_unsafe & (rng.random(N) >= 0.05)  # A is safe wherever B is, and a little more
+    a, b = _scores(a_unsafe), _scores(b_unsafe)
+    comparison = compare(a, b, split, protocol, PLANNING)
+    ur = comparison.overall["ur"]
+    assert ur.discordant == np.mean(a_unsafe != b_unsafe)
+    assert ur.interval is not None
+    assert ur.interval[0] < (ur.difference or 0) < ur.interval[1] < 0
+    assert ur.verdict == "A is better"
+    assert comparison.overall["hcc"].verdict == "A is better"
+    assert compare(b, a, split, protocol, PLANNING).overall["ur"].verdict == "B is better"
+    sums = [scene_sums(scores, split, protocol.taxonomy) for scores in (a, b)]
+    first, second = bootstrap(sums, PLANNING, protocol.ranking, protocol.grading.headline)
+    assert first.macro_family[1, 1] > second.macro_family[1, 0]  # single intervals overlap
+    assert rank_intervals([first, second], "descending").tolist() == [[1, 1], [2, 2]]
+
+
+def test_a_diagnostic_is_higher_and_never_better(split: SplitArrays, protocol: Protocol) -> None:
+    unsafe = np.random.default_rng(1).random(N) < 0.8
+    a, b = _scores(unsafe), _scores(unsafe)
+    a.values[:, 3] += 1.0
+    difference = compare(a, b, split, protocol, PLANNING).overall["cts"]
+    assert difference.difference == pytest.approx(1.0)
+    assert difference.verdict == "A is higher"
+
+
+def test_families_are_compared_where_they_have_samples(
+    make_split: MakeSplit, protocol: Protocol
+) -> None:
+    split = make_split(np.zeros((N, 4, 2)), tasks=[0, 4] * (N // 2))
+    unsafe = np.arange(N) % 4 < 2
+    comparison = compare(_scores(unsafe), _scores(~unsafe), split, protocol, PLANNING)
+    assert list(comparison.families) == ["sudden_emergence", "lane_blockage"]
+    ur = comparison.families["lane_blockage"]["ur"]
+    assert (ur.difference, ur.discordant) == (0.0, 1.0)
+    assert ur.verdict == "not separable on this split"
+
+
+def test_samples_that_either_leaves_undefined_are_left_out(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    unsafe = np.random.default_rng(1).random(N) < 0.8
+    a, b = _scores(unsafe), _scores(unsafe)
+    a.values[: N // 2, 3] = np.nan
+    b.values[N // 2 :, 3] = np.nan
+    difference = compare(a, b, split, protocol, PLANNING).overall["cts"]
+    assert (difference.difference, difference.interval, difference.discordant) == (None, None, None)
+    assert difference.verdict == "not separable on this split"
+
+
+def test_the_reminder_effect_is_the_paired_difference_of_two_submissions(
+    split: SplitArrays, protocol: Protocol
+) -> None:
+    rng = np.random.default_rng(2)
+    without = rng.integers(0, 5, N)
+    acceptable = split.acceptable.argmax(axis=1)
+    with_reminder = np.where(rng.random(N) < 0.3, acceptable, without)
+    graded = [
+        grade_strategies(StrategyAnswers.without_reminders(answers), split, protocol)
+        for answers in (with_reminder, without)
+    ]
+    effect = compare(graded[0], graded[1], split, protocol, STRATEGY)
+    accuracy = effect.overall["accuracy"]
+    assert accuracy.interval is not None
+    assert accuracy.interval[0] > 0
+    assert accuracy.verdict == "A is better"
+    assert effect.overall["under_warning"].verdict == "A is better"
+    assert effect.overall["missing"].discordant == 0

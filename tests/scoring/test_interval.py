@@ -1,0 +1,61 @@
+"""Intervals, against printed tables and by counting."""
+
+import numpy as np
+import pytest
+
+from exceptiondrive_scoring.interval import (
+    draws_cut_off,
+    percentile_intervals,
+    student_quantile,
+    wilson_at_the_ends,
+    wilson_interval,
+)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "printed"), [(5, 2.571), (10, 2.228), (30, 2.042), (100, 1.984), (1e9, 1.960)]
+)
+def test_students_quantile_agrees_with_the_printed_table(freedom: float, printed: float) -> None:
+    assert student_quantile(1.959964, freedom) == pytest.approx(printed, rel=2e-3)
+
+
+def test_many_scenes_leave_two_and_a_half_per_cent_outside_at_each_end() -> None:
+    assert draws_cut_off(1000, 0.95, 1e12) == 25
+    assert draws_cut_off(10_000, 0.90, 1e12) == 500
+
+
+def test_few_scenes_leave_fewer_draws_outside() -> None:
+    cuts = [draws_cut_off(10_000, 0.95, n) for n in (1, 2, 5, 20, 100, 1000)]
+    assert cuts == sorted(cuts)
+    assert cuts[0] == 0
+    assert cuts[3] == pytest.approx(160, abs=5)  # normal tail beyond 2.093 sqrt(20 / 19)
+
+
+def test_the_interval_is_made_of_draws() -> None:
+    draws = np.random.default_rng(3).permutation(np.arange(1000.0))
+    many = np.array(1e9)
+    assert percentile_intervals(draws, many, 0.95).tolist() == [25.0, 974.0]
+
+
+def test_undefined_draws_are_left_out() -> None:
+    draws = np.array([np.nan] * 500 + list(range(1000)))
+    assert percentile_intervals(draws, np.array(1e9), 0.95).tolist() == [25.0, 974.0]
+    assert np.isnan(percentile_intervals(np.full(10, np.nan), np.array(1e9), 0.95)).all()
+
+
+@pytest.mark.parametrize(
+    ("hits", "n", "low", "high"),
+    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (15, 50, 0.1910, 0.4375)],
+)
+def test_wilson_agrees_with_values_worked_by_hand(
+    hits: int, n: int, low: float, high: float
+) -> None:
+    interval = wilson_interval(np.array(hits / n), np.array(n), 0.95)
+    np.testing.assert_allclose(interval, [low, high], atol=5e-4)
+
+
+def test_wilson_replaces_only_intervals_that_shrank_to_zero_or_one() -> None:
+    intervals = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 0.2], [0.5, 0.5], [np.nan, np.nan]])
+    replaced = wilson_at_the_ends(intervals, np.full(5, 10.0), 0.95)
+    np.testing.assert_allclose(replaced[:2], [[0, 0.2775], [0.7225, 1]], atol=5e-4)
+    np.testing.assert_array_equal(replaced[2:], intervals[2:])
