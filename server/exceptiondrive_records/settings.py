@@ -2,6 +2,7 @@
 
 import difflib
 import os
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 from pydantic import Field, ValidationError, field_validator
@@ -25,7 +26,7 @@ class RecordsSettings(BaseSettings):
 
     database_url: str = "sqlite:///data/records.sqlite3"
     broker_url: str = "redis://127.0.0.1:6379/0"
-    file_store_url: str = "file:///data/uploads"
+    file_store_url: str = Field(default_factory=lambda: Path("data/uploads").absolute().as_uri())
     lease_s: Seconds = 120.0
     max_attempts: Annotated[int, Field(ge=1, le=100)] = 4
     retry_backoff_s: Seconds = 2.0

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import text
 
@@ -39,3 +40,10 @@ def newest_revision() -> str:
     head = ScriptDirectory.from_config(alembic_config()).get_current_head()
     assert head is not None
     return head
+
+
+def is_current(database: Database) -> bool:
+    """Whether the database has the newest schema."""
+    with database.read() as session:
+        context = MigrationContext.configure(session.connection())
+        return context.get_current_revision() == newest_revision()

@@ -1,0 +1,50 @@
+"""An operator's second chance for what failed by our own fault."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.errors import Conflict, NotFound
+from exceptiondrive_records.tables import Job, JobState, Submission
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+def retry_submission(session: Session, submission_id: str, *, actor: str) -> Submission:
+    """Queue a failed submission again, with all its attempts.
+
+    Raises:
+        NotFound: No such submission.
+        Conflict: It has not failed, or the team has submitted the same bytes again since.
+    """
+    submission = session.get(Submission, submission_id, with_for_update=True)
+    if submission is None:
+        raise NotFound("submission", submission_id)
+    if submission.status is not SubmissionStatus.FAILED:
+        raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
+    if _same_bytes_since(session, submission):
+        raise Conflict("The team has submitted the same file again since; that one counts.")
+    now = database_now(session)
+    query = select(Job).where(Job.submission_id == submission_id, Job.is_first).with_for_update()
+    job = session.scalars(query).one()
+    job.state = JobState.QUEUED
+    job.attempts = job.rings = 0
+    job.fence += 1
+    job.available_at = now
+    job.rung_at = job.lease_until = job.finished_at = None
+    submission.status = SubmissionStatus.RECEIVED
+    submission.status_at = now
+    submission.failure_code = submission.failure_message = None
+    audit(session, actor, "scoring retried by hand", submission_id)
+    return submission
+
+
+def _same_bytes_since(session: Session, submission: Submission) -> bool:
+    over = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
+    query = select(Submission.id).where(
+        Submission.phase_id == submission.phase_id,
+        Submission.team_id == submission.team_id,
+        Submission.file_digest == submission.file_digest,
+        Submission.status.not_in(over),
+    )
+    return session.scalars(query).first() is not None

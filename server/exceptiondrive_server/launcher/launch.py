@@ -1,0 +1,220 @@
+"""Starts, watches and ends the processes of the embedded default."""
+
+import errno
+import os
+import signal
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import FrameType
+
+from exceptiondrive_server.launcher.banner import banner
+from exceptiondrive_server.launcher.broker import (
+    NoBrokerError,
+    broker_command,
+    find_broker_binary,
+    socket_path,
+)
+from exceptiondrive_server.launcher.child import Child, ChildPlan, die_with_parent
+from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.layout import BrokerFolder, DataLock, Layout
+from exceptiondrive_server.launcher.plans import (
+    Address,
+    broker_plan,
+    find_command,
+    service_plans,
+    shared_environment,
+    worker_environment,
+)
+
+Say = Callable[[str], None]
+
+_TICK_S = 0.1
+_GRACE_S = 20.0
+_BROKER_START_S = 10.0
+_DEATHS_BEFORE_GIVING_UP = 3
+
+
+class Launcher:
+    """The embedded default on one DATA folder; `run` returns when a signal has ended it."""
+
+    def __init__(self, layout: Layout, address: Address, *, with_sample: bool, say: Say) -> None:
+        self.layout = layout
+        self.address = address
+        self.with_sample = with_sample
+        self.say = say
+        self.children: list[Child] = []
+        self._sample: subprocess.Popen[bytes] | None = None
+        self._signals = 0
+
+    def run(self) -> None:
+        """Run until SIGINT or SIGTERM.
+
+        Raises:
+            LaunchError: It cannot start; the text says why.
+        """
+        self.layout.create()
+        DataLock(self.layout).take()
+        require_free_port(self.address)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._on_signal)
+        folder = BrokerFolder(self.layout)
+        try:
+            shared = self._start_all(folder)
+            self._watch(shared)
+        finally:
+            self._end_all()
+            folder.remove()
+
+    def _start_all(self, folder: BrokerFolder) -> dict[str, str]:
+        given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
+        if given_url:
+            self.say("broker: the one of EXCEPTIONDRIVE_BROKER_URL")
+        else:
+            self._start_broker(folder)
+        shared = shared_environment(self.layout, self.address, given_url or folder.url)
+        plans = service_plans(self.layout, self.address, shared)
+        self._migrate(shared)
+        for plan in plans:
+            self._start(plan)
+        return shared
+
+    def _start_broker(self, folder: BrokerFolder) -> None:
+        try:
+            binary = find_broker_binary()
+        except NoBrokerError as error:
+            raise LaunchError(str(error)) from None
+        self.say(f"broker: {binary.origin}, private, on a unix socket")
+        socket_path(folder.path).unlink(missing_ok=True)
+        command = broker_command(binary.path, folder.path)
+        child = self._start(broker_plan(self.layout, command))
+        deadline = time.monotonic() + _BROKER_START_S
+        while not socket_path(folder.path).exists():
+            if not child.is_alive or time.monotonic() > deadline:
+                raise LaunchError(f"the broker did not start:\n{child.last_lines()}")
+            time.sleep(0.01)
+
+    def _migrate(self, shared: Mapping[str, str]) -> None:
+        command = [find_command("exceptiondrive-server"), "migrate"]
+        done = subprocess.run(command, env=shared, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise LaunchError(f"the records could not be brought up to date:\n{done.stderr}")
+
+    def _start(self, plan: ChildPlan) -> Child:
+        child = Child(plan)
+        self.children.append(child)
+        child.start()
+        return child
+
+    def _watch(self, shared: Mapping[str, str]) -> None:
+        is_ready = False
+        while not self._signals:
+            for child in self.children:
+                news = child.check()
+                if news is not None:
+                    self._tell_death(child, news, is_ready)
+            if not is_ready and _answers(self.address):
+                is_ready = True
+                self.say(banner(self.layout.data, self.address))
+                self._start_sample(shared)
+            self._check_sample()
+            time.sleep(_TICK_S)
+
+    def _tell_death(self, child: Child, news: str, is_ready: bool) -> None:
+        tail = "\n".join(f"    {line}" for line in child.last_lines().splitlines())
+        self.say(f"{news} (log: {child.plan.log})\n{tail}")
+        if not is_ready and child.starts >= _DEATHS_BEFORE_GIVING_UP:
+            raise LaunchError(f"the {child.plan.name} does not start; see {child.plan.log}")
+
+    def _start_sample(self, shared: Mapping[str, str]) -> None:
+        if not self.with_sample:
+            return
+        command = [
+            find_command("exceptiondrive-server"),
+            *("fill-sample", "--data", str(self.layout.data), "--server", self.address.url),
+        ]
+        environment = worker_environment(self.layout, shared)
+        self._sample = subprocess.Popen(
+            command,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=die_with_parent(os.getpid()),  # noqa: PLW1509 - no threads here
+        )
+
+    def _check_sample(self) -> None:
+        if self._sample is None or self._sample.poll() is None:
+            return
+        if self._sample.returncode != 0:
+            self.say("the sample could not be filled; the server runs on without it")
+        self._sample = None
+
+    def _end_all(self) -> None:
+        self.say("stopping ...")
+        if self._sample is not None and self._sample.poll() is None:
+            os.killpg(self._sample.pid, signal.SIGTERM)
+        brokers = [child for child in self.children if child.plan.name == "broker"]
+        services = [child for child in self.children if child not in brokers]
+        self._end(services)
+        self._end(brokers)  # last: the worker says goodbye to it
+        if self._sample is not None:
+            self._sample.wait()
+        self.say("stopped; the data stays in " + str(self.layout.data))
+
+    def _end(self, children: list[Child]) -> None:
+        for child in children:
+            child.end()
+        deadline = time.monotonic() + _GRACE_S
+        seen = self._signals
+        while any(not child.wait(time.monotonic() + _TICK_S) for child in children):
+            if time.monotonic() > deadline or self._signals > max(seen, 1):
+                break
+        for child in children:
+            child.end(signal.SIGKILL)  # whatever is left of the group
+            child.wait(time.monotonic() + 5)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._signals += 1
+
+
+def require_free_port(address: Address) -> None:
+    """Check that nobody listens there.
+
+    Raises:
+        LaunchError: The port is taken, or the host is none of this machine.
+    """
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((address.host, address.port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise LaunchError(
+                    f"port {address.port} is in use; choose another one: "
+                    "`make run PORT=8001` or `exceptiondrive-server run --port 8001`"
+                ) from None
+            raise LaunchError(
+                f"cannot listen on {address.host}:{address.port}: {error.strerror}"
+            ) from None
+
+
+def _answers(address: Address) -> bool:
+    try:
+        with urllib.request.urlopen(f"{address.url}/readyz", timeout=1) as answer:
+            return bool(answer.status == 200)
+    except (urllib.error.URLError, OSError):
+        return False
+
+
+def launch(data: Path, address: Address, *, with_sample: bool, say: Say) -> None:
+    """Run the embedded default on a data folder until a signal ends it.
+
+    Raises:
+        LaunchError: It cannot start; the text says why.
+    """
+    Launcher(Layout(data), address, with_sample=with_sample, say=say).run()

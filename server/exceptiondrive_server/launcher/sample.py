@@ -1,0 +1,204 @@
+"""Makes the page alive: a phase on the sample split, and planners submitted by the real client."""
+
+import os
+import subprocess
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import TypeAdapter
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.phases import create_phase, find_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.tables import Submission, Team
+from exceptiondrive_records.teams import create_team, find_team
+from exceptiondrive_records.tokens import issue_token, verify_token
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.layout import Layout
+from exceptiondrive_server.launcher.plans import find_command
+
+PHASE = "sample"
+SPLIT = "sample"
+ACTOR = "operator:sample"
+_AT_ONCE = 2
+
+Say = Callable[[str], None]
+
+
+class Planner(Document):
+    """One line of `planners.json`: a file, and the method that wrote it."""
+
+    file: str
+    method: str
+    description: str = ""
+    is_reference: bool = False
+
+
+@dataclass(frozen=True)
+class SampleTeam:
+    """A team that submits synthetic planners; its token lies in a 0600 file."""
+
+    slug: str
+    name: str
+    is_reference: bool
+    token_file: str
+
+
+BASELINES = SampleTeam(
+    "exceptiondrive-baselines", "ExceptionDrive baselines", False, "sample-token"
+)
+REFERENCE = SampleTeam("exceptiondrive-reference", "Reference", True, "reference-token")
+
+
+def seed_sample(database: Database, layout: Layout) -> None:
+    """Make protocol, phase, both teams and their token files, so far as they are missing.
+
+    Raises:
+        NotFound: The sample split is not registered yet.
+    """
+    with database.write() as session:
+        add_protocol(session, packaged_protocol_toml(), ACTOR)
+        _make_phase(session)
+        for team in (BASELINES, REFERENCE):
+            _make_team(session, team, layout.data / team.token_file)
+
+
+def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -> None:
+    """Register the sample split, seed, and submit every planner that is not on the records yet.
+
+    Raises:
+        LaunchError: A step failed; its own words are part of the text.
+    """
+    worker = find_command("exceptiondrive-worker")
+    _step([worker, "seed-sample"])
+    seed_sample(database, layout)
+    listing = layout.planners / "planners.json"
+    if not listing.exists():
+        layout.planners.mkdir(parents=True, exist_ok=True)
+        say("sample: making the files of the synthetic planners")
+        _step([worker, "make-planners", str(layout.planners)])
+    planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
+    missing = [planner for planner in planners if not _is_known(database, planner)]
+    if missing:
+        _submit_all(missing, layout, server_url, say)
+
+
+def _make_phase(session: Session) -> None:
+    try:
+        find_phase(session, PHASE)
+    except NotFound:
+        create_phase(
+            session,
+            PHASE,
+            challenge="planning",
+            title="Development",
+            description="Synthetic samples whose regions are public: try your files here, as "
+            "often as you like. `exceptiondrive evaluate` gives the same scores on your machine.",
+            split_name=SPLIT,
+            protocol="1.0",
+            quota_per_day=200,
+            rejected_per_day=500,
+            actor=ACTOR,
+        )
+
+
+def _make_team(session: Session, wanted: SampleTeam, token_file: Path) -> None:
+    try:
+        team = find_team(session, wanted.slug)
+    except NotFound:
+        team = create_team(
+            session, wanted.slug, wanted.name, is_reference=wanted.is_reference, actor=ACTOR
+        )
+    if token_file.exists():
+        principal = verify_token(session, token_file.read_text().strip())
+        if principal is not None and principal.team_id == team.id:
+            return
+    text, _ = issue_token(session, team.id, "sample planners", actor=ACTOR)
+    write_secret(token_file, text)
+
+
+def write_secret(path: Path, text: str) -> None:
+    """Write a file that only its owner may read, from the first byte on."""
+    path.unlink(missing_ok=True)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w") as file:
+        file.write(text + "\n")
+
+
+def _is_known(database: Database, planner: Planner) -> bool:
+    team = REFERENCE if planner.is_reference else BASELINES
+    ended_well = (SubmissionStatus.SCORED, SubmissionStatus.WITHDRAWN)
+    with database.read() as session:
+        query = (
+            select(Submission.id)
+            .join(Team, Team.id == Submission.team_id)
+            .where(
+                Team.slug == team.slug,
+                Submission.phase_id == PHASE,
+                Submission.method == planner.method,
+                Submission.status.in_(ended_well),
+            )
+        )
+        return session.scalars(query).first() is not None
+
+
+def _submit_all(planners: list[Planner], layout: Layout, server_url: str, say: Say) -> None:
+    waiting = list(planners)
+    running: dict[str, subprocess.Popen[str]] = {}
+    n_done = 0
+    while waiting or running:
+        while waiting and len(running) < _AT_ONCE:
+            planner = waiting.pop(0)
+            running[planner.method] = _submit(planner, layout, server_url)
+        for method, process in list(running.items()):
+            if process.poll() is None:
+                continue
+            del running[method]
+            n_done += 1
+            _, errors = process.communicate()
+            if process.returncode != 0:
+                raise LaunchError(f"submitting {method} failed:\n{errors}")
+            say(f"sample: {n_done} of {len(planners)} scored ({method})")
+        time.sleep(0.05)
+
+
+def _submit(planner: Planner, layout: Layout, server_url: str) -> subprocess.Popen[str]:
+    team = REFERENCE if planner.is_reference else BASELINES
+    command = [
+        find_command("exceptiondrive"),
+        *("submit", str(layout.planners / planner.file)),
+        *("--phase", PHASE, "--method", planner.method, "--wait"),
+    ]
+    if planner.description:
+        command += ["--description", planner.description]
+    environment = {
+        **os.environ,
+        "EXCEPTIONDRIVE_SERVER": server_url,
+        "EXCEPTIONDRIVE_TOKEN": (layout.data / team.token_file).read_text().strip(),
+    }
+    return _popen(command, environment)
+
+
+def _popen(command: list[str], environment: Mapping[str, str]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _step(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise LaunchError(f"`{' '.join(command[1:])}` failed:\n{done.stderr or done.stdout}")

@@ -1,0 +1,120 @@
+"""`exceptiondrive-server`: what an operator does on the machine itself."""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import uvicorn
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.doorbell import Doorbell
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.migrations import migrate as migrate_records
+from exceptiondrive_records.reconciler import run_reconciler
+from exceptiondrive_records.settings import SettingsError, load_settings
+from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.launch import launch
+from exceptiondrive_server.launcher.layout import Layout
+from exceptiondrive_server.launcher.plans import Address
+from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
+from exceptiondrive_server.operator_records import records_app
+from exceptiondrive_server.operator_session import DataOption, opened, records_settings, say
+
+app = typer.Typer(
+    help="Run and operate an ExceptionDrive evaluation server.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.registered_commands += records_app.registered_commands
+
+HostOption = Annotated[str, typer.Option("--host", help="Address to listen on.")]
+PortOption = Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")]
+
+
+@app.command()
+def run(
+    port: PortOption = 8000,
+    host: HostOption = "127.0.0.1",
+    data: Annotated[Path, typer.Option("--data", help="Folder that keeps everything.")] = Path(
+        "data"
+    ),
+    sample: Annotated[
+        bool,
+        typer.Option("--sample/--no-sample", help="Fill it with the sample split and planners."),
+    ] = False,
+) -> None:
+    """Run everything on this machine: broker, API, worker, reconciler."""
+    launch(data, Address(host, port), with_sample=sample, say=say)
+
+
+@app.command()
+def migrate(data: DataOption = None) -> None:
+    """Bring the records to the newest schema; all of it or nothing."""
+    migrate_records(records_settings(data).database_url)
+    say("the records are up to date")
+
+
+@app.command()
+def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
+    """Serve API and pages, in one process."""
+    from exceptiondrive_server.app import create_app  # the other commands need none of it
+    from exceptiondrive_server.settings import ServerSettings
+
+    uvicorn.run(
+        create_app(load_settings(ServerSettings)),
+        host=host,
+        port=port,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=10,
+    )
+
+
+@app.command()
+def reconcile(data: DataOption = None) -> None:
+    """Ring for waiting jobs, give up exhausted ones; any number may run, one of them leads."""
+    settings = records_settings(data)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    with opened(settings) as database:
+        doorbell = Doorbell(settings.broker_url)
+        run_reconciler(database, doorbell, settings, stop)
+        doorbell.close()
+
+
+@app.command("seed-sample")
+def seed_sample_command(data: DataOption = None) -> None:
+    """Make the sample phase, its teams and their token files; the split must be registered."""
+    layout, database = _sample(data)
+    seed_sample(database, layout)
+    say(f"phase `sample` is ready; token in {layout.data / 'sample-token'}")
+
+
+@app.command("fill-sample", hidden=True)
+def fill_sample_command(
+    server: Annotated[str, typer.Option("--server", help="Address of the running server.")],
+    data: DataOption = None,
+) -> None:
+    """Register the sample split, seed, and submit the synthetic planners."""
+    layout, database = _sample(data)
+    fill_sample(database, layout, server, say)
+
+
+def _sample(data: Path | None) -> tuple[Layout, Database]:
+    layout = Layout(data if data is not None else Path("data"))
+    layout.create()
+    return layout, Database(records_settings(data).database_url)
+
+
+def main() -> None:
+    """Run a command; what goes wrong is one sentence on stderr."""
+    try:
+        app()
+    except (LaunchError, RecordsError, SettingsError) as error:
+        typer.echo(f"exceptiondrive-server: {error}", err=True)
+        sys.exit(2)

@@ -1,0 +1,63 @@
+"""How operator commands reach the records, and how they speak."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from sqlalchemy import make_url
+from sqlalchemy.exc import OperationalError
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.migrations import is_current
+from exceptiondrive_records.settings import RecordsSettings, SettingsError, load_settings
+from exceptiondrive_server.launcher.layout import Layout
+
+ACTOR = "operator"
+
+DataOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--data",
+        help="Folder of `exceptiondrive-server run`; needed unless it is ./data or "
+        "EXCEPTIONDRIVE_DATABASE_URL is set.",
+    ),
+]
+
+
+def say(text: str) -> None:
+    """Tell the operator something, on stderr: stdout is for results."""
+    typer.echo(text, err=True)
+
+
+def records_settings(data: Path | None) -> RecordsSettings:
+    """Return the settings; with `data`, those of the embedded default in that folder."""
+    if data is not None:
+        os.environ.update(Layout(data).environment(os.environ))
+    return load_settings(RecordsSettings)
+
+
+@contextmanager
+def opened(settings: RecordsSettings) -> Iterator[Database]:
+    """Open records that exist and have the newest schema.
+
+    Raises:
+        SettingsError: They do not; the text says what to do.
+    """
+    url = make_url(settings.database_url)
+    if url.get_backend_name() == "sqlite" and not Path(url.database or "").is_file():
+        raise SettingsError(
+            f"there are no records at {url.database}. Name the folder of the running server with "
+            "--data, set EXCEPTIONDRIVE_DATABASE_URL, or make them: exceptiondrive-server migrate"
+        )
+    database = Database(settings.database_url)
+    try:
+        if not is_current(database):
+            raise SettingsError("the records are not up to date: run exceptiondrive-server migrate")
+        yield database
+    except OperationalError as error:
+        raise SettingsError(f"the database does not answer: {error.orig}") from None
+    finally:
+        database.dispose()
