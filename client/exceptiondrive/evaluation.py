@@ -5,7 +5,6 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 """
 
 import os
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,6 +93,7 @@ def read_split(path: str | os.PathLike[str]) -> Split:
 
 def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreSheet:
     """Score what a sound file says: measure, grade, aggregate (PROTOCOL.md 2 and 3)."""
+    from exceptiondrive_scoring import SCORER_VERSION
     from exceptiondrive_scoring.challenge import SCORING
     from exceptiondrive_scoring.sheet import aggregate
     from exceptiondrive_scoring.split_arrays import split_arrays
@@ -112,7 +112,7 @@ def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreS
         challenge=document.challenge,
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
         split=SplitRef(name=split.name, revision=split.revision),
-        scorer_version=version("exceptiondrive"),
+        scorer_version=SCORER_VERSION,
         n=breakdown.n,
         coverage=Coverage(edited=coverage["edited"] or 0.0, source=coverage["source"]),
         micro=breakdown.micro,

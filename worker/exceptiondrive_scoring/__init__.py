@@ -4,3 +4,6 @@ Data flows one way: answers --measure--> measurements --grade--> sample scores -
 breakdown --rank--> board. `challenge.SCORING` gives the measure and grade of each challenge.
 Every constant comes from the protocol document; every formula names its place in PROTOCOL.md.
 """
+
+SCORER_VERSION = "1"
+"""Raised when the same input may come to another number. Every score sheet names it."""

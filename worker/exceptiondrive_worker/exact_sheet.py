@@ -1,5 +1,6 @@
 """From measurements to the exact score sheet: scoring's numbers in the published form."""
 
+import exceptiondrive_scoring
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -14,8 +15,8 @@ from exceptiondrive_scoring.challenge import ChallengeScoring
 from exceptiondrive_scoring.sheet import Row, aggregate
 from exceptiondrive_worker.split_store import LoadedSplit
 
-SCORER_VERSION = "1"
-"""Raised when the same input may come to another number; kept results of older code are left."""
+SCORER_VERSION = exceptiondrive_scoring.SCORER_VERSION
+"""Part of the key of kept results: those of older code are left."""
 
 
 def exact_sheet(
