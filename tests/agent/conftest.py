@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-import typer
 from typer.testing import CliRunner, Result
 
-from exceptiondrive.agent.cli import register
+from exceptiondrive.agent.__main__ import app
 
 RECORDED = Path(__file__).parent / "recorded"
 KEY = "key-of-the-tests-0123456789"
@@ -249,9 +248,7 @@ class Bench:
 
 
 def invoke(arguments: list[str]) -> Result:
-    """Run the command line as the main program mounts it."""
-    app = typer.Typer()
-    register(app)
+    """Run the two commands as the main program does."""
     return CliRunner().invoke(app, arguments)
 
 

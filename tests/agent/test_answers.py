@@ -108,6 +108,14 @@ def test_a_record_without_one_of_its_keys_is_no_answer(record: dict[str, object]
         read_reminder(json.dumps(record), TAXONOMY)
 
 
+@pytest.mark.parametrize("text", ["a\x00b", "a\x1b[31mb", "a\ud800b"])
+def test_a_text_that_cannot_be_kept_or_shown_is_no_answer(
+    record: dict[str, object], text: str
+) -> None:
+    with pytest.raises(NoAnswerError, match="wrong_schema"):
+        read_reminder(json.dumps(record | {"evidence": text}), TAXONOMY)
+
+
 @given(st.text(max_size=200))
 def test_any_text_gives_an_answer_that_stands_in_it_or_a_reason(text: str) -> None:
     try:

@@ -29,8 +29,8 @@ def test_mounting_the_commands_loads_neither_openai_nor_the_agent() -> None:
 
 def test_without_the_extra_the_error_says_what_to_install() -> None:
     result = python(
-        "import sys; sys.modules['openai'] = None; import typer;"
-        "from exceptiondrive.agent.cli import register; app = typer.Typer(); register(app);"
+        "import sys; sys.modules['openai'] = None;"
+        "from exceptiondrive.agent.__main__ import app;"
         "sys.argv = 'x remind images --out o --base-url http://127.0.0.1:1 --model m'.split();"
         "app()"
     )

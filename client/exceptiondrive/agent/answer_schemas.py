@@ -4,12 +4,11 @@ Only keywords that every structured-output engine knows (type, enum, anyOf, requ
 checked after the answer has come.
 """
 
-from typing import Any
+from typing import Any, get_args
 
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.strategy import ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
-RISK_LEVELS = ("none", "low", "medium", "high")
 Schema = dict[str, Any]
 
 
@@ -20,7 +19,7 @@ def reminder_schema(taxonomy: Taxonomy) -> Schema:
         "hazard_present": {"type": "boolean"},
         "hazard_type": _or_null(_one_of([task.id for task in taxonomy.tasks])),
         "relative_location": text,
-        "risk_level": _one_of(RISK_LEVELS),
+        "risk_level": _one_of(get_args(RiskLevel)),
         "evidence": text,
         "safety_constraint": text,
         "recommended_strategy": _one_of([strategy.value for strategy in Strategy]),

@@ -6,11 +6,13 @@ JSON as the end of the text; for a strategy also the bare letter. Two JSON objec
 
 import json
 import re
+from collections.abc import Iterator
 from typing import Any
 
 from pydantic import ValidationError
 
 from exceptiondrive.agent.errors import NoAnswerError, Reason
+from exceptiondrive_schemas.check.texts import LINE_BREAKS, has_unkeepable
 from exceptiondrive_schemas.strategy import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
@@ -38,11 +40,17 @@ def read_reminder(text: str, taxonomy: Taxonomy) -> ReminderRecord:
         record = ReminderRecord.model_validate_json(json.dumps(answer))
     except ValidationError as error:
         raise NoAnswerError(Reason.WRONG_SCHEMA, _sentence(error), text) from None
+    if any(has_unkeepable(value, LINE_BREAKS) for value in _texts(record)):
+        raise NoAnswerError(Reason.WRONG_SCHEMA, "a text holds control characters", text)
     known = {task.id for task in taxonomy.tasks}
     if record.hazard_type is not None and record.hazard_type not in known:
         detail = f"{record.hazard_type!r} is no task id of the taxonomy"
         raise NoAnswerError(Reason.UNKNOWN_HAZARD_TYPE, detail, text)
     return record
+
+
+def _texts(record: ReminderRecord) -> Iterator[str]:
+    return (value for _, value in record if isinstance(value, str))
 
 
 def read_strategy(text: str) -> Strategy:

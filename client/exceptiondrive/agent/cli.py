@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exceptiondrive.agent.errors import INSTALL_HINT, AgentError
+from exceptiondrive.agent.errors import AgentError
 
 if TYPE_CHECKING:
     from exceptiondrive.agent.report import RunReport
@@ -99,7 +99,18 @@ PriceOut = Annotated[
     float | None,
     typer.Option(min=0, help="Price of a million answer tokens.", rich_help_panel=_MODEL),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
+
+
+def _remember_json(context: typer.Context, value: bool) -> bool:
+    from exceptiondrive.cli.output import remember_json
+
+    return remember_json(context, value)
+
+
+Json = Annotated[
+    bool,
+    typer.Option("--json", callback=_remember_json, help="One JSON document on stdout."),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -128,7 +139,7 @@ def remind(
     extra_body: ExtraBody = None,
     price_in: PriceIn = None,
     price_out: PriceOut = None,
-    as_json: AsJson = False,
+    json: Json = False,
 ) -> None:
     """Write a risk reminder per sample: images and the public taxonomy in, a record out.
 
@@ -142,7 +153,7 @@ def remind(
 
         return run.remind(images, out, _settings(given), manifest)
 
-    _command(work, as_json)
+    _command(work, json)
 
 
 def decide(
@@ -179,7 +190,7 @@ def decide(
     extra_body: ExtraBody = None,
     price_in: PriceIn = None,
     price_out: PriceOut = None,
-    as_json: AsJson = False,
+    json: Json = False,
 ) -> None:
     """Choose a strategy per sample, with or without reminders, and write a strategy submission.
 
@@ -201,30 +212,26 @@ def decide(
             attach_reminders=attach_reminders,
         )
 
-    _command(work, as_json)
+    _command(work, json)
 
 
 def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
-    """Run, print the report, and exit with 0, or 5 when samples could not be asked."""
-    try:
-        _require_openai()
-        report = work()
-    except AgentError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(error.exit_code) from None
-    typer.echo(report.model_dump_json(indent=1) if as_json else report.text)
-    if report.unreachable:
-        typer.echo(
-            f"{report.unreachable} samples could not be asked; run the same command again", err=True
-        )
-        raise typer.Exit(5)
+    """Run and print the report; fail when samples could not be asked."""
+    from exceptiondrive.cli.output import say, show_document
 
-
-def _require_openai() -> None:
     try:
         importlib.import_module("openai")
     except ImportError:
-        raise AgentError(INSTALL_HINT) from None
+        advice = 'Install it: pip install "exceptiondrive[agent]"'
+        raise AgentError("remind and decide need the extra `agent`.", advice) from None
+    report = work()
+    if as_json:
+        show_document(report)
+    else:
+        typer.echo(report.text)
+    if report.unreachable:
+        say(f"{report.unreachable} samples could not be asked; run the same command again.")
+        raise typer.Exit(5)
 
 
 def _settings(given: dict[str, Any]) -> "RunSettings":

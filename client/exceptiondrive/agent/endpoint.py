@@ -15,13 +15,18 @@ import openai
 from exceptiondrive.agent.answer_schemas import Schema
 from exceptiondrive.agent.completion import Completion, read_completion
 from exceptiondrive.agent.dialect import Dialect, ModelSettings, plainer, request_body
-from exceptiondrive.agent.errors import AgentError, NoAnswerError, Reason
+from exceptiondrive.agent.errors import (
+    AgentError,
+    EndpointRefusesError,
+    NoAnswerError,
+    Reason,
+)
 from exceptiondrive.agent.pace import Pace
 from exceptiondrive.agent.prompts import Message
 
 Sleep = Callable[[float], Awaitable[None]]
 _RAW_RESPONSE = "x-stainless-raw-response"  # the library reads it back from the request
-_KEY_VARIABLES = "EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY"
+_KEY_ADVICE = "Set EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY."
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,7 @@ class Endpoint:
 
         Raises:
             NoAnswerError: The endpoint did not answer, refused this request or answered nonsense.
-            AgentError: No sample can be asked: the key, the model's name or the account is refused.
+            ExceptionDriveError: No sample can be asked: key, account or model name is refused.
         """
         dialect: Dialect | None = self._dialect
         while dialect is not None:
@@ -115,13 +120,12 @@ class Endpoint:
     def _stop_if_hopeless(self, error: openai.APIStatusError) -> None:
         said = self._clean(error.message)
         if error.status_code == 401:
-            raise AgentError(f"the endpoint refuses the key; set {_KEY_VARIABLES}: {said}", 4)
+            raise EndpointRefusesError(f"The endpoint refuses the key: {said}.", _KEY_ADVICE)
         if error.status_code == 402 or error.code == "insufficient_quota":
-            raise AgentError(f"the endpoint says that the account is used up: {said}", 4)
+            raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
         if error.status_code == 404:
-            raise AgentError(
-                f"the endpoint knows no such address or model; see --base-url and --model: {said}"
-            )
+            advice = "Correct --base-url or --model."
+            raise AgentError(f"The endpoint knows no such address or model: {said}.", advice)
 
     def _refused(self, error: openai.APIStatusError) -> NoAnswerError:
         reason = Reason.REQUEST_REFUSED

@@ -2,17 +2,29 @@
 
 from enum import StrEnum
 
-INSTALL_HINT = (
-    'remind and decide need the agent extra: pip install "exceptiondrive[agent]" (it adds openai)'
-)
+from exceptiondrive.errors import InvalidArgumentError, NetworkError, NotAllowedError
 
 
-class AgentError(Exception):
-    """The run cannot go on; the message says what to do, the code is the exit code."""
+class AgentError(InvalidArgumentError):
+    """The run cannot start or go on as it was asked for; exit 2."""
 
-    def __init__(self, message: str, exit_code: int = 2) -> None:
-        self.exit_code = exit_code
-        super().__init__(message)
+    def __init__(self, sentence: str, advice: str = "") -> None:
+        super().__init__("agent_run_invalid", sentence, advice)
+
+
+class EndpointRefusesError(NotAllowedError):
+    """The endpoint refuses every sample: the key, or the account; exit 4."""
+
+    def __init__(self, sentence: str, advice: str = "") -> None:
+        super().__init__("endpoint_refuses", sentence, advice)
+
+
+class EndpointGoneError(NetworkError):
+    """Samples could not be asked; exit 5."""
+
+    def __init__(self, sentence: str) -> None:
+        advice = "Answers so far are kept; run the same command to go on."
+        super().__init__("endpoint_gone", sentence, advice)
 
 
 class Reason(StrEnum):

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 from exceptiondrive.agent.endpoint import Endpoint
-from exceptiondrive.agent.errors import AgentError, NoAnswerError, Reason
+from exceptiondrive.agent.errors import EndpointGoneError, NoAnswerError, Reason
 from exceptiondrive.agent.images import ImagePaths, load_images
 from exceptiondrive.agent.journal import MAX_RAW_CHARACTERS, JournalLine
 from exceptiondrive.agent.prompts import Message, messages
@@ -50,7 +50,7 @@ async def ask_all(sample_ids: Iterable[str], ask: Ask, take: Take, concurrency: 
     """Ask the samples in order, at most `concurrency` at a time; hand each line to `take`.
 
     Raises:
-        AgentError: The endpoint refuses the run, or failed for 20 samples in a row.
+        ExceptionDriveError: The endpoint refuses the run, or failed for 20 samples in a row.
     """
     queue = iter(sample_ids)
     watch = _Watch()
@@ -79,8 +79,7 @@ class _Watch:
         failed = line.reason is not None and line.reason.is_from_endpoint
         self._failures_in_a_row = self._failures_in_a_row + 1 if failed else 0
         if self._failures_in_a_row >= GIVE_UP_AFTER:
-            raise AgentError(
-                f"the endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time with: "
-                f"{line.detail}. Answers so far are kept; run the same command to go on",
-                exit_code=5,
+            raise EndpointGoneError(
+                f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time with: "
+                f"{line.detail}."
             )
