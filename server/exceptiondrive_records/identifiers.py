@@ -2,6 +2,7 @@
 
 import re
 import secrets
+from urllib.parse import urlsplit
 
 from exceptiondrive_records.errors import InvalidRecord
 
@@ -52,7 +53,17 @@ def checked_link(kind: str, url: str | None) -> str | None:
     """
     if url is None or url == "":
         return None
-    is_plain = url.isascii() and url.isprintable() and " " not in url
-    if not is_plain or not re.match(r"https://[^/@\s]+", url) or len(url) > 500:
+    if not _is_plain_https(url):
         raise InvalidRecord(f"The {kind} link must be an https:// address of at most 500 letters.")
     return url
+
+
+def _is_plain_https(url: str) -> bool:
+    if len(url) > 500 or not url.isascii() or any(c in ' "<>\\^`{|}' for c in url):
+        return False
+    try:
+        parts = urlsplit(url)
+        is_named = parts.scheme == "https" and bool(parts.hostname) and parts.port is None
+    except ValueError:
+        return False
+    return is_named and url.isprintable() and "@" not in parts.netloc

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import pytest
 
+from exceptiondrive_records import jobs
+from exceptiondrive_records.claims import Claim, Finish
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
@@ -60,6 +62,27 @@ class World:
                 file_digest=digest_of(content),
                 size_bytes=len(content),
             )
+
+    def claim(self, job_id: str | None, max_attempts: int = 4) -> Claim:
+        assert job_id is not None
+        with self.database.write() as session:
+            claim = jobs.claim(session, job_id, 120, max_attempts)
+        assert claim is not None
+        return claim
+
+    def finish(self, claim: Claim, hcc: float = 0.5) -> Finish:
+        with self.database.write() as session:
+            return jobs.finish_scored(
+                session,
+                claim,
+                self.sheet(hcc),
+                exact_digest=f"sha256:{hcc}",
+                measurement_key="m",
+                scorer_version="1",
+            )
+
+    def score(self, job_id: str | None, hcc: float = 0.5) -> None:
+        assert self.finish(self.claim(job_id), hcc) is Finish.RECORDED
 
     def sheet(self, hcc: float = 0.5) -> ScoreSheet:
         row: dict[str, float | None] = {"hcc": hcc, "ur": 0.25, "cts": None}

@@ -1,0 +1,180 @@
+"""A quota of n admits exactly n, whoever asks at the same time."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import update
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.errors import QuotaExceeded, RejectedCapExceeded
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.quotas import quota_of
+from exceptiondrive_records.submissions import accept, withdraw
+from exceptiondrive_records.tables import Phase, Submission
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.submission import Quota, SubmissionStatus
+
+World = Any
+N_AT_ONCE = 32
+QUOTA = 5
+
+
+def quota(world: World) -> Quota:
+    with world.database.read() as session:
+        return quota_of(session, world.team_id, find_phase(session, "dev"))
+
+
+def try_to_submit(database: Database, team_id: int, number: int) -> str:
+    try:
+        with database.write() as session:
+            accepted = accept(
+                session,
+                team_id=team_id,
+                phase_id="dev",
+                method="method",
+                file_digest=f"sha256:{number:064}",
+                size_bytes=1,
+            )
+    except QuotaExceeded:
+        return "refused"
+    return accepted.submission.id
+
+
+IN_A_PROCESS = """
+import sys
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.errors import QuotaExceeded
+from exceptiondrive_records.submissions import accept
+
+url, team_id, *numbers = sys.argv[1:]
+database = Database(url)
+for number in numbers:
+    try:
+        with database.write() as session:
+            digest = "sha256:" + number.zfill(64)
+            accepted = accept(
+                session, team_id=int(team_id), phase_id="dev", method="m",
+                file_digest=digest, size_bytes=1,
+            )
+        print(accepted.submission.id)
+    except QuotaExceeded:
+        print("refused")
+"""
+
+
+def start_process(url: str, team_id: int, numbers: range) -> subprocess.Popen[str]:
+    arguments = [url, str(team_id), *map(str, numbers)]
+    command = [sys.executable, "-c", IN_A_PROCESS, *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def must_admit_exactly_the_quota(world: World, outcomes: list[str]) -> None:
+    assert len(outcomes) == N_AT_ONCE
+    assert outcomes.count("refused") == N_AT_ONCE - QUOTA
+    with world.database.read() as session:
+        assert session.query(Submission).count() == QUOTA
+    assert quota(world).remaining_today == 0
+
+
+def test_a_quota_admits_exactly_its_number_under_parallel_threads(
+    make_world: Callable[..., World],
+) -> None:
+    world = make_world(quota_per_day=QUOTA)
+    with ThreadPoolExecutor(N_AT_ONCE) as pool:
+        outcomes = list(
+            pool.map(
+                lambda number: try_to_submit(world.database, world.team_id, number),
+                range(N_AT_ONCE),
+            )
+        )
+    must_admit_exactly_the_quota(world, outcomes)
+
+
+def test_a_quota_admits_exactly_its_number_under_parallel_processes(
+    make_world: Callable[..., World], database_url: str
+) -> None:
+    world = make_world(quota_per_day=QUOTA)
+    shares = [range(start, N_AT_ONCE, 4) for start in range(4)]
+    processes = [start_process(database_url, world.team_id, share) for share in shares]
+    outcomes = [line for process in processes for line in process.communicate()[0].split()]
+    must_admit_exactly_the_quota(world, outcomes)
+
+
+def test_parallel_copies_of_one_file_are_one_submission(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=QUOTA)
+    with ThreadPoolExecutor(20) as pool:
+        ids = set(pool.map(lambda _: try_to_submit(world.database, world.team_id, 1), range(20)))
+    assert len(ids) == 1
+    assert quota(world).used_today == 1
+
+
+def test_the_refusal_says_when_the_quota_begins_anew(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=1)
+    world.submit("one")
+    with pytest.raises(QuotaExceeded, match="00:00 UTC") as refused:
+        world.submit("two")
+    assert refused.value.resets_at == quota(world).resets_at
+
+
+def test_the_quota_of_yesterday_does_not_count_today(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=1)
+    first = world.submit("one").submission
+    with world.database.write() as session:
+        yesterday = first.received_at - timedelta(days=1)
+        session.execute(update(Submission).values(received_at=yesterday))
+    world.submit("two")
+    assert (quota(world).used_today, quota(world).used_total) == (1, 2)
+
+
+def test_the_total_quota_holds_over_days(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=5)
+    world.submit("one")
+    with world.database.write() as session:
+        session.execute(update(Phase).values(quota_total=1))
+        session.execute(update(Submission).values(received_at=Submission.status_at))
+    with pytest.raises(QuotaExceeded, match="all 1 submissions of this phase") as refused:
+        world.submit("two")
+    assert refused.value.resets_at is None
+
+
+def reject(world: World, content: str) -> None:
+    report = CheckReport(
+        challenge=None, split=None, n_predictions=None, digest="sha256:x", size_bytes=1
+    )
+    claim = world.claim(world.submit(content).job_id)
+    with world.database.write() as session:
+        jobs.finish_rejected(session, claim, report)
+
+
+def test_rejected_files_cost_no_quota_but_are_capped(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=2, rejected_per_day=3)
+    for i in range(3):
+        reject(world, f"wrong {i}")
+    assert (quota(world).used_today, quota(world).rejected_today) == (0, 3)
+    with pytest.raises(RejectedCapExceeded, match="exceptiondrive check"):
+        world.submit("right at last")
+
+
+def test_our_own_failures_cost_no_quota(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=1)
+    claim = world.claim(world.submit("one").job_id)
+    with world.database.write() as session:
+        jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
+    assert not world.submit("two").is_duplicate
+
+
+def test_a_withdrawn_submission_stays_counted(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=1)
+    first = world.submit("one").submission
+    with world.database.write() as session:
+        withdraw(session, first.id, actor="test")
+    with world.database.read() as session:
+        assert session.get(Submission, first.id).status is SubmissionStatus.WITHDRAWN
+    with pytest.raises(QuotaExceeded):
+        world.submit("two")
