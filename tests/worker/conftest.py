@@ -1,12 +1,29 @@
+"""Real databases, a real file store and real splits; nothing is mocked."""
+
 import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.phases import create_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.submissions import accept
+from exceptiondrive_records.tables import Job, Submission
+from exceptiondrive_records.teams import create_team, find_team, list_teams
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.doors import Doors, open_doors
+from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.splits_admin import register_all_splits
 
 AHEAD = ((10.0, -1.0), (12.0, -1.0), (12.0, 1.0), (10.0, 1.0))
+Trajectory = list[list[float]]
 
 
 @pytest.fixture(scope="session")
@@ -15,7 +32,7 @@ def protocol() -> Protocol:
 
 
 @pytest.fixture(scope="session")
-def make_split() -> Any:
+def make_split() -> Callable[..., Split]:
     """Make a split of samples given as `{sample_id: changes}`; regions lie ahead by default."""
 
     def make(samples: dict[str, dict[str, Any]], name: str = "tiny") -> Split:
@@ -32,3 +49,157 @@ def make_split() -> Any:
         return Split.model_validate_json(json.dumps(document))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def tiny(make_split: Callable[..., Split]) -> Split:
+    """Four samples in two scenes and three families, every region 10 m ahead."""
+    return make_split(
+        {
+            "a": {},
+            "b": {"task": "LB1"},
+            "c": {"task": "LB1", "scene_id": "scene-2"},
+            "d": {"task": "RS1", "scene_id": "scene-2"},
+        }
+    )
+
+
+def straight(speed_mps: float) -> Trajectory:
+    return [[round(speed_mps * step * 0.5, 3), 0.0] for step in range(1, 7)]
+
+
+@pytest.fixture(scope="session")
+def planning_file() -> Callable[..., bytes]:
+    """Make a planning file: everybody drives straight ahead at a speed, `changes` by sample."""
+
+    def make(
+        split: Split,
+        edited_mps: float = 1.0,
+        source_mps: float = 4.0,
+        changes: dict[str, dict[str, Any]] | None = None,
+    ) -> bytes:
+        predictions = [
+            {
+                "sample_id": sample.sample_id,
+                "source": straight(source_mps),
+                "edited": straight(edited_mps),
+                **(changes or {}).get(sample.sample_id, {}),
+            }
+            for sample in split.samples
+        ]
+        document = {
+            "schema": "exceptiondrive.planning/1",
+            "split": split.name,
+            "predictions": predictions,
+        }
+        return json.dumps(document).encode()
+
+    return make
+
+
+class World:
+    """Records, files and splits of one test, and the doors of a worker."""
+
+    def __init__(self, settings: WorkerSettings) -> None:
+        self.settings = settings
+        self.database = Database(settings.database_url)
+        self.files = FileStore(settings.file_store_url)
+        self._doors: Doors | None = None
+
+    @property
+    def doors(self) -> Doors:
+        if self._doors is None:
+            self._doors = open_doors(self.settings)
+        return self._doors
+
+    def add_split(self, split: Split) -> None:
+        path = self.settings.splits_dir / split.name / "split.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+        register_all_splits(
+            self.database, SplitStore(self.settings.splits_dir), packaged_protocol()
+        )
+
+    def add_phase(self, split: Split, phase_id: str = "dev", **options: Any) -> None:
+        self.add_split(split)
+        usual: dict[str, Any] = {"challenge": "planning", "protocol": "1.0", "quota_per_day": 1000}
+        with self.database.write() as session:
+            add_protocol(session, packaged_protocol_toml(), "test")
+            create_phase(
+                session,
+                phase_id,
+                title=phase_id,
+                split_name=split.name,
+                actor="test",
+                **usual | options,
+            )
+
+    def submit(
+        self, data: bytes, method: str = "method", team: str = "alpha", phase_id: str = "dev"
+    ) -> tuple[str, str]:
+        """Accept an upload as the server does; return ids of submission and job."""
+        digest, size = self.files.put_stream([data], limit_bytes=2**24)
+        with self.database.write() as session:
+            if team not in [known.slug for known in list_teams(session)]:
+                is_reference = team.startswith("reference")
+                create_team(session, team, team.title(), is_reference=is_reference, actor="test")
+            accepted = accept(
+                session,
+                team_id=find_team(session, team).id,
+                phase_id=phase_id,
+                method=method,
+                file_digest=digest,
+                size_bytes=size,
+            )
+            assert accepted.job_id is not None
+            return accepted.submission.id, accepted.job_id
+
+    def score(self, data: bytes, **where: Any) -> str:
+        """Submit and score in this process; return the id of the submission."""
+        submission_id, job_id = self.submit(data, **where)
+        score_submission(self.doors, job_id)
+        return submission_id
+
+    def submission(self, submission_id: str) -> Submission:
+        with self.database.read() as session:
+            return session.get_one(Submission, submission_id)
+
+    def job(self, job_id: str) -> Job:
+        with self.database.read() as session:
+            return session.get_one(Job, job_id)
+
+    def close(self) -> None:
+        if self._doors is not None:
+            self._doors.close()
+        self.database.dispose()
+
+
+def settings_of(folder: Path, database_url: str, **changes: Any) -> WorkerSettings:
+    values: dict[str, Any] = {
+        "database_url": database_url,
+        "broker_url": "memory://",
+        "file_store_url": f"file://{folder}/uploads",
+        "splits_dir": folder / "splits",
+        "private_dir": folder / "private",
+    }
+    return WorkerSettings(**values | changes)
+
+
+@pytest.fixture
+def make_world(tmp_path: Path) -> Iterator[Callable[..., World]]:
+    """Make a world on a database, with other settings where given."""
+    worlds: list[World] = []
+
+    def make(database_url: str, **changes: Any) -> World:
+        worlds.append(World(settings_of(tmp_path, database_url, **changes)))
+        return worlds[-1]
+
+    yield make
+    for world in worlds:
+        world.close()
+
+
+@pytest.fixture
+def world(make_world: Callable[..., World], sqlite_url: str) -> World:
+    """A world on SQLite without a broker: jobs are run in the test's own process."""
+    return make_world(sqlite_url)

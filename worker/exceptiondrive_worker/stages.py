@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import canonical_json, content_digest
 from exceptiondrive_schemas.challenges import Challenge, ChallengeId
-from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import Manifest
@@ -60,6 +60,25 @@ class RejectedUpload(Exception):  # noqa: N818 - the file is wrong, not the prog
     def __init__(self, report: CheckReport) -> None:
         super().__init__("the upload is not valid")
         self.report = report
+
+
+def too_large_to_read(digest: str, size_bytes: int) -> CheckReport:
+    """Report of a file that cannot be read in the memory that a worker may take."""
+    fault = Fault(path="$", expected="a file that a worker can read", got="out of memory")
+    group = FaultGroup(
+        code=FaultCode.INFLATES_TOO_LARGE,
+        message="The file needs more memory to read than a worker may take.",
+        count=1,
+        examples=(fault,),
+    )
+    return CheckReport(
+        challenge=None,
+        split=None,
+        n_predictions=None,
+        digest=digest,
+        size_bytes=size_bytes,
+        faults=(group,),
+    )
 
 
 class Stages:
@@ -146,7 +165,11 @@ class Stages:
     def _read(self, target: Target) -> tuple[str, Columns]:
         """Read the upload, keep its answers, and note which upload holds them."""
         data = self._load_upload(target.file_digest)
-        answers = self._read_answers(data, target.challenge, target.split.manifest, target.protocol)
+        protocol, manifest = target.protocol, target.split.manifest
+        try:
+            answers = self._read_answers(data, target.challenge, manifest, protocol)
+        except MemoryError:
+            raise RejectedUpload(too_large_to_read(target.file_digest, len(data))) from None
         if isinstance(answers, CheckReport):
             raise RejectedUpload(answers)
         packed = pack_columns(answers)

@@ -1,0 +1,267 @@
+"""The scoring run against real records: what is recorded, and what is left alone."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from billiard.exceptions import SoftTimeLimitExceeded
+from sqlalchemy import func, select
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.submissions import new_job
+from exceptiondrive_records.tables import BoardRequest, Job, JobState, ScoreSheetRow
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_worker.exact_sheet import SCORER_VERSION
+from exceptiondrive_worker.failures import FailureCode
+from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.scoring_run import score_submission
+
+World = Any
+MakeFile = Callable[..., bytes]
+
+
+@pytest.fixture
+def phase(world: World, tiny: Split) -> World:
+    world.add_phase(tiny)
+    return world
+
+
+def sheets_of(world: World, submission_id: str) -> list[ScoreSheetRow]:
+    with world.database.read() as session:
+        query = select(ScoreSheetRow).where(ScoreSheetRow.submission_id == submission_id)
+        return list(session.scalars(query))
+
+
+def add_job(world: World, submission_id: str, toml: str) -> str:
+    """A rescoring job of a submission under another protocol."""
+    with world.database.write() as session:
+        protocol = add_protocol(session, toml, "test")
+        submission = world.submission(submission_id)
+        first = session.scalars(select(Job).where(Job.submission_id == submission_id)).first()
+        now = submission.received_at
+        revision = first.split_revision
+        job = new_job(submission, protocol.digest, revision, Lane.RESCORE, False, now)
+        session.add(job)
+        return job.id
+
+
+def test_a_sound_upload_is_scored(phase: World, tiny: Split, planning_file: MakeFile) -> None:
+    submission_id, job_id = phase.submit(planning_file(tiny))
+    score_submission(phase.doors, job_id)
+    assert phase.submission(submission_id).status is SubmissionStatus.SCORED
+    assert phase.job(job_id).state is JobState.DONE
+    (row,) = sheets_of(phase, submission_id)
+    assert row.scorer_version == SCORER_VERSION
+    assert row.sheet.n == 4
+    # 3 m driven: the bumper is at 6.528 m, 3.472 m before the region: every d_safe is met
+    assert row.sheet.macro_family["hcc"] == 1.0
+    assert row.sheet.macro_family["ur"] == 0.0
+    # source at 4 m/s, edited at 1 m/s: shifts 0, 1.5, 3 ... 9 over 7 points
+    assert row.sheet.micro["cts"] == 4.5
+    with phase.database.read() as session:
+        assert session.scalar(select(func.max(BoardRequest.wanted))) == 2
+
+
+def test_a_sheet_in_the_records_is_rounded_and_the_exact_one_stays(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    missing = {"a": {"source": None, "edited": None}}
+    submission_id = phase.score(planning_file(tiny, edited_mps=2.1, changes=missing))
+    (row,) = sheets_of(phase, submission_id)
+    for value in row.sheet.micro.values():
+        assert value is not None
+        assert value == round(value, 4)
+    exact = [path.read_bytes()[32:] for path in (phase.doors.private.root / "sheets").iterdir()]
+    assert len(exact) == 1
+    assert exact[0] != row.sheet.model_dump_json(by_alias=True).encode()
+
+
+def test_a_faulty_upload_is_rejected_with_its_report(phase: World) -> None:
+    submission_id, job_id = phase.submit(b'{"schema": "exceptiondrive.planning/1"}')
+    score_submission(phase.doors, job_id)
+    submission = phase.submission(submission_id)
+    assert submission.status is SubmissionStatus.REJECTED
+    assert submission.report is not None
+    assert not submission.report.is_valid
+    assert sheets_of(phase, submission_id) == []
+
+
+def test_the_same_call_five_times_scores_once(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    submission_id, job_id = phase.submit(planning_file(tiny))
+    for _ in range(5):
+        score_submission(phase.doors, job_id)
+    assert len(sheets_of(phase, submission_id)) == 1
+    assert phase.job(job_id).attempts == 1
+
+
+def test_a_job_that_another_worker_holds_is_left_alone(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    _, job_id = phase.submit(planning_file(tiny))
+    with phase.database.write() as session:
+        assert jobs.claim(session, job_id, 60, 4) is not None
+    score_submission(phase.doors, job_id)
+    assert phase.job(job_id).state is JobState.LEASED
+
+
+def test_an_unknown_job_is_nothing(phase: World) -> None:
+    score_submission(phase.doors, "nosuchjob")
+
+
+def test_a_frozen_worker_that_wakes_up_late_records_nothing(
+    phase: World, tiny: Split, planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submission_id, job_id = phase.submit(planning_file(tiny))
+    score = phase.doors.stages.score
+
+    def slowly(target: Any) -> Any:
+        scored = score(target)
+        with phase.database.write() as session:
+            job = session.get(Job, job_id)
+            job.lease_until = job.lease_until.replace(year=2020)
+        with phase.database.write() as session:
+            assert jobs.claim(session, job_id, 60, 4) is not None
+        return scored
+
+    monkeypatch.setattr(phase.doors.stages, "score", slowly)
+    score_submission(phase.doors, job_id)
+    assert sheets_of(phase, submission_id) == []
+    assert phase.job(job_id).state is JobState.LEASED
+
+
+def test_without_the_registered_revision_the_job_stays_queued(
+    phase: World, tiny: Split, make_split: Callable[..., Split], planning_file: MakeFile,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    submission_id, job_id = phase.submit(planning_file(tiny))
+    path = phase.settings.splits_dir / "tiny" / "split.json"
+    sound = path.read_text()
+    path.write_text(make_split({"a": {}}).model_dump_json(by_alias=True, exclude_none=True))
+    score_submission(phase.doors, job_id)
+    assert phase.job(job_id).state is JobState.QUEUED
+    assert phase.job(job_id).attempts == 0
+    assert "split unavailable: job stays queued" in capsys.readouterr().out
+    path.write_text(sound)
+    score_submission(phase.doors, job_id)
+    assert phase.submission(submission_id).status is SubmissionStatus.SCORED
+
+
+def failing(error: BaseException) -> Callable[..., Any]:
+    def fail(*_: Any) -> Any:
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ZeroDivisionError("canary 77.125"), FailureCode.INTERNAL),
+        (SoftTimeLimitExceeded(), FailureCode.TIME_LIMIT),
+        (MemoryError(), FailureCode.OUT_OF_MEMORY),
+    ],
+    ids=lambda value: getattr(value, "value", type(value).__name__),
+)
+def test_an_error_of_ours_is_retried_and_then_shown_by_its_code(
+    phase: World, tiny: Split, planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch,
+    error: BaseException, code: FailureCode, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    submission_id, job_id = phase.submit(planning_file(tiny))
+    monkeypatch.setattr(phase.doors.stages, "score", failing(error))
+    score_submission(phase.doors, job_id)
+    assert phase.job(job_id).state is JobState.QUEUED
+    assert phase.submission(submission_id).status is SubmissionStatus.QUEUED
+    with phase.database.write() as session:
+        session.get(Job, job_id).attempts = phase.settings.max_attempts - 1
+        session.get(Job, job_id).available_at = phase.submission(submission_id).received_at
+    score_submission(phase.doors, job_id)
+    submission = phase.submission(submission_id)
+    assert submission.status is SubmissionStatus.FAILED
+    assert submission.failure_code == code.value
+    log = capsys.readouterr().out
+    assert type(error).__qualname__ in log
+    assert "test_scoring_run.py" in log, "the place in the code helps us"
+    assert "77.125" not in log + (submission.failure_message or "")
+
+
+def test_a_stored_upload_with_a_flipped_bit_is_never_scored(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    data = planning_file(tiny)
+    submission_id, job_id = phase.submit(data)
+    (path,) = [p for p in Path(f"{phase.settings.private_dir.parent}/uploads").rglob("*")
+               if p.is_file() and p.read_bytes() == data]  # fmt: skip
+    path.write_bytes(data.replace(b"4.0", b"4.1", 1))
+    score_submission(phase.doors, job_id)
+    submission = phase.submission(submission_id)
+    assert submission.status is SubmissionStatus.FAILED
+    assert submission.failure_code == FailureCode.UPLOAD_DAMAGED.value
+
+
+def test_a_lost_upload_is_retried(phase: World, tiny: Split, planning_file: MakeFile) -> None:
+    _, job_id = phase.submit(planning_file(tiny))
+    for path in Path(f"{phase.settings.private_dir.parent}/uploads").rglob("*"):
+        if path.is_file():
+            path.unlink()
+    score_submission(phase.doors, job_id)
+    assert phase.job(job_id).state is JobState.QUEUED
+    assert phase.job(job_id).attempts == 1
+
+
+def test_rescoring_under_another_protocol_reads_no_upload(
+    phase: World, tiny: Split, planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submission_id = phase.score(planning_file(tiny, edited_mps=2.0))
+    toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
+    job_id = add_job(phase, submission_id, toml.replace("d_safe_scale = 1.0", "d_safe_scale = 2.0"))
+    monkeypatch.setattr(type(phase.doors.files), "read", failing(AssertionError("read")))
+    score_submission(phase.doors, job_id)
+    old, new = sorted(sheets_of(phase, submission_id), key=lambda row: row.sheet.protocol.version)
+    assert (old.sheet.protocol.version, new.sheet.protocol.version) == ("1.0", "1.1")
+    assert old.measurement_key == new.measurement_key
+    assert old.sheet.micro["hcc"] != new.sheet.micro["hcc"]
+    assert phase.submission(submission_id).status is SubmissionStatus.SCORED
+
+
+def test_a_protocol_that_refuses_the_split_fails_the_job_and_leaves_the_submission(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    submission_id = phase.score(planning_file(tiny))
+    toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "2.0"')
+    job_id = add_job(
+        phase,
+        submission_id,
+        toml.replace("footprint_length_m = 4.084", "footprint_length_m = 40.0"),
+    )
+    score_submission(phase.doors, job_id)
+    assert phase.job(job_id).state is JobState.FAILED
+    assert phase.submission(submission_id).status is SubmissionStatus.SCORED
+
+
+def test_scoring_again_from_scratch_is_identical_to_the_last_bit(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    data = planning_file(tiny, edited_mps=2.17)
+    first = phase.score(data, team="alpha")
+    for shelf in Shelf:
+        for path in (phase.doors.private.root / shelf).iterdir():
+            path.unlink()
+    second = phase.score(data, team="beta")
+    digests = {sheets_of(phase, one)[0].exact_digest for one in (first, second)}
+    assert len(digests) == 1
+
+
+def test_both_databases_record_a_score(
+    make_world: Callable[..., World], database_url: str, tiny: Split, planning_file: MakeFile
+) -> None:
+    world = make_world(database_url)
+    world.add_phase(tiny)
+    submission_id = world.score(planning_file(tiny))
+    assert world.submission(submission_id).status is SubmissionStatus.SCORED

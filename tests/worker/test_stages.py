@@ -1,0 +1,242 @@
+"""Each stage runs only where its result is not kept: the work is counted."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_worker.answers_reader import answers_reader
+from exceptiondrive_worker.private_store import PrivateStore, Shelf
+from exceptiondrive_worker.split_store import load_split
+from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
+
+READ = answers_reader(max_upload_bytes=2**20, max_inflated_bytes=2**20)
+
+
+class Counted:
+    """Stages over one upload whose every step is counted."""
+
+    def __init__(self, folder: Path, upload: bytes) -> None:
+        self.done: Counter[str] = Counter()
+        self.private = PrivateStore(folder)
+        self.upload = upload
+        planning = SCORING[ChallengeId.PLANNING]
+        counted: Any = type(
+            "CountedPlanning",
+            (type(planning),),
+            {
+                "measure": self._counting("measure", planning.measure),
+                "grade": self._counting("grade", planning.grade),
+            },
+        )()
+        self.stages = Stages(
+            self.private,
+            self._counting("load", lambda digest: self.upload, bound=False),
+            self._counting("read", READ, bound=False),
+            {ChallengeId.PLANNING: counted},
+        )
+
+    def _counting(
+        self, name: str, function: Callable[..., Any], *, bound: bool = True
+    ) -> Callable[..., Any]:
+        def call(*args: Any) -> Any:
+            self.done[name] += 1
+            return function(*args[1:]) if bound else function(*args)
+
+        return call
+
+    def score(self, target: Target) -> tuple[str, Mapping[str, int]]:
+        """Digest of the exact sheet, and what had to be done for it."""
+        self.done.clear()
+        digest = self.stages.score(target).digest
+        return digest, dict(self.done)
+
+
+EVERYTHING = {"load": 1, "read": 1, "measure": 1, "grade": 1}
+
+
+@pytest.fixture
+def target(tiny: Split, protocol: Protocol) -> Target:
+    return Target("sha256:upload", PLANNING, load_split(tiny, protocol), protocol)
+
+
+@pytest.fixture
+def counted(tmp_path: Path, tiny: Split, planning_file: Callable[..., bytes]) -> Counted:
+    return Counted(tmp_path / "private", planning_file(tiny))
+
+
+def under(target: Target, tiny: Split, **sections: dict[str, Any]) -> Target:
+    """The same target under another protocol, sections changed as given."""
+    changes: dict[str, Any] = {
+        name: getattr(target.protocol, name).model_copy(update=update)
+        for name, update in sections.items()
+    }
+    other = target.protocol.model_copy(update={**changes, "version": "1.1"})
+    return replace(target, protocol=other, split=load_split(tiny, other))
+
+
+def test_the_first_run_does_everything_once(counted: Counted, target: Target) -> None:
+    assert counted.score(target)[1] == EVERYTHING
+
+
+def test_the_same_again_does_nothing_and_comes_to_the_same_bits(
+    counted: Counted, target: Target
+) -> None:
+    first, _ = counted.score(target)
+    again, work = counted.score(target)
+    assert work == {}
+    assert again == first
+
+
+def test_a_fresh_store_comes_to_the_same_bits(
+    counted: Counted, target: Target, tmp_path: Path
+) -> None:
+    first, _ = counted.score(target)
+    assert Counted(tmp_path / "other", counted.upload).score(target) == (first, EVERYTHING)
+
+
+def test_new_required_clearances_touch_neither_upload_nor_geometry(
+    counted: Counted, target: Target, tiny: Split
+) -> None:
+    first, _ = counted.score(target)
+    tasks = tuple(task.model_copy(update={"d_safe_m": 9.0}) for task in target.protocol.tasks)
+    other = target.protocol.model_copy(update={"tasks": tasks, "version": "1.1"})
+    changed = replace(target, protocol=other, split=load_split(tiny, other))
+    digest, work = counted.score(changed)
+    assert work == {"grade": 1}
+    assert digest != first
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        {"grading": {"d_safe_scale": 2.0}},
+        {"grading": {"headline": "micro"}},
+        {"plausibility": {"flag_blind": 0.5}},
+    ],
+    ids=["scale", "headline", "plausibility"],
+)
+def test_other_grading_is_only_graded(
+    counted: Counted, target: Target, tiny: Split, sections: dict[str, dict[str, Any]]
+) -> None:
+    counted.score(target)
+    assert counted.score(under(target, tiny, **sections))[1] == {"grade": 1}
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [{"ranking": {"bootstrap_draws": 200}}, {"publication": {"percent_decimals": 1}}],
+    ids=["ranking", "publication"],
+)
+def test_ranking_and_publication_need_no_new_sheet(
+    counted: Counted, target: Target, tiny: Split, sections: dict[str, dict[str, Any]]
+) -> None:
+    counted.score(target)
+    changed = under(target, tiny, **sections)
+    assert counted.score(changed)[1] == {}
+    assert counted.stages.score(changed).sheet.protocol.version == "1.1"
+
+
+@pytest.mark.parametrize(
+    "update",
+    [{"footprint_width_m": 1.0}, {"heading_hold_m": 0.5}, {"collision_tube": "footprints"}],
+    ids=["footprint", "heading", "tube"],
+)
+def test_other_geometry_measures_stored_answers_and_never_reads_the_upload(
+    counted: Counted, target: Target, tiny: Split, update: dict[str, Any]
+) -> None:
+    counted.score(target)
+    assert counted.score(under(target, tiny, geometry=update))[1] == {"measure": 1, "grade": 1}
+
+
+def test_other_regions_measure_stored_answers(
+    counted: Counted, target: Target, make_split: Callable[..., Split], tiny: Split
+) -> None:
+    counted.score(target)
+    further = {s.sample_id: {"task": s.task, "scene_id": s.scene_id} for s in tiny.samples}
+    further["a"]["region"] = [[20, -1], [22, -1], [22, 1], [20, 1]]  # type: ignore[assignment]
+    moved = replace(target, split=load_split(make_split(further), target.protocol))
+    assert counted.score(moved)[1] == {"measure": 1, "grade": 1}
+
+
+def test_other_tasks_of_the_split_are_only_graded(
+    counted: Counted, target: Target, make_split: Callable[..., Split], tiny: Split
+) -> None:
+    counted.score(target)
+    relabelled = {s.sample_id: {"task": "RS2", "scene_id": s.scene_id} for s in tiny.samples}
+    other = replace(target, split=load_split(make_split(relabelled), target.protocol))
+    assert counted.score(other)[1] == {"grade": 1}
+
+
+def test_another_number_of_waypoints_needs_the_upload_again_and_rejects_it(
+    counted: Counted, target: Target, tiny: Split
+) -> None:
+    counted.score(target)
+    longer = under(target, tiny, geometry={"waypoints": 8})
+    with pytest.raises(RejectedUpload) as caught:
+        counted.score(longer)
+    assert [group.code.value for group in caught.value.report.faults] == ["wrong_waypoint_count"]
+
+
+@pytest.mark.parametrize(
+    ("shelf", "work"),
+    [
+        (Shelf.SHEETS, {"grade": 1}),
+        (Shelf.MEASUREMENTS, {}),
+        (Shelf.ANSWERS, {}),
+        (Shelf.READS, {"load": 1, "read": 1}),
+    ],
+)
+def test_a_damaged_file_is_made_again_where_it_is_needed(
+    counted: Counted, target: Target, shelf: Shelf, work: dict[str, int]
+) -> None:
+    first, _ = counted.score(target)
+    for path in (counted.private.root / shelf).iterdir():
+        path.write_bytes(path.read_bytes()[:-1])
+    assert counted.score(target) == (first, work)
+
+
+def test_a_store_that_is_damaged_throughout_is_made_again(counted: Counted, target: Target) -> None:
+    first, _ = counted.score(target)
+    for path in counted.private.root.glob("*/*"):
+        path.write_bytes(b"")
+    assert counted.score(target) == (first, EVERYTHING)
+
+
+def test_scene_sums_are_kept_and_made_again_from_the_upload_at_worst(
+    counted: Counted, target: Target
+) -> None:
+    key = counted.stages.score(target).measurement_key
+    first = counted.stages.scene_sums(target, key)
+    counted.done.clear()
+    assert (counted.stages.scene_sums(target, key).sums == first.sums).all()
+    assert counted.done == {}
+    for path in counted.private.root.glob("*/*"):
+        path.unlink()
+    assert (counted.stages.scene_sums(target, key).sums == first.sums).all()
+    assert counted.done == EVERYTHING
+
+
+def test_an_upload_that_needs_too_much_memory_is_rejected(tmp_path: Path, target: Target) -> None:
+    def too_large(*_: Any) -> CheckReport:
+        raise MemoryError
+
+    stages = Stages(PrivateStore(tmp_path / "private"), lambda digest: b"{}", too_large)
+    with pytest.raises(RejectedUpload) as caught:
+        stages.score(target)
+    assert [group.code.value for group in caught.value.report.faults] == ["inflates_too_large"]
+
+
+def test_a_rejected_upload_leaves_nothing_in_the_store(tmp_path: Path, target: Target) -> None:
+    counted = Counted(tmp_path / "private", b"not json")
+    with pytest.raises(RejectedUpload):
+        counted.score(target)
+    assert list(counted.private.root.glob("*/*")) == []

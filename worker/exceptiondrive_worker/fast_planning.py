@@ -1,0 +1,113 @@
+"""Fast reader of `exceptiondrive.planning/1`: one typed decode, then checks on whole arrays."""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import chain
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection, Protocol
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_worker.fast_decode import (
+    ROOT_TEXTS,
+    decode,
+    n_texts,
+    prediction_type,
+    rows_of,
+    submission_decoder,
+)
+
+TEXTS_PER_PREDICTION = 4
+"""Keys `sample_id`, `source`, `edited`, and the id."""
+ANGLE_MARGIN_DEG = 1e-6
+"""Directions this close to the limit of the frame check are left to the precise checker."""
+
+Trajectory = Sequence[tuple[float, float]]
+
+
+def read_planning(
+    text: bytes, manifest: Manifest, protocol: Protocol
+) -> dict[str, NDArray[Any]] | None:
+    """Return the columns `source` and `edited`, (N, T, 2) metres, NaN where missing.
+
+    Returns:
+        None where the file is faulty or not certainly sound.
+    """
+    if n_texts(text) != ROOT_TEXTS + TEXTS_PER_PREDICTION * len(manifest.sample_ids):
+        return None
+    decoder = _decoder(protocol.geometry.waypoints)
+    submission = decode(text, decoder, PLANNING.file_schema, manifest)
+    rows = rows_of(submission.predictions, manifest) if submission else None
+    if submission is None or rows is None:
+        return None
+    source = _column([each.source for each in submission.predictions], rows, protocol.geometry)
+    edited = _column([each.edited for each in submission.predictions], rows, protocol.geometry)
+    if source is None or edited is None:
+        return None
+    if not is_surely_in_frame(source[:, -1], protocol.plausibility):
+        return None
+    return {"source": source, "edited": edited}
+
+
+@lru_cache(maxsize=8)
+def _decoder(n_waypoints: int) -> msgspec.json.Decoder[Any]:
+    waypoint = tuple[float, float]
+    trajectory = tuple.__class_getitem__((waypoint,) * n_waypoints) | None
+    fields = [("sample_id", str), ("source", trajectory), ("edited", trajectory)]
+    return submission_decoder(prediction_type("PlanningPrediction", fields))
+
+
+def _column(
+    trajectories: Sequence[Trajectory | None],
+    rows: NDArray[np.intp],
+    geometry: GeometrySection,
+) -> FloatArray | None:
+    """Return (N, T, 2) in canonical order, or None where a bound is broken."""
+    given = [trajectory for trajectory in trajectories if trajectory is not None]
+    n_waypoints = geometry.waypoints
+    flat = chain.from_iterable(chain.from_iterable(given))
+    points_m = np.fromiter(flat, np.float64, len(given) * n_waypoints * 2)
+    points_m += 0.0  # no negative zeros, as in the precise checker
+    points_m = points_m.reshape(-1, n_waypoints, 2)
+    if not _is_within_bounds(points_m, geometry):
+        return None
+    if len(given) < len(trajectories):
+        rows = rows[[trajectory is not None for trajectory in trajectories]]
+    column_m = np.full((len(trajectories), n_waypoints, 2), math.nan)
+    column_m[rows] = points_m
+    return column_m
+
+
+def _is_within_bounds(points_m: FloatArray, geometry: GeometrySection) -> bool:
+    if points_m.size == 0:
+        return True
+    largest_m = max(points_m.max(), -points_m.min())
+    steps_m = np.diff(points_m, axis=1, prepend=0.0)
+    squares_m2 = np.square(steps_m, out=steps_m)
+    longest_m2 = (squares_m2[..., 0] + squares_m2[..., 1]).max()
+    return bool(largest_m <= geometry.max_coordinate_m and longest_m2 <= geometry.max_step_m**2)
+
+
+def is_surely_in_frame(ends_m: FloatArray, rules: PlausibilitySection) -> bool:
+    """Whether the frame check of PROTOCOL.md section 5 certainly passes.
+
+    More than half of the moving trajectories within the cone around +x, and so is their median.
+
+    Args:
+        ends_m: (N, 2) last source waypoints, NaN where missing.
+        rules: Thresholds.
+    """
+    x_m, y_m = ends_m[:, 0], ends_m[:, 1]
+    moves = x_m * x_m + y_m * y_m > rules.frame_check_min_motion_m**2
+    n_moving = np.count_nonzero(moves)
+    if n_moving < rules.frame_check_min_samples:
+        return True
+    limit_rad = math.radians(rules.frame_check_max_angle_deg - ANGLE_MARGIN_DEG)
+    is_ahead = np.abs(y_m) * math.cos(limit_rad) < x_m * math.sin(limit_rad)
+    return bool(np.count_nonzero(moves & is_ahead) * 2 > n_moving)
