@@ -1,0 +1,56 @@
+"""Writes the command reference into docs/client.md: `python -m exceptiondrive.cli.reference FILE`.
+
+The text is the commands' own help; a test holds the file to it.
+"""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import typer
+
+from exceptiondrive.cli import app
+
+BEGIN = "<!-- commands: begin; written by `python -m exceptiondrive.cli.reference` -->"
+END = "<!-- commands: end -->"
+WIDTH = 96
+
+
+def command_reference() -> str:
+    """Return the help of every command as Markdown."""
+    parts = [BEGIN]
+    for name, text in _helps():
+        parts += [f"### `{name}`", "```text\n" + text.strip() + "\n```"]
+    return "\n\n".join([*parts, END])
+
+
+def with_reference(document: str) -> str:
+    """Return a document whose part between the marks is the current reference.
+
+    Raises:
+        ValueError: The marks are missing.
+    """
+    before, begin, rest = document.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError("the document has no place for the commands: the marks are missing")
+    return before + command_reference() + after
+
+
+def _helps() -> Iterator[tuple[str, str]]:
+    root = typer.main.get_command(app)
+    yield from _helps_of(typer.Context(root, info_name="exceptiondrive", **root.context_settings))
+
+
+def _helps_of(context: typer.Context) -> Iterator[tuple[str, str]]:
+    commands = getattr(context.command, "commands", {})
+    if not commands:
+        context.terminal_width = WIDTH
+        yield context.command_path, context.command.get_help(context)
+    for name, command in commands.items():
+        yield from _helps_of(typer.Context(command, parent=context, info_name=name))
+
+
+if __name__ == "__main__":
+    path = Path(sys.argv[1])
+    path.write_text(with_reference(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,77 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from exceptiondrive.cli import app
+from exceptiondrive.cli.reference import command_reference, with_reference
+
+DOCS = Path(__file__).parents[2] / "docs"
+CLIENT = DOCS / "client.md"
+QUICKSTART = DOCS / "quickstart.md"
+
+
+def test_the_reference_is_what_the_commands_say_of_themselves() -> None:
+    text = CLIENT.read_text(encoding="utf-8")
+    assert with_reference(text) == text, (
+        "run: python -m exceptiondrive.cli.reference docs/client.md"
+    )
+
+
+def test_every_command_is_in_the_reference() -> None:
+    listed = CliRunner().invoke(app, ["--help"]).stdout.split("Commands:")[1]
+    names = [line.split()[0] for line in listed.splitlines() if re.match(r"  \w", line)]
+    assert len(names) > 12
+    for name in names:
+        assert f"### `exceptiondrive {name}" in command_reference()
+
+
+def test_a_document_without_marks_is_refused() -> None:
+    with pytest.raises(ValueError, match="marks are missing"):
+        with_reference("# Nothing")
+
+
+@pytest.mark.parametrize("document", [CLIENT, QUICKSTART], ids=lambda path: path.name)
+def test_every_command_and_option_in_a_document_exists(document: Path) -> None:
+    text = document.read_text(encoding="utf-8").split("<!-- commands: begin")[0]
+    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL))
+    calls = re.findall(
+        r"^(?:.*\| )?exceptiondrive ([^#\n]+)", blocks.replace("\\\n", ""), re.MULTILINE
+    )
+    for call in calls:
+        words = call.split()
+        name = " ".join(words[:2]) if words[0] == "split" else words[0]
+        text_of_help = CliRunner().invoke(app, [*name.split(), "--help"])
+        assert text_of_help.exit_code == 0, call
+        for option in re.findall(r"(?<=\s)--?[a-z][a-z-]*", call):
+            assert option in text_of_help.stdout, f"{call}: no option {option}"
+
+
+def test_the_exit_codes_of_the_document_are_those_of_the_errors() -> None:
+    from exceptiondrive import errors
+
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type)]
+    codes = {kind.exit_code for kind in kinds if issubclass(kind, errors.ExceptionDriveError)}
+    table = CLIENT.read_text(encoding="utf-8").split("## Exit codes")[1].split("##")[0]
+    listed = {int(code) for code in re.findall(r"^\| (\d) \|", table, flags=re.MULTILINE)}
+    assert listed == (codes - {1}) | {0}
+
+
+def test_the_planner_of_the_quickstart_writes_a_sound_file(
+    tmp_path: Path, split_file: Path
+) -> None:
+    from exceptiondrive import check_file
+    from exceptiondrive.checking import manifest_of
+    from exceptiondrive.evaluation import read_split
+    from exceptiondrive_schemas.protocol import packaged_protocol
+
+    split = read_split(split_file).model_copy(update={"name": "sample"})
+    manifest = manifest_of(split, packaged_protocol())
+    (tmp_path / "sample.manifest.json").write_text(manifest.model_dump_json(by_alias=True))
+    block = QUICKSTART.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    (tmp_path / "my_planner.py").write_text(block, encoding="utf-8")
+    subprocess.run([sys.executable, "my_planner.py"], cwd=tmp_path, check=True)
+    assert check_file(tmp_path / "my_planner.json.gz", manifest=manifest).is_valid
