@@ -22,7 +22,7 @@ class FrameCheck:
 
     def note(self, end_x_m: float, end_y_m: float) -> None:
         """Take the last waypoint of one source trajectory into account."""
-        if math.hypot(end_x_m, end_y_m) > self._rules.frame_check_min_motion_m:
+        if end_x_m * end_x_m + end_y_m * end_y_m > self._rules.frame_check_min_motion_m**2:
             self._angles_rad.append(math.atan2(end_y_m, end_x_m))
 
     def finish(self, findings: Findings) -> None:

@@ -122,11 +122,11 @@ class PlanningRules:
         path: Path,
         sample_id: str | None,
     ) -> None:
-        step_m = math.hypot(end[0] - start[0], end[1] - start[1])
-        if step_m > self._geometry.max_step_m:
+        step_x_m, step_y_m = end[0] - start[0], end[1] - start[1]
+        if step_x_m * step_x_m + step_y_m * step_y_m > self._geometry.max_step_m**2:
             limit_mps = self._geometry.max_step_m / self._geometry.time_step_s
             expected = f"a step of at most {self._geometry.max_step_m:g} m ({limit_mps:g} m/s)"
-            got = f"{step_m:.2f} m"
+            got = f"{math.hypot(step_x_m, step_y_m):.2f} m"
             self._refuse(FaultCode.STEP_TOO_LONG, path, expected, got, sample_id)
 
     def _refuse_count(self, value: list[Any], path: Path, sample_id: str | None) -> None:

@@ -1,0 +1,79 @@
+"""From the bytes of an upload to answers as columns, or to the report of all its faults.
+
+Two readers with one verdict. The fast one decodes a fixed shape and checks whole arrays; it only
+ever says "sound" or "not sure". Whatever it is not sure of goes to the precise checker, which the
+client runs too, and which decides. So only a faulty or an unusual file pays for the precise report.
+"""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from numpy.typing import NDArray
+
+from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.check import (
+    MAX_INFLATED_BYTES,
+    MAX_UPLOAD_BYTES,
+    UnreadableFileError,
+    check,
+    inflate,
+)
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_worker.fast_planning import read_planning
+from exceptiondrive_worker.fast_strategy import read_strategy
+
+FastReader = Callable[[bytes, Manifest, Protocol], dict[str, NDArray[Any]] | None]
+
+FAST_READERS: Mapping[ChallengeId, FastReader] = MappingProxyType(
+    {ChallengeId.PLANNING: read_planning, ChallengeId.STRATEGY: read_strategy}
+)
+
+
+def read_upload(
+    data: bytes,
+    *,
+    challenge: Challenge,
+    manifest: Manifest,
+    protocol: Protocol,
+    max_upload_bytes: int = MAX_UPLOAD_BYTES,
+    max_inflated_bytes: int = MAX_INFLATED_BYTES,
+) -> Columns | CheckReport:
+    """Read an upload completely, or say everything that is wrong with it.
+
+    Args:
+        data: The file as uploaded, plain JSON or gzip.
+        challenge: The challenge that the file must be for.
+        manifest: Sample ids of the split, in canonical order.
+        protocol: Waypoints, bounds, tasks and the frame check.
+        max_upload_bytes: Most bytes of the file itself.
+        max_inflated_bytes: Most bytes of JSON in it.
+
+    Returns:
+        Named arrays in the order of the manifest, as `ChallengeScoring.measure` takes them; or the
+        report with every fault.
+    """
+    try:
+        text = inflate(
+            data, max_upload_bytes=max_upload_bytes, max_inflated_bytes=max_inflated_bytes
+        )
+        columns = FAST_READERS[challenge.id](text, manifest, protocol)
+    except UnreadableFileError:
+        columns = None
+    if columns is not None:
+        return columns
+    checked = check(
+        data,
+        protocol=protocol,
+        manifest=manifest,
+        challenge=challenge.id,
+        max_upload_bytes=max_upload_bytes,
+        max_inflated_bytes=max_inflated_bytes,
+    )
+    if checked.document is None:
+        return checked.report
+    return document_columns(checked.document, manifest.sample_ids)
