@@ -1,0 +1,183 @@
+"""The board page as one value: what was read from the records, set for one visitor."""
+
+from dataclasses import dataclass
+
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
+from exceptiondrive_server.pages.board_view import BoardView, board_view
+from exceptiondrive_server.pages.entry_facts import entry_key
+from exceptiondrive_server.pages.headline import Headline, headline
+from exceptiondrive_server.pages.numbers import Digits, minute
+from exceptiondrive_server.pages.page_parts import (
+    Choice,
+    MetricCard,
+    Notice,
+    PhaseLink,
+    metric_cards,
+)
+from exceptiondrive_server.pages.scene_drawing import SceneDrawing, scene_drawing
+
+MAX_CHOICES = 60
+
+
+@dataclass(frozen=True)
+class BoardReading:
+    """What the records say: phases, the board to show, its protocol, what else there is."""
+
+    phases: tuple[PhaseLink, ...]
+    phase: PhaseLink | None
+    board: Board | None
+    protocol: Protocol
+    protocol_versions: tuple[str, ...]
+    current_protocol: str
+    is_current: bool
+
+
+@dataclass(frozen=True)
+class ColumnGroup:
+    """A heading over several columns."""
+
+    title: str
+    span: int
+
+
+@dataclass(frozen=True)
+class BoardPage:
+    """Everything that `board.html` needs."""
+
+    phase: PhaseLink | None
+    phase_title: str
+    phases: tuple[PhaseLink, ...]
+    protocol: Protocol
+    view: BoardView | None
+    headline: Headline
+    scene: SceneDrawing
+    metric_cards: tuple[MetricCard, ...]
+    protocols: tuple[Choice, ...]
+    averages: tuple[Choice, ...]
+    kept_fields: tuple[tuple[str, str], ...]
+    column_groups: tuple[ColumnGroup, ...]
+    entry_choices: tuple[tuple[str, str], ...]
+    exports: tuple[tuple[str, str], ...]
+    permalink: str | None
+    clear_url: str
+    notice: Notice | None
+    submit_command: str
+
+    @property
+    def submit_command_wrapped(self) -> tuple[str, str]:
+        """The command on two lines."""
+        head, tail = self.submit_command.split(" --phase", 1)
+        return head, f"    --phase{tail}"
+
+
+def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
+    """Set what was read for a query."""
+    board = reading.board
+    view = board_view(board, reading.protocol, query, reading.is_current) if board else None
+    phase = reading.phase
+    return BoardPage(
+        phase=phase,
+        phase_title=phase.title if phase else board.phase if board else "ExceptionDrive",
+        phases=reading.phases,
+        protocol=reading.protocol,
+        view=view,
+        headline=headline(
+            board, len(reading.protocol.tasks), Digits.of(reading.protocol.publication)
+        ),
+        scene=scene_drawing(reading.protocol),
+        metric_cards=metric_cards(view.challenge if view else _challenge(phase)),
+        protocols=_protocol_choices(reading, query),
+        averages=_average_choices(view),
+        kept_fields=_kept_fields(query),
+        column_groups=_column_groups(view) if view else (),
+        entry_choices=_entry_choices(board) if board else (),
+        exports=_exports(board) if board else (),
+        permalink=f"/?phase={board.phase}&board={board.board}" if board else None,
+        clear_url=query.url(search="", source=None),
+        notice=_notice(reading, query),
+        submit_command=submit_command(phase.id if phase else "sample"),
+    )
+
+
+def submit_command(phase_id: str) -> str:
+    """Return the command that submits a file to a phase."""
+    return f'exceptiondrive submit planner.json.gz --phase {phase_id} --method "My planner" --wait'
+
+
+def _challenge(phase: PhaseLink | None) -> Challenge:
+    titles = {challenge.title: challenge for challenge in CHALLENGES.values()}
+    return titles.get(phase.challenge_title, PLANNING) if phase else PLANNING
+
+
+def _protocol_choices(reading: BoardReading, query: BoardQuery) -> tuple[Choice, ...]:
+    shown = reading.board.protocol.version if reading.board else reading.current_protocol
+    choices = [
+        Choice("", f"{reading.current_protocol} (current)", shown == reading.current_protocol)
+    ]
+    choices += [
+        Choice(version, version, shown == version)
+        for version in reading.protocol_versions
+        if version != reading.current_protocol
+    ]
+    return tuple(choices)
+
+
+def _average_choices(view: BoardView | None) -> tuple[Choice, ...]:
+    if view is None:
+        return ()
+    headline_average = view.board.headline
+    return tuple(
+        Choice(
+            "" if average == headline_average else average,
+            AVERAGE_TITLES[average] + (" (ranks)" if average == headline_average else ""),
+            average == view.average,
+        )
+        for average in AVERAGES
+    )
+
+
+def _kept_fields(query: BoardQuery) -> tuple[tuple[str, str], ...]:
+    """What the filter form carries on unseen."""
+    kept = ("phase", "source", "sort", "order")
+    return tuple((key, value) for key, value in query.pairs() if key in kept)
+
+
+def _column_groups(view: BoardView) -> tuple[ColumnGroup, ...]:
+    primary = sum(column.kind == "primary" for column in view.columns)
+    groups = [ColumnGroup("Primary, decide the rank", primary)]
+    if len(view.columns) > primary:
+        groups.append(ColumnGroup("Diagnostic, not a score", len(view.columns) - primary))
+    return tuple(groups)
+
+
+def _entry_choices(board: Board) -> tuple[tuple[str, str], ...]:
+    suffix = {"scored": "", "reference": " (reference)", "reported": " (reported)"}
+    entries = board.entries[:MAX_CHOICES] + tuple(
+        entry for entry in board.entries[MAX_CHOICES:] if entry.source != "scored"
+    )
+    return tuple((entry_key(entry), entry.method + suffix[entry.source]) for entry in entries)
+
+
+def _exports(board: Board) -> tuple[tuple[str, str], ...]:
+    here = f"phase={board.phase}&board={board.board}"
+    return (
+        ("CSV", f"/export/board.csv?{here}"),
+        ("JSON", f"/api/v1/boards/{board.phase}/{board.board}"),
+        ("LaTeX", f"/export/board.tex?{here}"),
+        ("BibTeX", f"/export/board.bib?{here}"),
+        ("Atom", f"/feed.atom?phase={board.phase}"),
+    )
+
+
+def _notice(reading: BoardReading, query: BoardQuery) -> Notice | None:
+    board = reading.board
+    if board is None or reading.is_current:
+        return None
+    words = (
+        f"You are looking at board {board.board} of {minute(board.published_at)}, "
+        f"scored under protocol {board.protocol.version}. It is not the current one."
+    )
+    return Notice(words, f"/?phase={board.phase}#board", "Show the current board")

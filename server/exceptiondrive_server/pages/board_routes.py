@@ -1,0 +1,62 @@
+"""Routes of the board page, its exports and the theme switch."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.pages.board_page import board_page
+from exceptiondrive_server.pages.board_query import BoardQuery
+from exceptiondrive_server.pages.exports import EXPORTS
+from exceptiondrive_server.pages.feed import atom_feed
+from exceptiondrive_server.pages.readings import read_board, read_history
+from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, problem_page, refused
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/")
+def show_board(request: Request) -> Response:
+    """Show the board that the address asks for."""
+    query = BoardQuery.parse(request.query_params.multi_items())
+    if "apply" in request.query_params:
+        return RedirectResponse(query.url(), status_code=303)
+    try:
+        with request.app.state.services.database.read() as session:
+            reading = read_board(session, query)
+    except RecordsError as error:
+        return refused(request, error)
+    return page(request, "board.html", "board", page=board_page(reading, query))
+
+
+@router.get("/export/board.{form}")
+def export_board(request: Request, form: str) -> Response:
+    """Give a board as CSV, LaTeX or BibTeX."""
+    export = EXPORTS.get(form)
+    if export is None:
+        return problem_page(request, 404, ProblemCode.NOT_FOUND, f"There is no export {form!r}.")
+    query = BoardQuery.parse(request.query_params.multi_items())
+    try:
+        with request.app.state.services.database.read() as session:
+            reading = read_board(session, query)
+    except RecordsError as error:
+        return refused(request, error)
+    if reading.board is None:
+        return problem_page(request, 404, ProblemCode.NOT_FOUND, "No board was published yet.")
+    text = export.write(reading.board, reading.protocol, str(request.base_url).rstrip("/"))
+    name = f"exceptiondrive-{reading.board.phase}-board-{reading.board.board}.{form}"
+    headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(text, media_type=export.media_type, headers=headers)
+
+
+@router.get("/feed.atom")
+def feed(request: Request) -> Response:
+    """List the newest boards of a phase as an Atom feed."""
+    query = BoardQuery.parse(request.query_params.multi_items())
+    try:
+        with request.app.state.services.database.read() as session:
+            history = read_history(session, query.phase)
+    except RecordsError as error:
+        return refused(request, error)
+    text = atom_feed(history, str(request.base_url).rstrip("/"))
+    return Response(text, media_type="application/atom+xml", headers=SECURITY_HEADERS)

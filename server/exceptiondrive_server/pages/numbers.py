@@ -1,0 +1,116 @@
+"""How numbers and times are written on a page: digits, units, minus signs, plurals."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from exceptiondrive_schemas.challenges import Metric
+from exceptiondrive_schemas.protocol import PublicationSection
+
+MINUS = "\u2212"
+THIN_SPACE = "\u202f"
+DASH = "\u2013"
+_UNITS = {"fraction": "%", "metre": "m"}
+
+
+@dataclass(frozen=True)
+class Digits:
+    """How many decimals leave the server, from the protocol's publication section."""
+
+    percent: int = 2
+    metre: int = 2
+
+    @classmethod
+    def of(cls, publication: PublicationSection) -> "Digits":
+        """Return the digits that a protocol publishes."""
+        return cls(publication.percent_decimals, publication.metre_decimals)
+
+    def text(self, metric: Metric, value: float | None) -> str | None:
+        """Write a metric without its unit; None stays None (undefined is never zero)."""
+        if value is None:
+            return None
+        if metric.unit == "fraction":
+            return self.fraction(value)
+        return fixed(value, self.metre)
+
+    def fraction(self, value: float) -> str:
+        """Write a fraction as per cent, without the sign."""
+        return fixed(value * 100, self.percent)
+
+    def signed(self, metric: Metric, difference: float) -> str:
+        """Write a difference with its sign: per cent points or metres."""
+        text = self.text(metric, abs(difference)) or ""
+        if not text.strip("0."):
+            return text
+        return f"{'+' if difference > 0 else MINUS}{text}"
+
+
+def unit_of(metric: Metric) -> str:
+    """Return the unit in which a metric is written."""
+    return _UNITS[metric.unit]
+
+
+def with_unit(metric: Metric, text: str) -> str:
+    """Put the unit behind a written number."""
+    return f"{text}{THIN_SPACE}{unit_of(metric)}"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Write a number with a real minus sign and never as minus zero."""
+    text = f"{value:.{decimals}f}"
+    if text.startswith("-"):
+        text = text[1:] if not text.strip("-0.") else MINUS + text[1:]
+    return text
+
+
+def grouped(count: int) -> str:
+    """Write a count with thousands separated."""
+    return f"{count:,}"
+
+
+def counted(count: int, noun: str, plural: str | None = None) -> str:
+    """Write `1 entry`, `3 entries`."""
+    return f"{grouped(count)} {noun if count == 1 else plural or noun + 's'}"
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """Write `a, b and c`."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def day(moment: datetime) -> str:
+    """Write a date: `21 Nov 2026`."""
+    at = moment.astimezone(UTC)
+    return f"{at.day} {at:%b %Y}"
+
+
+def minute(moment: datetime) -> str:
+    """Write a moment: `21 Nov 2026, 14:05 UTC`."""
+    return f"{day(moment)}, {moment.astimezone(UTC):%H:%M} UTC"
+
+
+def iso(moment: datetime) -> str:
+    """Write a moment for machines."""
+    return moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def short_digest(digest: str) -> str:
+    """Return the first twelve hex digits of a digest."""
+    return digest.removeprefix("sha256:")[:12]
+
+
+def slug(text: str) -> str:
+    """Return `text` as a name for an address: lower case letters, digits and hyphens."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "entry"
+
+
+def size_text(size_bytes: int) -> str:
+    """Write a size: `812 bytes`, `1.4 kB`, `2.0 MB`."""
+    if size_bytes < 1000:
+        return counted(size_bytes, "byte")
+    if size_bytes < 1_000_000:
+        return f"{size_bytes / 1000:.1f} kB"
+    return f"{size_bytes / 1_000_000:.1f} MB"

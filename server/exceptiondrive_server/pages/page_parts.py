@@ -1,0 +1,76 @@
+"""What every page carries besides its subject: theme, place in the navigation, choices."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+from exceptiondrive_schemas.challenges import Challenge
+
+Theme = Literal["auto", "light", "dark"]
+THEMES: tuple[Theme, ...] = ("auto", "light", "dark")
+_DIRECTIONS = {"higher": "higher is better", "lower": "lower is better", None: "diagnostic"}
+
+
+@dataclass(frozen=True)
+class Site:
+    """The frame around a page."""
+
+    theme: Theme
+    path: str
+    current: str
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One option of a select field."""
+
+    value: str
+    title: str
+    is_current: bool
+
+
+@dataclass(frozen=True)
+class PhaseLink:
+    """A phase that a visitor may switch to."""
+
+    id: str
+    title: str
+    challenge_title: str
+    n_samples: int
+    is_open: bool
+    is_current: bool
+    opens_at: datetime | None
+    closes_at: datetime | None
+    quota_per_day: int
+    split: str
+    split_is_public: bool
+    url: str
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A sentence above the board, with a way out."""
+
+    words: str
+    url: str
+    link_words: str
+
+
+@dataclass(frozen=True)
+class MetricCard:
+    """A metric explained."""
+
+    key: str
+    label: str
+    title: str
+    direction: str
+    meaning: str
+
+
+def metric_cards(challenge: Challenge) -> tuple[MetricCard, ...]:
+    """Return a card per metric; components of a metric (CTSx, CTSy) share its card."""
+    return tuple(
+        MetricCard(m.key, m.label, m.title, _DIRECTIONS[m.better], m.meaning)
+        for m in challenge.metrics
+        if m.key not in ("cts_x", "cts_y")
+    )

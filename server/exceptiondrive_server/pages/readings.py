@@ -1,0 +1,150 @@
+"""What pages read from the records, in one short transaction each."""
+
+from datetime import UTC, date, datetime, time, timedelta
+from functools import lru_cache
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards import board_at, current_board, find_board, latest_board
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.phases import is_open, list_phases
+from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.tables import BoardRow, Phase, ProtocolRow, SplitRow
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_server.pages.board_page import BoardReading
+from exceptiondrive_server.pages.board_query import BoardQuery
+from exceptiondrive_server.pages.feed import BoardNote, History
+from exceptiondrive_server.pages.page_parts import PhaseLink
+
+
+def read_board(session: Session, query: BoardQuery) -> BoardReading:
+    """Read the board that a query asks for.
+
+    Raises:
+        NotFound: The phase, protocol or board does not exist.
+    """
+    phases = list_phases(session)
+    phase = _phase(phases, query.phase)
+    links = tuple(phase_link(session, each, each is phase) for each in phases)
+    if phase is None:
+        protocol = latest_protocol(session)
+        return BoardReading((), None, None, protocol, (), protocol.version, True)
+    row = _board_row(session, phase, query)
+    board = parsed_board(row) if row else None
+    current = find_protocol(session, phase.protocol_digest)
+    return BoardReading(
+        phases=links,
+        phase=next(link for link in links if link.is_current),
+        board=board,
+        protocol=find_protocol(session, board.protocol.digest) if board else current,
+        protocol_versions=_protocol_versions(session, phase.id),
+        current_protocol=current.version,
+        is_current=row is None or row.id == phase.current_board_id,
+    )
+
+
+def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
+    """Return what pages say of a phase."""
+    split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    challenge = next(c for key, c in CHALLENGES.items() if key == phase.challenge)
+    return PhaseLink(
+        id=phase.id,
+        title=phase.title,
+        challenge_title=challenge.title,
+        n_samples=split.n_samples,
+        is_open=is_open(phase, database_now(session)),
+        is_current=is_current,
+        opens_at=phase.opens_at,
+        closes_at=phase.closes_at,
+        quota_per_day=phase.quota_per_day,
+        split=phase.split_name,
+        split_is_public=split.public_file_digest is not None,
+        url=f"/?phase={phase.id}#board",
+    )
+
+
+def latest_protocol(session: Session) -> Protocol:
+    """Return the protocol added last; before any was added, the packaged one."""
+    query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
+    digest = session.scalar(query)
+    return find_protocol(session, digest) if digest else packaged_protocol()
+
+
+def parsed_board(row: BoardRow) -> Board:
+    """Return the document of a board; boards never change, so it is read once."""
+    return _parsed(row.body_digest, row.body)
+
+
+@lru_cache(maxsize=32)
+def _parsed(body_digest: str, body: str) -> Board:
+    return Board.model_validate_json(body)
+
+
+def _phase(phases: list[Phase], phase_id: str | None) -> Phase | None:
+    """The phase asked for, or the first one; planning comes first."""
+    if phase_id is not None:
+        found = next((phase for phase in phases if phase.id == phase_id), None)
+        if found is None:
+            raise NotFound("phase", phase_id)
+        return found
+    return min(phases, key=lambda phase: phase.challenge != "planning", default=None)
+
+
+def _board_row(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:
+    if query.board is not None:
+        return find_board(session, phase.id, query.board)
+    if query.protocol is not None:
+        digest = find_protocol(session, query.protocol).digest
+        row = latest_board(session, phase.id, digest)
+        if row is None:
+            raise NotFound("board of this phase under protocol", query.protocol)
+        return row
+    if query.as_of is not None:
+        moment = parse_moment(query.as_of)
+        row = board_at(session, phase.id, moment) if moment else None
+        if row is None:
+            raise NotFound("board of this phase as of", query.as_of)
+        return row
+    return current_board(session, phase.id)
+
+
+def parse_moment(text: str) -> datetime | None:
+    """Read a day (its end counts) or a moment with time zone (UTC if none); None if neither."""
+    try:
+        if len(text) == 10:
+            return datetime.combine(date.fromisoformat(text) + timedelta(days=1), time.min, UTC)
+        moment = datetime.fromisoformat(text)
+    except (ValueError, OverflowError):
+        return None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
+def _protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
+    """Versions under which this phase has a board, oldest first."""
+    used = select(BoardRow.protocol_digest).where(BoardRow.phase_id == phase_id)
+    query = select(ProtocolRow.version).where(ProtocolRow.digest.in_(used))
+    return tuple(session.scalars(query.order_by(ProtocolRow.created_at)))
+
+
+def read_history(session: Session, phase_id: str | None, limit: int = 30) -> History:
+    """Read the newest boards of a phase, without their entries.
+
+    Raises:
+        NotFound: The phase does not exist, or there is none at all.
+    """
+    phase = _phase(list_phases(session), phase_id)
+    if phase is None:
+        raise NotFound("phase", "")
+    query = (
+        select(BoardRow.number, BoardRow.digest, ProtocolRow.version, BoardRow.published_at)
+        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .where(BoardRow.phase_id == phase.id)
+        .order_by(BoardRow.number.desc())
+        .limit(limit)
+    )
+    notes = tuple(BoardNote(*row) for row in session.execute(query))
+    return History(phase.id, phase.title, notes)

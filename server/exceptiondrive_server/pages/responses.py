@@ -1,0 +1,57 @@
+"""HTML answers: headers, ETag and 304, problems as pages."""
+
+import hashlib
+from typing import Any
+
+from fastapi import Request
+from fastapi.responses import HTMLResponse, Response
+
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
+from exceptiondrive_server.pages.site import site_of
+from exceptiondrive_server.pages.templating import render
+
+CONTENT_SECURITY_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "font-src 'self'; connect-src 'self'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'"
+)
+SECURITY_HEADERS = {
+    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "strict-origin-when-cross-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+_STATUS = {ProblemCode.NOT_FOUND: 404, ProblemCode.CONFLICT: 409, ProblemCode.BAD_REQUEST: 400}
+
+
+def page(
+    request: Request, template: str, current: str, *, status: int = 200, **values: Any
+) -> Response:
+    """Fill a template and answer; an unchanged page is answered by 304."""
+    site = site_of(request.cookies, request.url.path, request.url.query, current)
+    body = render(template, site=site, **values).encode()
+    etag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
+    headers = {**SECURITY_HEADERS, "ETag": etag, "Cache-Control": "no-cache", "Vary": "Cookie"}
+    if status == 200 and etag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    return HTMLResponse(body, status_code=status, headers=headers)
+
+
+def problem_page(request: Request, status: int, code: ProblemCode, detail: str) -> Response:
+    """Answer a browser with a problem as a page, in the same words as the API."""
+    return page(
+        request,
+        "problem_now.html",
+        "",
+        status=status,
+        code=code,
+        detail=detail,
+        help=PROBLEM_HELP[code],
+    )
+
+
+def refused(request: Request, error: RecordsError) -> Response:
+    """Answer a browser with what the records refused."""
+    return problem_page(request, _STATUS.get(error.code, 400), error.code, str(error))

@@ -1,0 +1,70 @@
+// Optional comfort. Every page works without this file.
+(() => {
+  "use strict";
+  const root = document.documentElement;
+
+  // Colour theme without a reload; the cookie is what the server reads.
+  const theme = document.querySelector("form.theme");
+  theme?.addEventListener("submit", (event) => {
+    const choice = event.submitter?.value;
+    if (!choice) return;
+    event.preventDefault();
+    if (choice === "auto") delete root.dataset.theme;
+    else root.dataset.theme = choice;
+    const secure = location.protocol === "https:" ? ";secure" : "";
+    document.cookie = `theme=${choice};path=/;max-age=31536000;samesite=lax${secure}`;
+    for (const button of theme.querySelectorAll("button")) {
+      button.setAttribute("aria-pressed", String(button.value === choice));
+    }
+  });
+
+  // Narrow the rows on the page while typing; Enter asks the server, which searches all pages.
+  for (const field of document.querySelectorAll("[data-filter]")) {
+    const table = document.getElementById(field.dataset.filter);
+    const typedBefore = field.value;
+    field.addEventListener("input", () => {
+      if (typedBefore) return;
+      const words = field.value.toLocaleLowerCase().split(/\s+/).filter(Boolean);
+      for (const row of table?.querySelectorAll("tr[id^='e-']") ?? []) {
+        const text = row.querySelector("th")?.textContent.toLocaleLowerCase() ?? "";
+        row.hidden = !words.every((word) => text.includes(word));
+      }
+    });
+  }
+
+  // A changed choice is applied at once.
+  for (const select of document.querySelectorAll("form.filters > label select")) {
+    select.addEventListener("change", () => select.form.requestSubmit());
+  }
+
+  // Pop-ups close on Escape and on a click elsewhere.
+  const popups = [...document.querySelectorAll("details.more, details.menu")];
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape") return;
+    for (const popup of popups.filter((one) => one.open)) {
+      popup.open = false;
+      popup.querySelector("summary")?.focus();
+    }
+  });
+  document.addEventListener("click", (event) => {
+    for (const popup of popups) {
+      if (popup.open && !popup.contains(event.target)) popup.open = false;
+    }
+  });
+
+  // Commands can be copied by a button that exists only where copying works.
+  if (navigator.clipboard) {
+    for (const block of document.querySelectorAll("pre[data-copy]")) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.className = "copy";
+      button.textContent = "Copy";
+      button.addEventListener("click", async () => {
+        await navigator.clipboard.writeText(block.dataset.copy);
+        button.textContent = "Copied";
+        setTimeout(() => { button.textContent = "Copy"; }, 1600);
+      });
+      block.after(button);
+    }
+  }
+})();

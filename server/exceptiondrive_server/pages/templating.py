@@ -1,0 +1,59 @@
+"""Jinja2 set up once: autoescape, strict, with addresses of static files that may be cached."""
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from exceptiondrive_server.pages import numbers
+from exceptiondrive_server.pages.scales import px
+
+FOLDER = Path(__file__).parent
+STATIC = FOLDER / "static"
+
+
+@cache
+def asset(name: str) -> str:
+    """Return the address of a static file; it changes whenever the content does."""
+    digest = hashlib.sha256((STATIC / name).read_bytes()).hexdigest()[:10]
+    return f"/static/{name}?v={digest}"
+
+
+def ticks(text: str) -> Markup:
+    """Set what stands between back-ticks as code; everything is escaped."""
+    parts = str(escape(text)).split("`")
+    return Markup(
+        "".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts))
+    )
+
+
+@cache
+def environment() -> Environment:
+    """Return the template environment of the site."""
+    made = Environment(
+        loader=FileSystemLoader(FOLDER / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
+    made.filters.update(
+        day=numbers.day,
+        minute=numbers.minute,
+        iso=numbers.iso,
+        short=numbers.short_digest,
+        grouped=numbers.grouped,
+        px=px,
+        size=numbers.size_text,
+        slug=numbers.slug,
+        ticks=ticks,
+    )
+    return made
+
+
+def render(template: str, **values: object) -> str:
+    """Fill a template."""
+    return environment().get_template(template).render(**values)

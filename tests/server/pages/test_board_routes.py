@@ -1,0 +1,118 @@
+"""The board page over real records."""
+
+import re
+from typing import Any
+
+import pytest
+
+from exceptiondrive_schemas.board import Board
+
+
+async def test_the_board_page_shows_the_ranked_entries(lively_site: Any) -> None:
+    answer = await lively_site.get("/")
+    assert answer.status_code == 200
+    assert "Kestrel-2" in answer.text
+    assert answer.text.index("Kestrel-2</a>") < answer.text.index("LaneKeeper XL")
+
+
+async def test_without_any_phase_the_page_says_what_an_organizer_does(site: Any) -> None:
+    answer = await site.get("/")
+    assert answer.status_code == 200
+    assert "There is no phase yet" in answer.text
+
+
+async def test_a_phase_without_a_board_says_so(site: Any) -> None:
+    site.create_phase("sample")
+    answer = await site.get("/?phase=sample")
+    assert answer.status_code == 200
+    assert "No board has been published for" in answer.text
+
+
+async def test_an_empty_board_invites_the_first_entry(site: Any, empty_board: Board) -> None:
+    site.create_phase("sample")
+    site.publish(empty_board)
+    answer = await site.get("/")
+    assert "Nobody has been scored on this board yet." in answer.text
+    assert "Which planner keeps clear of the hazard?" in answer.text
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/?phase=unknown", "/?phase=sample&board=99", "/?protocol=9.9", "/?as_of=1999-01-01"],
+)
+async def test_what_does_not_exist_is_a_404_page_with_a_way_back(
+    lively_site: Any, path: str
+) -> None:
+    answer = await lively_site.get(path)
+    assert answer.status_code == 404
+    assert answer.headers["content-type"].startswith("text/html")
+    assert 'href="/"' in answer.text
+
+
+async def test_an_unchanged_page_is_answered_by_304(lively_site: Any) -> None:
+    first = await lively_site.get("/")
+    again = await lively_site.get("/", if_none_match=first.headers["etag"])
+    assert (again.status_code, again.content) == (304, b"")
+    other = await lively_site.get("/?sort=ur", if_none_match=first.headers["etag"])
+    assert other.status_code == 200
+
+
+async def test_the_policy_forbids_everything_foreign_and_inline(lively_site: Any) -> None:
+    answer = await lively_site.get("/")
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; ")
+    assert "unsafe" not in policy
+    assert not re.search(r"<script(?![^>]*\bsrc=\"/static/)", answer.text)
+    assert not re.search(r"<style|\sstyle=|\son[a-z]+=|javascript:", answer.text)
+    assert not re.search(r'(?:src|href|action)="(?:https?:)?//(?!example\.org)', answer.text)
+
+
+async def test_a_page_weighs_less_than_150_kilobytes_with_styles_script_and_fonts(
+    lively_site: Any,
+) -> None:
+    answer = await lively_site.get("/")
+    assert len(answer.content) < 150_000
+    assets = set(re.findall(r'"(/static/[^"]+)"', answer.text))
+    fetched = [await lively_site.get(asset) for asset in assets]
+    assert all(asset.status_code == 200 for asset in fetched)
+    assert sum(len(asset.content) for asset in fetched) < 150_000
+
+
+async def test_static_files_named_by_content_are_kept_for_ever(lively_site: Any) -> None:
+    asset = re.search(r'"(/static/base\.css\?v=[^"]+)"', (await lively_site.get("/")).text)
+    assert asset is not None
+    answer = await lively_site.get(asset[1])
+    assert "immutable" in answer.headers["cache-control"]
+    assert (await lively_site.get("/static/base.css")).headers["cache-control"] == "no-cache"
+
+
+async def test_the_filter_form_leads_to_a_short_address(lively_site: Any) -> None:
+    answer = await lively_site.get(
+        "/?phase=sample&protocol=&average=micro&q=&offered=hpr,cts&show=hpr&as_of=&apply=1"
+    )
+    assert answer.status_code == 303
+    assert answer.headers["location"] == "/?phase=sample&average=micro&hide=cts#board"
+
+
+async def test_an_old_board_keeps_its_address_and_says_that_it_is_old(
+    lively_site: Any, empty_board: Board
+) -> None:
+    lively_site.publish(empty_board)
+    assert "Kestrel-2" not in (await lively_site.get("/")).text
+    old = await lively_site.get("/?phase=sample&board=1")
+    assert "Kestrel-2" in old.text
+    assert "It is not the current one" in old.text
+
+
+async def test_the_theme_is_kept_in_a_cookie_without_script(lively_site: Any) -> None:
+    answer = await lively_site.post("/theme", {"choice": "dark", "back": "/?sort=ur"})
+    assert (answer.status_code, answer.headers["location"]) == (303, "/?sort=ur")
+    page = await lively_site.get("/", cookie="theme=dark")
+    assert '<html lang="en" data-theme="dark">' in page.text
+    assert "data-theme" not in (await lively_site.get("/", cookie="theme=purple")).text
+
+
+@pytest.mark.parametrize("back", ["https://evil.test/", "//evil.test", "/\\evil.test", "x", "/\n"])
+async def test_the_theme_switch_never_leads_off_this_site(site: Any, back: str) -> None:
+    answer = await site.post("/theme", {"choice": "light", "back": back})
+    assert answer.headers["location"] == "/"
