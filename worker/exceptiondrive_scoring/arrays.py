@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
 from exceptiondrive_scoring.region import PreparedRegions, prepare_regions
 
-__all__ = ["BoolArray", "Columns", "FloatArray", "IntArray", "SplitArrays", "TrajectoryPairs"]
+__all__ = [
+    "BoolArray",
+    "Columns",
+    "FloatArray",
+    "IntArray",
+    "SplitArrays",
+    "TaskGroups",
+    "TrajectoryPairs",
+]
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,25 @@ class TrajectoryPairs:
 
 
 @dataclass(frozen=True)
+class TaskGroups:
+    """The G tasks that have samples, in taxonomy order, and which samples they have.
+
+    Attributes:
+        order: (N,) samples, task by task, else in canonical order.
+        starts: (G,) where each task begins in `order`.
+        sizes: (G,) number of samples.
+        task_index: (G,) position in `taxonomy.tasks`.
+        family_index: (G,) position of the task's family in `taxonomy.families`.
+    """
+
+    order: IntArray
+    starts: IntArray
+    sizes: IntArray
+    task_index: IntArray
+    family_index: IntArray
+
+
+@dataclass(frozen=True)
 class SplitArrays:
     """A split under one taxonomy, sorted by sample id. Withheld: never leaves the worker.
 
@@ -69,6 +96,20 @@ class SplitArrays:
     def n_samples(self) -> int:
         """N."""
         return len(self.task_index)
+
+    @cached_property
+    def by_task(self) -> "TaskGroups":
+        """Samples grouped by task, once per split."""
+        order = np.argsort(self.task_index, kind="stable")
+        starts = np.flatnonzero(np.diff(self.task_index[order], prepend=-1))
+        first = order[starts]
+        return TaskGroups(
+            order=order,
+            starts=starts,
+            sizes=np.diff(starts, append=self.n_samples),
+            task_index=self.task_index[first],
+            family_index=self.family_index[first],
+        )
 
     @cached_property
     def prepared_regions(self) -> PreparedRegions:

@@ -5,6 +5,7 @@ Sums run in the split's canonical order, so that the same input gives the same b
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,7 @@ from exceptiondrive_scoring.grade import SampleScores
 MetricMeans = dict[str, float | None]
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """Mean of each metric over n samples; None where no sample defines it."""
 
     n: int
@@ -50,54 +50,69 @@ class Breakdown:
 def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> Breakdown:
     """Totals, families and tasks of one submission (PROTOCOL.md section 3).
 
-    The macro average of a metric is taken over the families that define it.
+    Samples are summed once, by task; families and the total are sums of those. The macro average of
+    a metric is taken over the families that define it.
     """
-    keys = scores.metric_keys
-    whole = np.zeros(split.n_samples, dtype=np.intp)
-    by_task = _group_means(scores, split.task_index, len(taxonomy.tasks))
-    by_family = _group_means(scores, split.family_index, len(taxonomy.families))
+    keys, groups = scores.metric_keys, split.by_task
+    tasks = _sums_by_task(scores, split)
+    families = _sums_by_family(tasks, groups.family_index, len(taxonomy.families))
+    total = _Sums(split.n_samples, tasks.sums.sum(axis=0), tasks.counts.sum(axis=0))
+    task_ids = [taxonomy.tasks[index].id for index in groups.task_index]
     return Breakdown(
         n=split.n_samples,
-        micro=_named(keys, _group_means(scores, whole, 1)[0]),
-        macro_family=_named(keys, mean_of_defined(by_family)),
-        families=_rows([f.id for f in taxonomy.families], keys, split.family_index, by_family),
-        tasks=_rows([task.id for task in taxonomy.tasks], keys, split.task_index, by_task),
+        micro=dict(zip(keys, _plain(total.means()), strict=True)),
+        macro_family=dict(zip(keys, _plain(_mean_of_defined(families.means())), strict=True)),
+        families=_rows([family.id for family in taxonomy.families], keys, families),
+        tasks=_rows(task_ids, keys, tasks),
     )
 
 
-def mean_of_defined(rows: FloatArray) -> FloatArray:
-    """Unweighted mean over the first axis of what is not NaN; NaN where nothing is."""
+class _Sums(NamedTuple):
+    """Sizes, sums and numbers of defined values; the first axis, if any, is the group."""
+
+    sizes: IntArray | int
+    sums: FloatArray
+    counts: FloatArray | IntArray
+
+    def means(self) -> FloatArray:
+        """NaN where nothing is defined."""
+        undefined = np.full(self.sums.shape, np.nan)
+        means: FloatArray = np.divide(self.sums, self.counts, out=undefined, where=self.counts > 0)
+        return means
+
+
+def _sums_by_task(scores: SampleScores, split: SplitArrays) -> _Sums:
+    groups = split.by_task
+    values = scores.values.take(groups.order, 0)
+    undefined = np.isnan(values)
+    counts = np.broadcast_to(groups.sizes[:, None], (len(groups.sizes), values.shape[1]))
+    if undefined.any():
+        values[undefined] = 0.0
+        counts = counts - np.add.reduceat(undefined, groups.starts, axis=0, dtype=np.intp)
+    return _Sums(groups.sizes, np.add.reduceat(values, groups.starts, axis=0), counts)
+
+
+def _sums_by_family(tasks: _Sums, family_index: IntArray, n_families: int) -> _Sums:
+    sizes = np.zeros(n_families, dtype=np.intp)
+    sums = np.zeros((n_families, tasks.sums.shape[1]))
+    counts = np.zeros(sums.shape, dtype=np.intp)
+    np.add.at(sizes, family_index, tasks.sizes)
+    np.add.at(sums, family_index, tasks.sums)
+    np.add.at(counts, family_index, tasks.counts)
+    return _Sums(sizes, sums, counts)
+
+
+def _mean_of_defined(rows: FloatArray) -> FloatArray:
+    """Unweighted mean over the first axis of what is not NaN."""
     defined = ~np.isnan(rows)
-    return _divide(np.where(defined, rows, 0.0).sum(axis=0), defined.sum(axis=0))
+    return _Sums(len(rows), np.where(defined, rows, 0.0).sum(axis=0), defined.sum(axis=0)).means()
 
 
-def _group_means(scores: SampleScores, group: IntArray, n_groups: int) -> FloatArray:
-    """(n_groups, M) means over the samples that define the metric."""
-    defined = scores.defined
-    filled = np.where(defined, scores.values, 0.0)
-    columns = range(filled.shape[1])
-    sums = [np.bincount(group, weights=filled[:, m], minlength=n_groups) for m in columns]
-    counts = [np.bincount(group, weights=defined[:, m], minlength=n_groups) for m in columns]
-    return _divide(np.stack(sums, axis=1), np.stack(counts, axis=1))
+def _rows(ids: Sequence[str], keys: Sequence[str], groups: _Sums) -> dict[str, Row]:
+    rows = zip(ids, np.asarray(groups.sizes).tolist(), _plain(groups.means()), strict=True)
+    return {key: Row(n, dict(zip(keys, means, strict=True))) for key, n, means in rows if n}
 
 
-def _divide(sums: FloatArray, counts: FloatArray | IntArray) -> FloatArray:
-    means: FloatArray = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
-    return means
-
-
-def _rows(
-    ids: Sequence[str], keys: Sequence[str], group: IntArray, means: FloatArray
-) -> dict[str, Row]:
-    sizes = np.bincount(group, minlength=len(ids))
-    return {
-        key: Row(int(sizes[index]), _named(keys, means[index]))
-        for index, key in enumerate(ids)
-        if sizes[index]
-    }
-
-
-def _named(keys: Sequence[str], means: FloatArray) -> MetricMeans:
-    return {
-        key: None if np.isnan(mean) else float(mean) for key, mean in zip(keys, means, strict=True)
-    }
+def _plain(means: FloatArray) -> Any:
+    """Python floats, None in place of NaN, nested as the array."""
+    return np.where(np.isnan(means), None, means).tolist()
