@@ -8,17 +8,20 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, Challenge, ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_worker.answers_reader import answers_reader
 from exceptiondrive_worker.private_store import PrivateStore, Shelf
 from exceptiondrive_worker.split_store import load_split
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
+from exceptiondrive_worker.upload_reader import read_upload
 
-READ = answers_reader(max_upload_bytes=2**20, max_inflated_bytes=2**20)
+
+def read(data: bytes, challenge: Challenge, *where: Any) -> Any:
+    manifest, protocol = where
+    return read_upload(data, challenge=challenge, manifest=manifest, protocol=protocol)
 
 
 class Counted:
@@ -40,7 +43,7 @@ class Counted:
         self.stages = Stages(
             self.private,
             self._counting("load", lambda digest: self.upload, bound=False),
-            self._counting("read", READ, bound=False),
+            self._counting("read", read, bound=False),
             {ChallengeId.PLANNING: counted},
         )
 

@@ -5,11 +5,16 @@ from dataclasses import dataclass
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_worker.answers_reader import answers_reader
+from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_worker.private_store import PrivateStore
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.stages import Stages
+from exceptiondrive_worker.upload_reader import read_upload
 
 
 @dataclass(frozen=True)
@@ -34,13 +39,21 @@ def open_doors(settings: WorkerSettings) -> Doors:
     """Open all doors that the settings name."""
     files = FileStore(settings.file_store_url)
     private = PrivateStore(settings.private_dir)
-    read_answers = answers_reader(
-        max_upload_bytes=settings.max_upload_bytes,
-        max_inflated_bytes=settings.max_inflated_bytes,
-    )
 
     def load_upload(digest: str) -> bytes:
         return files.read(digest, limit_bytes=settings.max_upload_bytes)
+
+    def read_answers(
+        data: bytes, challenge: Challenge, manifest: Manifest, protocol: Protocol
+    ) -> Columns | CheckReport:
+        return read_upload(
+            data,
+            challenge=challenge,
+            manifest=manifest,
+            protocol=protocol,
+            max_upload_bytes=settings.max_upload_bytes,
+            max_inflated_bytes=settings.max_inflated_bytes,
+        )
 
     return Doors(
         settings=settings,
