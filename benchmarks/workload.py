@@ -16,7 +16,7 @@ SEED = 20261121
 BENCHMARK_SAMPLES = 3181
 SAMPLES_PER_SCENE = 4
 SHARE_CONCAVE = 0.02
-SHARE_BESIDE = 0.20
+SHARE_BESIDE = 0.12
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _drive(rng: np.random.Generator, n_samples: int, n_waypoints: int) -> FloatA
 def _regions(rng: np.random.Generator, edited: FloatArray) -> FloatArray:
     """Quadrilaterals ahead of the first footprint, on the path or beside it."""
     n_samples = len(edited)
-    along = rng.random(n_samples)
+    along = 0.85 * rng.random(n_samples)
     path = np.concatenate([np.zeros((n_samples, 1, 2)), edited], axis=1)
     where = along * (path.shape[1] - 1)
     step = np.minimum(where.astype(int), path.shape[1] - 2)

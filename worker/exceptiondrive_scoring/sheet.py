@@ -115,4 +115,6 @@ def _rows(ids: Sequence[str], keys: Sequence[str], groups: _Sums) -> dict[str, R
 
 def _plain(means: FloatArray) -> Any:
     """Python floats, None in place of NaN, nested as the array."""
-    return np.where(np.isnan(means), None, means).tolist()
+    plain = means.astype(object)
+    plain[np.isnan(means)] = None
+    return plain.tolist()
