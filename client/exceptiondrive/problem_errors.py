@@ -62,7 +62,8 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
         wait_s = problem.retry_after_s if problem.retry_after_s is not None else wait_s
         return QuotaError(problem.code.value, problem.detail, _reset(wait_s))
     advice = _ADVICE.get(problem.code, "")
-    if problem.request_id and problem.code is ProblemCode.INTERNAL:
+    is_ours = problem.code is ProblemCode.INTERNAL
+    if is_ours and problem.request_id and problem.request_id not in problem.detail:
         advice = f"Tell the organizers this request id: {problem.request_id}."
     kind = _KINDS.get(problem.code)
     if kind is None:
