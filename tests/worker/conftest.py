@@ -1,6 +1,13 @@
 """Real databases, a real file store and real splits; nothing is mocked."""
 
+import contextlib
 import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -8,9 +15,11 @@ from typing import Any
 import pytest
 
 from exceptiondrive_records.database import Database
+from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables import Job, Submission
 from exceptiondrive_records.teams import create_team, find_team, list_teams
@@ -112,6 +121,11 @@ class World:
             self._doors = open_doors(self.settings)
         return self._doors
 
+    def reopen_doors(self) -> None:
+        """As a new worker process would: nothing is remembered but what is stored."""
+        self.close_doors()
+        self._doors = None
+
     def add_split(self, split: Split) -> None:
         path = self.settings.splits_dir / split.name / "split.json"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -168,9 +182,12 @@ class World:
         with self.database.read() as session:
             return session.get_one(Job, job_id)
 
-    def close(self) -> None:
+    def close_doors(self) -> None:
         if self._doors is not None:
             self._doors.close()
+
+    def close(self) -> None:
+        self.close_doors()
         self.database.dispose()
 
 
@@ -203,3 +220,100 @@ def make_world(tmp_path: Path) -> Iterator[Callable[..., World]]:
 def world(make_world: Callable[..., World], sqlite_url: str) -> World:
     """A world on SQLite without a broker: jobs are run in the test's own process."""
     return make_world(sqlite_url)
+
+
+class RunningWorker:
+    """A real `exceptiondrive-worker run`, in a process group of its own."""
+
+    def __init__(self, settings: WorkerSettings, log: Path, *arguments: str) -> None:
+        environment = {
+            f"EXCEPTIONDRIVE_{name.upper()}": str(value)
+            for name, value in settings.model_dump().items()
+            if value is not None
+        }
+        code = "from exceptiondrive_worker.operator_cli import main; main()"
+        with log.open("ab") as stream:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", code, "run", *arguments],
+                env=os.environ | environment,
+                stdout=stream,
+                stderr=stream,
+                start_new_session=True,
+            )
+
+    @property
+    def children(self) -> list[int]:
+        """Ids of the processes that score."""
+        pid = self.process.pid
+        try:
+            text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+        except FileNotFoundError:
+            return []
+        return [int(child) for child in text.split()]
+
+    def kill_children(self) -> int:
+        """SIGKILL to every process that scores; return how many there were."""
+        children = self.children
+        for child in children:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(child, signal.SIGKILL)
+        return len(children)
+
+    def kill_all(self) -> None:
+        """SIGKILL to the whole worker."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self) -> int:
+        """SIGTERM, as an operator stops it; return the exit code."""
+        self.process.terminate()
+        try:
+            return self.process.wait(timeout=30)
+        finally:
+            self.kill_all()
+
+
+@pytest.fixture
+def run_worker(tmp_path: Path) -> Iterator[Callable[..., RunningWorker]]:
+    """Start real workers; whatever still runs is killed at the end."""
+    workers: list[RunningWorker] = []
+
+    def run(world: World, *arguments: str) -> RunningWorker:
+        workers.append(RunningWorker(world.settings, tmp_path / "worker.log", *arguments))
+        return workers[-1]
+
+    yield run
+    for worker in workers:
+        worker.kill_all()
+
+
+@pytest.fixture
+def run_reconciler() -> Iterator[Callable[[World], None]]:
+    """Reconcile in a thread until the end of the test."""
+    stop, threads = threading.Event(), []
+
+    def run(world: World) -> None:
+        doorbell = Doorbell(world.settings.broker_url)
+        arguments = (world.database, doorbell, world.settings, stop)
+        threads.append(threading.Thread(target=reconcile, args=arguments))
+        threads[-1].start()
+
+    yield run
+    stop.set()
+    for thread in threads:
+        thread.join()
+
+
+@pytest.fixture(scope="session")
+def wait_until() -> Callable[..., None]:
+    """Wait until a question is answered with yes; fail after a minute."""
+
+    def wait(question: Callable[[], object], what: str, timeout_s: float = 60) -> None:
+        deadline = time.monotonic() + timeout_s
+        while not question():
+            if time.monotonic() > deadline:
+                pytest.fail(f"waited {timeout_s:g} s in vain: {what}")
+            time.sleep(0.005)
+
+    return wait

@@ -35,6 +35,23 @@ def test_columns_come_back_bit_for_bit(store: PrivateStore) -> None:
     assert found["intrusion"].dtype == np.bool_
 
 
+def test_a_plain_number_keeps_having_no_axes(store: PrivateStore) -> None:
+    store.write_columns(Shelf.INTERVALS, "k", {"n": np.asarray(7), "none": np.empty((0, 2))})
+    found = store.read_columns(Shelf.INTERVALS, "k")
+    assert found is not None
+    assert found["n"].shape == ()
+    assert found["n"].item() == 7
+    assert found["none"].shape == (0, 2)
+
+
+def test_columns_of_any_layout_come_back(store: PrivateStore) -> None:
+    turned = np.arange(6.0).reshape(2, 3).T
+    store.write_columns(Shelf.INTERVALS, "k", {"turned": turned})
+    found = store.read_columns(Shelf.INTERVALS, "k")
+    assert found is not None
+    assert found["turned"].tolist() == turned.tolist()
+
+
 def test_an_unknown_key_is_absent(store: PrivateStore) -> None:
     assert store.read_columns(Shelf.MEASUREMENTS, "k") is None
 

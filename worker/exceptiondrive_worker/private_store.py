@@ -51,13 +51,13 @@ def array_digest(*arrays: NDArray[Any]) -> str:
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(array.tobytes())
     return digest.hexdigest()
 
 
 def pack_columns(columns: Columns) -> bytes:
     """Return columns as one byte string: a JSON line of names and types, then the arrays."""
-    arrays = {name: np.ascontiguousarray(columns[name]) for name in sorted(columns)}
+    arrays = {name: np.asarray(columns[name], order="C") for name in sorted(columns)}
     head = [[name, array.dtype.str, array.shape] for name, array in arrays.items()]
     body = b"".join(array.tobytes() for array in arrays.values())
     return json.dumps(head).encode() + b"\n" + body

@@ -1,0 +1,250 @@
+"""Boards from real records: ranks, intervals, marks, and what two builds have in common."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.boards import current_board, list_boards
+from exceptiondrive_records.submissions import withdraw
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.private_store import Shelf
+
+World = Any
+MakeFile = Callable[..., bytes]
+
+
+@pytest.fixture
+def phase(world: World, tiny: Split) -> World:
+    world.add_phase(tiny)
+    return world
+
+
+def protocol_digest(world: World) -> str:
+    with world.database.read() as session:
+        return str(session.get_one(Phase, "dev").protocol_digest)
+
+
+def build(world: World) -> Board:
+    """Want a board, build it, and return the current one."""
+    with world.database.write() as session:
+        want_board(session, "dev", protocol_digest(world))
+    build_board(world.doors, "dev", protocol_digest(world))
+    with world.database.read() as session:
+        row = current_board(session, "dev")
+    assert row is not None
+    return Board.model_validate_json(row.body)
+
+
+def n_boards(world: World) -> int:
+    with world.database.read() as session:
+        return len(list_boards(session, "dev"))
+
+
+def row_of(board: Board, method: str) -> BoardEntry:
+    (row,) = [row for row in board.entries if row.method == method]
+    return row
+
+
+def test_entries_rank_by_hcc_and_ties_share_a_rank(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    for method, speed in {"best": 1.0, "twin": 1.0, "last": 4.0, "middle": 2.0}.items():
+        phase.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
+    board = build(phase)
+    assert [(row.method, row.rank) for row in board.entries] == [
+        ("best", 1),
+        ("twin", 1),
+        ("middle", 3),
+        ("last", 4),
+    ]
+    assert board.headline == "macro_family"
+    assert board.n_samples == 4
+    assert [(head.id, head.n) for head in board.families] == [
+        ("sudden_emergence", 1),
+        ("lane_blockage", 2),
+        ("road_surface_hazard", 1),
+    ]
+
+
+def test_rank_intervals_hold_the_rank_and_intervals_the_value(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    for method, speed in {"one": 1.8, "two": 2.0, "three": 4.0}.items():
+        phase.score(planning_file(tiny, edited_mps=speed), method=method)
+    for row in build(phase).entries:
+        assert row.rank is not None
+        assert row.rank_interval is not None
+        assert row.rank_interval[0] <= row.rank <= row.rank_interval[1]
+        for key, interval in row.intervals.items():
+            assert interval is not None
+            low, high = interval
+            assert low <= (row.metrics[key] or 0) <= high
+
+
+def test_everything_on_a_board_is_rounded(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    phase.score(planning_file(tiny, edited_mps=2.13))
+    (row,) = build(phase).entries
+    values = [*row.metrics.values(), *(v for cell in row.families.values()
+              for v in cell.metrics.values())]  # fmt: skip
+    ends = [end for interval in row.intervals.values() if interval for end in interval]
+    ends += [end for cell in row.families.values()
+             for interval in cell.intervals.values() if interval for end in interval]  # fmt: skip
+    assert ends
+    assert all(value == round(value, 4) for value in (*values, *ends) if value is not None)
+
+
+def test_low_coverage_never_ranks_and_says_why(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    phase.score(planning_file(tiny), method="complete")
+    phase.score(planning_file(tiny, changes={"a": {"source": None}}), method="gaps")
+    board = build(phase)
+    row = row_of(board, "gaps")
+    assert row.rank is None
+    assert row.rank_interval is None
+    assert row.unranked_because == "source covers 75.00% of the samples; ranking takes 99%"
+    assert row.metrics["hcc"] == 1.0
+    assert row_of(board, "complete").rank_interval == (1, 1)
+
+
+def test_an_entry_without_a_defined_rank_metric_is_last_and_unranked(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    nothing = {key: {"source": None, "edited": None} for key in "abcd"}
+    phase.score(planning_file(tiny, changes=nothing), method="silent")
+    phase.score(planning_file(tiny, edited_mps=4.0), method="bad")
+    board = build(phase)
+    assert [row.method for row in board.entries] == ["bad", "silent"]
+    assert row_of(board, "silent").rank is None
+    assert row_of(board, "silent").metrics["cts"] is None
+    assert row_of(board, "silent").intervals["cts"] is None
+
+
+def test_reference_entries_are_marked_and_do_not_rank(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    phase.score(planning_file(tiny, edited_mps=0.0, source_mps=0.0), method="FREEZE",
+                team="reference")  # fmt: skip
+    phase.score(planning_file(tiny, edited_mps=2.0), method="planner")
+    board = build(phase)
+    assert [(row.method, row.source, row.rank) for row in board.entries] == [
+        ("planner", "scored", 1),
+        ("FREEZE", "reference", None),
+    ]
+    assert row_of(board, "planner").rank_interval == (1, 1)
+    assert "source_stands_still" in [flag.code for flag in row_of(board, "FREEZE").flags]
+
+
+def test_reported_rows_come_last_and_only_where_the_phase_shows_them(
+    world: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    world.add_phase(tiny, shows_reported=True)
+    world.score(planning_file(tiny, edited_mps=2.0), method="planner")
+    board = build(world)
+    assert [row.source for row in board.entries] == ["scored", *["reported"] * 7]
+    assert row_of(board, "ST-P3").metrics["hcc"] == 0.2103
+    assert all(row.rank is None for row in board.entries if row.source == "reported")
+    assert row_of(board, "planner").rank_interval == (1, 1)
+
+
+def test_the_latest_submission_of_a_method_is_its_entry(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    phase.score(planning_file(tiny, edited_mps=4.0), method="m")
+    newest = phase.score(planning_file(tiny, edited_mps=2.0), method="m")
+    (row,) = build(phase).entries
+    assert row.submission_id == newest
+
+
+def test_building_again_without_news_publishes_nothing(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    phase.score(planning_file(tiny), method="one")
+    first = build(phase)
+    phase.score(planning_file(tiny, edited_mps=2.0), method="two", team="beta")
+    second = build(phase)
+    assert n_boards(phase) == 2
+    assert build(phase) == second
+    assert n_boards(phase) == 2
+    assert second.board == first.board + 1
+
+
+def test_previous_ranks_come_from_the_board_before(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    phase.score(planning_file(tiny, edited_mps=2.2), method="old")
+    assert build(phase).entries[0].previous_rank is None
+    phase.score(planning_file(tiny, edited_mps=1.0), method="new")
+    board = build(phase)
+    assert (row_of(board, "old").rank, row_of(board, "old").previous_rank) == (2, 1)
+    assert (row_of(board, "new").rank, row_of(board, "new").previous_rank) == (1, None)
+
+
+def test_a_withdrawn_entry_leaves_the_board(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    gone = phase.score(planning_file(tiny), method="gone")
+    phase.score(planning_file(tiny, edited_mps=2.0), method="stays")
+    build(phase)
+    with phase.database.write() as session:
+        withdraw(session, gone, actor="test")
+    assert [row.method for row in build(phase).entries] == ["stays"]
+
+
+def test_the_first_board_of_a_phase_is_empty(phase: World) -> None:
+    board = build(phase)
+    assert board.entries == ()
+    assert board.board == 1
+
+
+def test_nothing_is_built_when_nothing_is_wanted(phase: World) -> None:
+    build(phase)
+    build_board(phase.doors, "dev", protocol_digest(phase))
+    assert n_boards(phase) == 1
+
+
+def test_without_its_split_a_board_is_not_built_but_stays_wanted(
+    phase: World, tiny: Split, planning_file: MakeFile, capsys: pytest.CaptureFixture[str]
+) -> None:
+    phase.score(planning_file(tiny))
+    (phase.settings.splits_dir / "tiny" / "split.json").rename(phase.settings.splits_dir / "away")
+    phase.reopen_doors()
+    build_board(phase.doors, "dev", protocol_digest(phase))
+    assert n_boards(phase) == 0
+    assert "split unavailable: board not built" in capsys.readouterr().out
+
+
+def test_a_lost_private_store_changes_no_board(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    for speed in (1.9, 2.0, 3.0):
+        phase.score(planning_file(tiny, edited_mps=speed), method=f"m{speed}")
+    before = build(phase)
+    for shelf in Shelf:
+        for path in (phase.doors.private.root / shelf).iterdir():
+            path.unlink()
+    assert build(phase).entries == before.entries
+    assert n_boards(phase) == 1
+
+
+def test_a_new_entry_costs_only_its_own_intervals(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    for speed in (1.9, 2.0, 3.0):
+        phase.score(planning_file(tiny, edited_mps=speed), method=f"m{speed}")
+    build(phase)
+    intervals = phase.doors.private.root / Shelf.INTERVALS
+    written = {path.name: path.stat().st_mtime_ns for path in intervals.iterdir()}
+    assert len(written) == 3
+    phase.score(planning_file(tiny, edited_mps=2.5), method="new")
+    build(phase)
+    now = {path.name: path.stat().st_mtime_ns for path in intervals.iterdir()}
+    assert len(now) == 4
+    assert {name: now[name] for name in written} == written
