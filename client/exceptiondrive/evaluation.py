@@ -6,19 +6,13 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from exceptiondrive.checking import manifest_of, read_file
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive_schemas.check import (
-    CheckedDocument,
-    PlanningDocument,
-    StrategyAnswer,
-    check,
-    inflate,
-)
+from exceptiondrive_schemas.check import CheckedDocument, check, inflate
 from exceptiondrive_schemas.check.inflate import UnreadableFileError
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.score_sheet import (
@@ -30,8 +24,6 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import Split, SplitRef
-from exceptiondrive_schemas.strategy import ReminderRecord
-from exceptiondrive_schemas.taxonomy import Strategy
 
 if TYPE_CHECKING:
     from exceptiondrive_scoring.sheet import Row
@@ -95,6 +87,7 @@ def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreS
     """Score what a sound file says: measure, grade, aggregate (PROTOCOL.md 2 and 3)."""
     from exceptiondrive_scoring import SCORER_VERSION
     from exceptiondrive_scoring.challenge import SCORING
+    from exceptiondrive_scoring.document_columns import document_columns
     from exceptiondrive_scoring.sheet import aggregate
     from exceptiondrive_scoring.split_arrays import split_arrays
 
@@ -104,7 +97,9 @@ def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreS
         raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
     sample_ids = sorted(sample.sample_id for sample in split.samples)
     scoring = SCORING[document.challenge]
-    measurements = scoring.measure(columns_of(document, sample_ids), arrays, protocol.geometry)
+    measurements = scoring.measure(
+        document_columns(document, sample_ids), arrays, protocol.geometry
+    )
     breakdown = aggregate(scoring.grade(measurements, arrays, protocol), arrays, protocol.taxonomy)
     coverage = scoring.coverage(measurements)
     plausibility = scoring.plausibility(measurements, protocol)
@@ -128,40 +123,6 @@ def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreS
         ),
         extra=scoring.extra(measurements, arrays, protocol),
     )
-
-
-def columns_of(document: CheckedDocument, sample_ids: list[str]) -> dict[str, Any]:
-    """Return the answers as the named arrays that scoring takes, in the order of `sample_ids`."""
-    import numpy as np
-
-    if isinstance(document, PlanningDocument):
-        shape = (len(sample_ids), document.n_waypoints, 2)
-        flat = document.columns(sample_ids)
-        return {
-            side: np.frombuffer(column, dtype=np.float64).reshape(shape)
-            for side, column in flat.items()
-        }
-    return _strategy_columns([document.answers[sample_id] for sample_id in sample_ids])
-
-
-def _strategy_columns(answers: list[StrategyAnswer]) -> dict[str, Any]:
-    import numpy as np
-
-    from exceptiondrive_scoring.split_arrays import STRATEGIES
-    from exceptiondrive_scoring.strategy import NO_ANSWER
-
-    code: dict[Strategy | None, int] = {s: index for index, s in enumerate(STRATEGIES)}
-    code[None] = NO_ANSWER
-    said = [answer.reminder or ReminderRecord() for answer in answers]
-    presence = [-1 if r.hazard_present is None else int(r.hazard_present) for r in said]
-    recommended = [code[r.recommended_strategy] for r in said]
-    return {
-        "strategy": np.array([code[a.strategy] for a in answers], dtype=np.int8),
-        "reminder_given": np.array([a.reminder is not None for a in answers], dtype=np.bool_),
-        "hazard_present": np.array(presence, dtype=np.int8),
-        "hazard_type": np.array([(r.hazard_type or "").encode() for r in said], dtype="S64"),
-        "recommended": np.array(recommended, dtype=np.int8),
-    }
 
 
 def _breakdown_rows(rows: "dict[str, Row]") -> dict[str, BreakdownRow]:

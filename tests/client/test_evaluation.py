@@ -124,3 +124,30 @@ def test_evaluating_twice_gives_the_same_bits(planning_file: MakeFile, split_fil
     first, second = (evaluate_file(planning_file(), split=split_file) for _ in range(2))
     assert isinstance(first, ScoreSheet)
     assert first.model_dump_json() == second.model_dump_json()
+
+
+def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_file: Path) -> None:
+    from exceptiondrive_schemas.challenges import PLANNING
+    from exceptiondrive_scoring.challenge import SCORING
+    from exceptiondrive_worker.exact_sheet import exact_sheet
+    from exceptiondrive_worker.split_store import load_split
+    from exceptiondrive_worker.upload_reader import read_upload
+
+    protocol = packaged_protocol()
+    swerving = [[4.0 * step, 0.3 * step] for step in range(1, 7)]
+    path = planning_file(
+        predictions=[
+            {"sample_id": "s2", "source": swerving, "edited": STANDING},
+            {"sample_id": "s0", "source": None, "edited": swerving},
+            {"sample_id": "s3", "source": STANDING, "edited": None},
+            {"sample_id": "s1", "source": swerving, "edited": swerving},
+        ]
+    )
+    loaded = load_split(read_split(split_file), protocol)
+    answers = read_upload(
+        path.read_bytes(), challenge=PLANNING, manifest=loaded.manifest, protocol=protocol
+    )
+    assert isinstance(answers, dict)
+    scoring = SCORING[PLANNING.id]
+    measured = scoring.measure(answers, loaded.arrays, protocol.geometry)
+    assert exact_sheet(scoring, measured, loaded, protocol) == evaluate_file(path, split=split_file)
