@@ -131,3 +131,9 @@ def world(database: Database) -> World:
 def make_world(database: Database) -> Callable[..., World]:
     """Build the world with other limits."""
     return lambda **limits: build_world(database, **limits)
+
+
+@pytest.fixture
+def world_on() -> Callable[[str], World]:
+    """Build the world on a database address."""
+    return lambda url: build_world(Database(url))

@@ -150,8 +150,8 @@ def test_withdrawing_a_scored_submission_asks_for_a_new_board(world: World) -> N
 
 def test_a_failed_submission_cannot_be_withdrawn_but_retried(world: World) -> None:
     accepted = world.submit("file")
+    claim = world.claim(accepted.job_id)
     with world.database.write() as session:
-        claim = jobs.claim(session, accepted.job_id, 120, 4)
         jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
     with world.database.write() as session, pytest.raises(Conflict, match="failed"):
         withdraw(session, accepted.submission.id, actor="test")
@@ -166,8 +166,8 @@ def test_a_failed_submission_cannot_be_withdrawn_but_retried(world: World) -> No
 
 def test_a_failed_submission_is_not_retried_when_the_same_bytes_came_again(world: World) -> None:
     first = world.submit("file")
+    claim = world.claim(first.job_id)
     with world.database.write() as session:
-        claim = jobs.claim(session, first.job_id, 120, 4)
         jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
     assert not world.submit("file").is_duplicate
     with world.database.write() as session, pytest.raises(Conflict, match="same file again"):

@@ -1,0 +1,218 @@
+"""Boards: immutable snapshots, and one pointer that moves."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from sqlalchemy import text, update
+from sqlalchemy.exc import DatabaseError
+
+from exceptiondrive_records import boards
+from exceptiondrive_records.audit import count_audit_lines
+from exceptiondrive_records.boards import BoardClaim
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.submissions import withdraw
+from exceptiondrive_records.tables import BoardRequest, BoardRow, Phase
+from exceptiondrive_records.teams import create_team
+from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.score_sheet import ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
+
+World = Any
+OTHER = "sha256:" + "0" * 64
+
+
+def board(world: World, *submission_ids: str) -> Board:
+    entries = tuple(
+        BoardEntry(
+            source="scored",
+            rank=rank,
+            rank_interval=(1, 2),
+            submission_id=submission_id,
+            method="method",
+            team="Alpha",
+            submitted_at=None,
+            metrics={"hcc": 0.5},
+            micro={"hcc": 0.5},
+            macro_family={"hcc": 0.5},
+            intervals={},
+            families={},
+        )
+        for rank, submission_id in enumerate(submission_ids, start=1)
+    )
+    return Board(
+        challenge="planning",
+        phase="dev",
+        split=SplitRef(name="sample", revision="sha256:" + "5" * 64),
+        protocol=ProtocolRef(version="1.0", digest=world.protocol_digest),
+        headline="macro_family",
+        board=0,
+        published_at=datetime(2020, 1, 1, tzinfo=UTC),
+        n_samples=3,
+        confidence=0.95,
+        families=(),
+        entries=entries,
+    )
+
+
+def take(world: World) -> BoardClaim | None:
+    with world.database.write() as session:
+        return boards.claim_board(session, "dev", world.protocol_digest, 120)
+
+
+def want(world: World) -> None:
+    with world.database.write() as session:
+        session.execute(update(BoardRequest).values(wanted=BoardRequest.wanted + 1))
+
+
+def publish(world: World, what: Board) -> BoardRow:
+    claim = take(world)
+    assert claim is not None
+    with world.database.write() as session:
+        row = boards.publish_board(session, claim, what)
+    assert row is not None
+    return row
+
+
+def test_a_new_phase_wants_its_first_board(world: World) -> None:
+    with world.database.read() as session:
+        assert boards.is_board_wanted(session, "dev", world.protocol_digest)
+        assert boards.current_board(session, "dev") is None
+
+
+def test_one_worker_at_a_time_builds_a_board(world: World) -> None:
+    claim = take(world)
+    assert claim is not None
+    assert take(world) is None
+    with world.database.write() as session:
+        boards.release_board(session, claim)
+    assert take(world) is not None
+
+
+def test_a_published_board_is_current_and_its_body_is_served_as_it_is(world: World) -> None:
+    row = publish(world, board(world, "a"))
+    with world.database.read() as session:
+        current = boards.current_board(session, "dev")
+        assert current is not None
+        assert current.id == row.id
+        served = Board.model_validate_json(current.body)
+        assert (served.board, served.published_at) == (1, current.published_at)
+        assert current.digest == board(world, "a").content_digest
+        assert current.body_digest == content_digest(served)
+        assert not boards.is_board_wanted(session, "dev", world.protocol_digest)
+    assert take(world) is None
+
+
+def test_a_board_that_says_the_same_is_not_appended(world: World) -> None:
+    first = publish(world, board(world, "a"))
+    want(world)
+    assert publish(world, board(world, "a")).id == first.id
+    with world.database.read() as session:
+        assert len(boards.list_boards(session, "dev")) == 1
+        assert count_audit_lines(session, "board published") == 1
+
+
+def test_what_came_while_a_board_was_built_is_built_next(world: World) -> None:
+    claim = take(world)
+    assert claim is not None
+    want(world)
+    with world.database.write() as session:
+        boards.publish_board(session, claim, board(world, "a"))
+    with world.database.read() as session:
+        assert boards.is_board_wanted(session, "dev", world.protocol_digest)
+
+
+def test_a_late_builder_publishes_nothing(world: World) -> None:
+    late = take(world)
+    assert late is not None
+    with world.database.write() as session:
+        session.execute(update(BoardRequest).values(lease_until=late.claimed_at.replace(year=2020)))
+    publish(world, board(world, "new"))
+    with world.database.write() as session:
+        assert boards.publish_board(session, late, board(world, "old")) is None
+    with world.database.read() as session:
+        current = boards.current_board(session, "dev")
+        assert current is not None
+        assert '"new"' in current.body
+        assert count_audit_lines(session, "stale fence rejected") == 1
+
+
+def test_every_earlier_board_keeps_its_address(world: World) -> None:
+    first = publish(world, board(world, "a"))
+    want(world)
+    second = publish(world, board(world, "b"))
+    with world.database.read() as session:
+        assert boards.find_board(session, "dev", 1).body == first.body
+        assert boards.find_board(session, "dev", 2).body == second.body
+        with pytest.raises(NotFound):
+            boards.find_board(session, "dev", 3)
+        before = boards.board_at(session, "dev", second.published_at)
+        assert before is not None
+        at_first = boards.board_at(session, "dev", first.published_at.replace(year=2020))
+        assert at_first is None
+
+
+def test_a_board_under_another_protocol_is_kept_but_not_shown(world: World) -> None:
+    first = publish(world, board(world, "a"))
+    with world.database.write() as session:  # a draft protocol is scored in the background
+        session.execute(
+            text("INSERT INTO protocols VALUES (:digest, '9.9', '', CURRENT_TIMESTAMP)"),
+            {"digest": OTHER},
+        )
+        session.add(BoardRequest(phase_id="dev", protocol_digest=OTHER, wanted=1, built=0, fence=0))
+    with world.database.write() as session:
+        claim = boards.claim_board(session, "dev", OTHER, 120)
+        assert claim is not None
+        draft = boards.publish_board(session, claim, board(world, "b"))
+    with world.database.read() as session:
+        current = boards.current_board(session, "dev")
+        assert current is not None
+        assert draft is not None
+        assert current.id == first.id
+        assert boards.latest_board(session, "dev", OTHER).id == draft.id  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("statement", ["UPDATE boards SET body = ''", "DELETE FROM boards"])
+def test_the_database_refuses_to_change_a_board(world: World, statement: str) -> None:
+    publish(world, board(world, "a"))
+    with pytest.raises(DatabaseError, match="append-only"), world.database.write() as session:
+        session.execute(text(statement))
+
+
+def test_the_latest_scored_submission_of_each_method_is_an_entry(world: World) -> None:
+    with world.database.write() as session:
+        other = create_team(session, "beta", "Beta", is_reference=True, actor="test").id
+    for content, method, team_id, hcc in [
+        ("1", "a", None, 0.1),
+        ("2", "a", None, 0.2),
+        ("3", "b", None, 0.3),
+        ("4", "a", other, 0.4),
+    ]:
+        world.score(world.submit(content, method, team_id).job_id, hcc)
+    world.submit("waiting", "c")
+    with world.database.read() as session:
+        found = boards.entries_for_board(session, "dev", world.protocol_digest)
+    assert [(e.team, e.method, e.sheet.micro["hcc"], e.is_reference) for e in found] == [
+        ("Alpha", "a", 0.2, False),
+        ("Alpha", "b", 0.3, False),
+        ("Beta", "a", 0.4, True),
+    ]
+
+
+def test_a_withdrawn_submission_gives_way_to_the_one_before_it(world: World) -> None:
+    world.score(world.submit("1").job_id, 0.1)
+    second = world.submit("2")
+    world.score(second.job_id, 0.2)
+    with world.database.write() as session:
+        withdraw(session, second.submission.id, actor="test")
+    with world.database.read() as session:
+        found = boards.entries_for_board(session, "dev", world.protocol_digest)
+    assert [entry.sheet.micro["hcc"] for entry in found] == [0.1]
+
+
+def test_a_board_never_mixes_protocols(world: World) -> None:
+    world.score(world.submit("1").job_id)
+    with world.database.read() as session:
+        assert boards.entries_for_board(session, "dev", OTHER) == []
+        assert session.get_one(Phase, "dev").protocol_digest == world.protocol_digest

@@ -1,0 +1,259 @@
+"""Any interleaving of submissions, deliveries, crashes and losses ends every submission, once.
+
+Hypothesis drives the real records, the real doorbell and a real broker. A worker is a claim that
+is held; a crash forgets it; a frozen worker answers late; time is moved by moving recorded times.
+"""
+
+import json
+import shutil
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Any, ClassVar
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
+from sqlalchemy import func, select
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.audit import verify_audit
+from exceptiondrive_records.claims import Claim, Finish
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.doorbell import Doorbell
+from exceptiondrive_records.errors import Conflict
+from exceptiondrive_records.reconciler import reconcile_once
+from exceptiondrive_records.ringing import outstanding, ring_job
+from exceptiondrive_records.settings import RecordsSettings
+from exceptiondrive_records.submissions import withdraw
+from exceptiondrive_records.tables import AuditLine, Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+MAX_ATTEMPTS = 3
+WINDOW = 4
+REPORT = CheckReport(
+    challenge=None, split=None, n_predictions=None, digest="sha256:x", size_bytes=1
+)
+ANY = st.integers(min_value=0, max_value=1_000)
+
+
+class Lifecycle(RuleBasedStateMachine):
+    """Submissions, workers and faults on one database and one broker."""
+
+    new_world: ClassVar[Callable[[], Any]]
+    broker: ClassVar[Any]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.world = type(self).new_world()
+        self.database: Database = self.world.database
+        self.client = self.broker.client()
+        self.client.flushall()
+        self.bell = Doorbell(self.broker.url)
+        self.settings = RecordsSettings(max_attempts=MAX_ATTEMPTS, window=WINDOW)
+        self.held: list[Claim] = []
+        self.jobs: list[str] = []
+        self.ended: dict[str, SubmissionStatus] = {}
+
+    @rule(content=ANY, is_rung=st.booleans())
+    def submit(self, content: int, is_rung: bool) -> None:
+        accepted = self.world.submit(f"file {content % 8}", method=f"m{content % 3}")
+        if accepted.job_id is None:
+            assert accepted.is_duplicate
+            return
+        self.jobs.append(accepted.job_id)
+        if is_rung:
+            ring_job(self.database, self.bell, accepted.job_id, self.settings)
+
+    @rule()
+    def deliver_a_message(self) -> None:
+        message = self.client.rpop("ed:live")
+        if message is None:
+            return
+        job_id, *rest = json.loads(message)["headers"]["argsrepr"].strip("(),'").split("', '")
+        if not rest:  # one id: a job; two: a board
+            self.take(job_id)
+
+    @rule(which=ANY)
+    def deliver_a_duplicate(self, which: int) -> None:
+        if self.jobs:
+            self.take(self.jobs[which % len(self.jobs)])
+
+    def take(self, job_id: str) -> None:
+        with self.database.write() as session:
+            claim = jobs.claim(session, job_id, 120, MAX_ATTEMPTS)
+        if claim is not None:
+            assert claim.attempts <= MAX_ATTEMPTS
+            self.held.append(claim)
+
+    @rule(
+        which=ANY,
+        answer=st.sampled_from(["scored", "rejected", "retry", "failed"]),
+        keeps=st.booleans(),
+    )
+    def answer(self, which: int, answer: str, keeps: bool) -> None:
+        """A worker answers; one that `keeps` its claim answers a second time some day."""
+        if not self.held:
+            return
+        claim = self.held[which % len(self.held)]
+        if not keeps:
+            self.held.remove(claim)
+        self.finish(claim, answer)
+
+    def finish(self, claim: Claim, answer: str) -> Finish:
+        if answer == "scored":
+            return self.world.finish(claim)
+        with self.database.write() as session:
+            if answer == "rejected":
+                return jobs.finish_rejected(session, claim, REPORT)
+            retry = answer == "retry"
+            return jobs.finish_failed(session, claim, "internal", "We failed.", retry=retry)
+
+    @rule(which=ANY)
+    def a_worker_crashes(self, which: int) -> None:
+        if self.held:
+            self.held.pop(which % len(self.held))
+
+    @rule()
+    def an_hour_passes(self) -> None:
+        hour = timedelta(hours=1)
+        with self.database.write() as session:
+            for job in session.scalars(select(Job)):
+                job.available_at -= hour
+                job.lease_until = job.lease_until and job.lease_until - hour
+                job.rung_at = job.rung_at and job.rung_at - hour
+
+    @rule()
+    def the_broker_loses_everything(self) -> None:
+        self.client.flushall()
+
+    @rule(which=ANY)
+    def the_team_withdraws(self, which: int) -> None:
+        with self.database.write() as session:
+            ids = list(session.scalars(select(Submission.id).order_by(Submission.id)))
+            if not ids:
+                return
+            submission_id = ids[which % len(ids)]
+            try:
+                withdraw(session, submission_id, actor="test")
+            except Conflict:
+                return
+            self.ended[submission_id] = SubmissionStatus.WITHDRAWN
+
+    @rule()
+    def reconcile(self) -> None:
+        reconcile_once(self.database, self.bell, self.settings)
+
+    @invariant()
+    def what_has_ended_stays_as_it_ended(self) -> None:
+        with self.database.read() as session:
+            for submission in session.scalars(select(Submission)):
+                if submission.status.is_terminal:
+                    was = self.ended.setdefault(submission.id, submission.status)
+                    assert submission.status is was
+                else:
+                    assert submission.id not in self.ended
+
+    @invariant()
+    def jobs_and_submissions_agree(self) -> None:
+        with self.database.read() as session:
+            pairs = session.execute(
+                select(Submission, Job).join(Job, Job.submission_id == Submission.id)
+            )
+            for submission, job in pairs:
+                assert job.attempts <= MAX_ATTEMPTS
+                assert submission.status.is_terminal is job.state.is_final
+                if job.state is JobState.LEASED:
+                    assert submission.status is SubmissionStatus.SCORING
+
+    @invariant()
+    def nothing_is_scored_twice_or_without_a_sheet(self) -> None:
+        with self.database.read() as session:
+            sheets = set(session.scalars(select(ScoreSheetRow.submission_id)))
+            lines = list(
+                session.scalars(
+                    select(AuditLine.subject).where(AuditLine.action == "submission scored")
+                )
+            )
+            assert sorted(lines) == sorted(sheets)
+            scored = select(Submission.id).where(Submission.status == SubmissionStatus.SCORED)
+            assert set(session.scalars(scored)) <= sheets
+
+    @invariant()
+    def messages_outstanding_stay_within_the_window(self) -> None:
+        with self.database.read() as session:
+            assert outstanding(session, Lane.LIVE) <= WINDOW
+
+    def teardown(self) -> None:
+        """Faults stop: everything ends within a bounded number of passes."""
+        self.held.clear()
+        with self.database.write() as session:
+            n_jobs = session.scalar(select(func.count()).select_from(Job)) or 0
+        for _ in range(n_jobs * (MAX_ATTEMPTS + 1) + 2):
+            self.an_hour_passes()
+            self.reconcile()
+            while self.client.llen("ed:live"):
+                self.deliver_a_message()
+            while self.held:
+                self.finish(self.held.pop(), "scored")
+        self.what_has_ended_stays_as_it_ended()
+        with self.database.read() as session:
+            open_jobs = select(Job.id).where(Job.state.in_((JobState.QUEUED, JobState.LEASED)))
+            assert list(session.scalars(open_jobs)) == []
+            assert verify_audit(session).is_whole
+        self.bell.close()
+        self.client.close()
+        self.database.dispose()
+
+
+@pytest.fixture
+def lifecycle(request: pytest.FixtureRequest, broker: Any) -> type[Lifecycle]:
+    """The machine with its broker."""
+    return type("Lifecycle", (Lifecycle,), {"broker": broker})
+
+
+def run(machine: type[Lifecycle], n_examples: int) -> None:
+    run_state_machine_as_test(
+        machine,
+        settings=settings(
+            max_examples=n_examples,
+            stateful_step_count=40,
+            deadline=None,
+            derandomize=True,
+            suppress_health_check=list(HealthCheck),
+        ),
+    )
+
+
+def test_every_interleaving_ends_every_submission_once_on_sqlite(
+    lifecycle: type[Lifecycle], migrated_sqlite: Any, tmp_path: Any, world_on: Any
+) -> None:
+    numbers = iter(range(1_000_000))
+
+    def new_world() -> Any:
+        path = tmp_path / f"{next(numbers)}.sqlite3"
+        shutil.copy(migrated_sqlite, path)
+        return world_on(f"sqlite:///{path}")
+
+    lifecycle.new_world = staticmethod(new_world)
+    run(lifecycle, 12)
+
+
+@pytest.mark.postgres
+def test_every_interleaving_ends_every_submission_once_on_postgres(
+    lifecycle: type[Lifecycle], postgres: Any, world_on: Any
+) -> None:
+    names: list[str] = []
+
+    def new_world() -> Any:
+        names.append(postgres.create("migrated"))
+        return world_on(postgres.url(names[-1]))
+
+    lifecycle.new_world = staticmethod(new_world)
+    try:
+        run(lifecycle, 4)
+    finally:
+        for name in names:
+            postgres.drop(name)
