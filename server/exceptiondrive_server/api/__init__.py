@@ -1,0 +1,31 @@
+"""Version 1 of the API: one noun a module, each route thin."""
+
+from fastapi import APIRouter
+
+from exceptiondrive_server.api import (
+    boards,
+    documents,
+    entries,
+    events,
+    me,
+    organizer,
+    phases,
+    protocols,
+    splits,
+    submissions,
+)
+
+router = APIRouter(prefix="/api/v1")
+for module in (
+    phases,
+    splits,
+    submissions,
+    events,
+    boards,
+    entries,
+    protocols,
+    documents,
+    me,
+    organizer,
+):
+    router.include_router(module.router)

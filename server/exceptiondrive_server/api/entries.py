@@ -1,0 +1,52 @@
+"""Entries: what a board shows of a submission, and its published score sheet."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import BaseModel
+
+from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.submissions import find_submission
+from exceptiondrive_records.views import published_sheet
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_server.auth import ServicesOf
+from exceptiondrive_server.problems import problem_responses
+
+router = APIRouter(prefix="/entries", tags=["boards"])
+
+
+class EntryView(BaseModel):
+    """A row of the current board with its score sheet, rounded as the protocol says."""
+
+    phase: str
+    board: int
+    entry: BoardEntry
+    sheet: ScoreSheet
+
+
+@router.get(
+    "/{submission_id}",
+    operation_id="showEntry",
+    responses=problem_responses(ProblemCode.NOT_FOUND),
+)
+def get_entry(
+    services: ServicesOf,
+    submission_id: Annotated[str, Path(max_length=64, description="id of a submission")],
+) -> EntryView:
+    """Show an entry of a current board; what is on no board is not found."""
+    with services.database.read() as session:
+        submission = find_submission(session, submission_id)
+        phase = find_phase(session, submission.phase_id)
+        row = current_board(session, phase.id)
+        sheet = published_sheet(session, submission, phase)
+    if row is None or sheet is None:
+        raise NotFound("entry", submission_id)
+    board = Board.model_validate_json(row.body)
+    for entry in board.entries:
+        if entry.submission_id == submission_id:
+            return EntryView(phase=phase.id, board=board.board, entry=entry, sheet=sheet)
+    raise NotFound("entry", submission_id)

@@ -1,0 +1,179 @@
+"""Submissions: accept an upload, show where it stands, withdraw it."""
+
+from collections.abc import Iterator
+from typing import Annotated, BinaryIO
+
+from fastapi import APIRouter, File, Form, Path, Query, Response, UploadFile
+
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.quotas import quota_of
+from exceptiondrive_records.ringing import ring_job
+from exceptiondrive_records.submissions import (
+    Accepted,
+    accept,
+    find_submission,
+    list_submissions,
+    withdraw,
+)
+from exceptiondrive_records.tokens import Principal
+from exceptiondrive_records.views import view, views
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.submission import (
+    Quota,
+    SubmissionPage,
+    SubmissionStatus,
+    SubmissionView,
+)
+from exceptiondrive_server.auth import Reader, ServicesOf, Submitter, team_of
+from exceptiondrive_server.problems import ApiProblem, problem_responses
+from exceptiondrive_server.services import Services
+
+router = APIRouter(prefix="/submissions", tags=["submissions"])
+CHUNK_BYTES = 256 * 1024
+SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
+_SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
+
+
+@router.post(
+    "",
+    operation_id="submit",
+    status_code=202,
+    responses={
+        200: {"model": SubmissionView, "description": "The same bytes were there before."},
+        **problem_responses(
+            *_SIGNED_IN,
+            ProblemCode.PHASE_CLOSED,
+            ProblemCode.NOT_FOUND,
+            ProblemCode.CONFLICT,
+            ProblemCode.UPLOAD_EMPTY,
+            ProblemCode.UPLOAD_TOO_LARGE,
+            ProblemCode.QUOTA_EXCEEDED,
+            ProblemCode.REJECTED_CAP_EXCEEDED,
+        ),
+    },
+)
+def submit(
+    services: ServicesOf,
+    principal: Submitter,
+    response: Response,
+    phase: Annotated[str, Form(max_length=64)],
+    method: Annotated[str, Form(max_length=400, description="shown on the board")],
+    file: Annotated[UploadFile, File(description="the submission file, JSON or gzip")],
+    description: Annotated[str, Form(max_length=8000)] = "",
+    paper_url: Annotated[str | None, Form(max_length=2000)] = None,
+    code_url: Annotated[str | None, Form(max_length=2000)] = None,
+) -> SubmissionView:
+    """Take an upload. It is kept before the answer is sent; workers read and score it later.
+
+    The same bytes again give the first submission (200) and cost no quota.
+    """
+    team_id = team_of(principal)
+    _refuse_unknown_phase(services, phase)
+    file_digest, size_bytes = _store(services, file.file)
+    with services.database.write() as session:
+        accepted = accept(
+            session,
+            team_id=team_id,
+            phase_id=phase,
+            method=method,
+            description=description,
+            links=Links(paper=paper_url or None, code=code_url or None),
+            file_digest=file_digest,
+            size_bytes=size_bytes,
+        )
+    _ring(services, accepted)
+    with services.database.read() as session:
+        _show_quota(response, quota_of(session, team_id, find_phase(session, phase)))
+        response.status_code = 200 if accepted.is_duplicate else 202
+        response.headers["Location"] = f"/api/v1/submissions/{accepted.submission.id}"
+        submission = find_submission(session, accepted.submission.id)
+        return view(session, submission, is_duplicate=accepted.is_duplicate)
+
+
+@router.get("", operation_id="listSubmissions", responses=problem_responses(*_SIGNED_IN))
+def get_submissions(
+    services: ServicesOf,
+    principal: Reader,
+    phase: Annotated[str | None, Query(max_length=64)] = None,
+    status: SubmissionStatus | None = None,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    after: Annotated[str | None, Query(max_length=64, description="`next` of a page")] = None,
+) -> SubmissionPage:
+    """List the team's submissions, newest first; organizers see every team's."""
+    with services.database.read() as session:
+        found = list_submissions(
+            session,
+            team_id=_own_team(principal),
+            phase_id=phase,
+            status=status,
+            limit=limit + 1,
+            after=after,
+        )
+        following = found[limit - 1].id if len(found) > limit else None
+        return SubmissionPage(submissions=views(session, found[:limit]), next=following)
+
+
+@router.get(
+    "/{submission_id}",
+    operation_id="showSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
+)
+def get_submission(
+    services: ServicesOf, principal: Reader, submission_id: SubmissionId
+) -> SubmissionView:
+    """Show where a submission stands; another team's is not found."""
+    with services.database.read() as session:
+        found = find_submission(session, submission_id, team_id=_own_team(principal))
+        return view(session, found)
+
+
+@router.post(
+    "/{submission_id}/withdraw",
+    operation_id="withdrawSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def withdraw_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Take a submission off the board; withdrawing twice is one."""
+    with services.database.write() as session:
+        find_submission(session, submission_id, team_id=_own_team(principal))
+        withdraw(session, submission_id, actor=principal.actor)
+    with services.database.read() as session:
+        return view(session, find_submission(session, submission_id))
+
+
+def _own_team(principal: Principal) -> int | None:
+    """The team that a principal is confined to; None for an organizer."""
+    return None if principal.is_organizer else team_of(principal)
+
+
+def _refuse_unknown_phase(services: Services, phase_id: str) -> None:
+    """Before a byte is stored."""
+    with services.database.read() as session:
+        find_phase(session, phase_id)
+
+
+def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
+    limit = services.settings.max_upload_bytes
+    file_digest, size_bytes = services.files.put_stream(_chunks(stream), limit_bytes=limit)
+    if size_bytes == 0:
+        raise ApiProblem(ProblemCode.UPLOAD_EMPTY, "The file holds nothing; choose another one.")
+    return file_digest, size_bytes
+
+
+def _chunks(stream: BinaryIO) -> Iterator[bytes]:
+    while chunk := stream.read(CHUNK_BYTES):
+        yield chunk
+
+
+def _ring(services: Services, accepted: Accepted) -> None:
+    if accepted.job_id is not None:
+        ring_job(services.database, services.doorbell, accepted.job_id, services.settings)
+
+
+def _show_quota(response: Response, quota: Quota) -> None:
+    response.headers["RateLimit-Limit"] = str(quota.per_day)
+    response.headers["RateLimit-Remaining"] = str(quota.remaining_today)
+    response.headers["RateLimit-Reset"] = quota.resets_at.isoformat()

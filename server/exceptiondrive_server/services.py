@@ -1,0 +1,41 @@
+"""What routes work with: made once per application, closed with it."""
+
+from dataclasses import dataclass
+
+from fastapi import Request
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.doorbell import Doorbell
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_server.settings import ServerSettings
+
+
+@dataclass(frozen=True)
+class Services:
+    """Records, uploads, doorbell and settings."""
+
+    database: Database
+    files: FileStore
+    doorbell: Doorbell
+    settings: ServerSettings
+
+    @classmethod
+    def open(cls, settings: ServerSettings) -> "Services":
+        """Connect to what the settings name."""
+        return cls(
+            database=Database(settings.database_url),
+            files=FileStore(settings.file_store_url),
+            doorbell=Doorbell(settings.broker_url),
+            settings=settings,
+        )
+
+    def close(self) -> None:
+        """Let all connections go."""
+        self.doorbell.close()
+        self.database.dispose()
+
+
+def services_of(request: Request) -> Services:
+    """Return the services of the application that answers."""
+    services: Services = request.app.state.services
+    return services

@@ -1,0 +1,17 @@
+"""Settings of the server: those of the records, and what only the server needs."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from exceptiondrive_records.settings import RecordsSettings
+
+MEBIBYTE = 1024 * 1024
+
+
+class ServerSettings(RecordsSettings):
+    """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
+
+    max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
+    board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10
+    """How long a cache may serve a board without asking again."""
