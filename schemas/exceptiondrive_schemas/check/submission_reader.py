@@ -56,6 +56,7 @@ class SubmissionReader:
         self._rules: PredictionRules | None = None
         self._answers: dict[str, Any] = {}
         self._seen: set[str] = set()
+        self._reading: Path = ()
         self.findings = findings
         self.challenge: ChallengeId | None = None
         self.split: str | None = None
@@ -76,7 +77,7 @@ class SubmissionReader:
         try:
             return self._read_root()
         except JsonStreamError as error:
-            self.findings.add(error.code, (), expected=error.expected, got=error.got)
+            self._refuse(error.code, self._reading, error.expected, error.got)
             self.notes.append("Reading stopped there: what follows was not checked.")
         except _TooManyFaultsError:
             self.notes.append("Reading stopped after too many faults; the counts are incomplete.")
@@ -94,6 +95,7 @@ class SubmissionReader:
             return False
         for key in members(self._stream):
             self._read_member(key)
+        self._reading = ()
         if self._stream.peek():
             follows = self._stream.not_json("the end of the file")
             self._refuse(FaultCode.TRAILING_DATA, (), follows.expected, follows.got)
@@ -101,6 +103,7 @@ class SubmissionReader:
 
     def _read_member(self, key: str) -> None:
         self._stop_when_full()
+        self._reading = (key,)
         if key in self._seen:
             self._refuse(FaultCode.DUPLICATE_KEY, (), "every key once", f"{quoted(key)} again")
             skip(self._stream)
@@ -146,8 +149,9 @@ class SubmissionReader:
         self.n_predictions = 0
         for index in elements(self._stream):
             self._stop_when_full()
+            self._reading = ("predictions", index)
             value = self._stream.value()
-            self._report_repeated(value, ("predictions", index))
+            self._report_repeated(value, self._reading)
             self._read_prediction(value, index)
             self.n_predictions = index + 1
 

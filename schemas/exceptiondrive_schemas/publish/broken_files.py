@@ -1,0 +1,114 @@
+"""One broken file for every fault code, made from the example files."""
+
+import gzip
+import json
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.faults import CheckReport, FaultCode
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.publish.example_split import (
+    STEADY,
+    example_manifest,
+    example_planning,
+    example_strategy,
+)
+from exceptiondrive_schemas.split import Manifest
+
+MAX_UPLOAD_BYTES, MAX_INFLATED_BYTES = 10_000, 100_000
+"""Small limits, so that examples stay small; the server's are larger."""
+N_MOVING = 20
+
+
+def file_bytes(document: Document) -> bytes:
+    """Return a document as a file."""
+    return document.model_dump_json(by_alias=True, exclude_unset=True).encode()
+
+
+PLANNING, STRATEGY = file_bytes(example_planning()), file_bytes(example_strategy())
+
+
+def _planning(old: bytes, new: bytes) -> Callable[[], bytes]:
+    return lambda: PLANNING.replace(old, new, 1)
+
+
+def _strategy(old: bytes, new: bytes) -> Callable[[], bytes]:
+    return lambda: STRATEGY.replace(old, new, 1)
+
+
+def _in_wrong_frame() -> bytes:
+    turned = [[-y_m, x_m] for x_m, y_m in STEADY]
+    predictions = [
+        {"sample_id": sample_id, "source": turned, "edited": turned}
+        for sample_id in frame_manifest().sample_ids
+    ]
+    document = json.loads(PLANNING)
+    return json.dumps({**document, "predictions": predictions}).encode()
+
+
+def frame_manifest() -> Manifest:
+    """A split with enough samples for the frame check."""
+    sample_ids = tuple(f"example-{number:04}" for number in range(1, N_MOVING + 1))
+    return example_manifest().model_copy(update={"sample_ids": sample_ids})
+
+
+def _first_prediction_twice() -> bytes:
+    document = json.loads(PLANNING)
+    document["predictions"].append(document["predictions"][0])
+    return json.dumps(document).encode()
+
+
+BROKEN_FILES: Mapping[FaultCode, Callable[[], bytes]] = MappingProxyType(
+    {
+        FaultCode.FILE_TOO_LARGE: lambda: PLANNING + b" " * MAX_UPLOAD_BYTES,
+        FaultCode.EMPTY_FILE: lambda: b"",
+        FaultCode.WRONG_FILE_KIND: lambda: b"PK\x03\x04" + PLANNING,
+        FaultCode.DAMAGED_GZIP: lambda: gzip.compress(PLANNING, mtime=0)[:-20],
+        FaultCode.INFLATES_TOO_LARGE: lambda: gzip.compress(b" " * 1_000_000, mtime=0),
+        FaultCode.BYTE_ORDER_MARK: lambda: b"\xef\xbb\xbf" + PLANNING,
+        FaultCode.NOT_UTF8: _planning(b"example-0002", b"ex\xe4mple-0002"),
+        FaultCode.NOT_JSON: _planning(b"[6.0,0.0],", b"[6.0,0.0]"),
+        FaultCode.NESTED_TOO_DEEPLY: _planning(b"[[3.0", b"[" * 200_000),
+        FaultCode.VALUE_TOO_LONG: _planning(b"0.0", b"0." + b"0" * 2_000_000),
+        FaultCode.TRAILING_DATA: lambda: PLANNING + b"\n" + PLANNING,
+        FaultCode.DUPLICATE_KEY: _planning(b'"edited":null', b'"edited":null,"edited":null'),
+        FaultCode.UNKNOWN_KEY: _planning(b'"split"', b'"method":"Braking planner","split"'),
+        FaultCode.MISSING_KEY: _planning(b',"edited":null', b""),
+        FaultCode.WRONG_TYPE: _planning(b"3.0", b'"3.0"'),
+        FaultCode.WRONG_SCHEMA: _planning(b"planning/1", b"planning/2"),
+        FaultCode.WRONG_SPLIT: _planning(b'"example"', b'"exmaple"'),
+        FaultCode.UNKNOWN_SAMPLE: _planning(b"example-0002", b"example-002"),
+        FaultCode.MISSING_SAMPLE: lambda: STRATEGY.replace(
+            b',{"sample_id":"example-0003","strategy":null}', b""
+        ),
+        FaultCode.DUPLICATE_SAMPLE: _first_prediction_twice,
+        FaultCode.WRONG_WAYPOINT_COUNT: _planning(b"[[3.0", b"[[0.0,0.0],[3.0"),
+        FaultCode.WRONG_WAYPOINT_SHAPE: _planning(b"[3.0,0.0]", b"[3.0,0.0,1.57]"),
+        FaultCode.NON_FINITE: _planning(b"3.0", b"NaN"),
+        FaultCode.OUT_OF_BOUNDS: _planning(b"18.0", b"1018.0"),
+        FaultCode.STEP_TOO_LONG: _planning(b"18.0", b"58.0"),
+        FaultCode.WRONG_FRAME: _in_wrong_frame,
+        FaultCode.UNKNOWN_STRATEGY: _strategy(b'"A"', b'"F"'),
+        FaultCode.UNKNOWN_HAZARD_TYPE: _strategy(b'"LB1"', b'"lorry"'),
+        FaultCode.UNKNOWN_RISK_LEVEL: _strategy(b'"high"', b'"very high"'),
+        FaultCode.TEXT_TOO_LONG: _strategy(b"stop before it", b"stop " * 500),
+        FaultCode.INVALID_TEXT: _strategy(b"stop before it", b"stop\\u0000"),
+    }
+)
+
+
+def report_of(code: FaultCode) -> CheckReport:
+    """Return the report of the file that is broken in this way."""
+    manifest = frame_manifest() if code is FaultCode.WRONG_FRAME else example_manifest()
+    is_small = code in (FaultCode.FILE_TOO_LARGE, FaultCode.INFLATES_TOO_LARGE)
+    limits: dict[str, Any] = (
+        {"max_upload_bytes": MAX_UPLOAD_BYTES, "max_inflated_bytes": MAX_INFLATED_BYTES}
+        if is_small
+        else {}
+    )
+    return check_bytes(
+        BROKEN_FILES[code](), protocol=packaged_protocol(), manifest=manifest, **limits
+    )

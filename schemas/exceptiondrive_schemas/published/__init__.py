@@ -1,0 +1,44 @@
+"""JSON Schemas and one small valid example of every document, as package data.
+
+Written by `python -m exceptiondrive_schemas.publish`, served by the server, copied into `docs/`.
+"""
+
+from importlib import resources
+
+DOCUMENT_NAMES = (
+    "planning",
+    "strategy",
+    "split",
+    "manifest",
+    "protocol",
+    "score-sheet",
+    "board",
+    "submission",
+    "check-report",
+    "problem",
+)
+
+
+def schema_text(name: str) -> str:
+    """Return the JSON Schema of a document.
+
+    Raises:
+        KeyError: There is no such document.
+    """
+    return _read("schemas", name)
+
+
+def example_text(name: str) -> str:
+    """Return the example of a document.
+
+    Raises:
+        KeyError: There is no such document.
+    """
+    return _read("examples", name)
+
+
+def _read(folder: str, name: str) -> str:
+    if name not in DOCUMENT_NAMES:
+        raise KeyError(name)
+    file = resources.files("exceptiondrive_schemas.published") / folder / f"{name}.json"
+    return file.read_text(encoding="utf-8")
