@@ -5,7 +5,7 @@ head of the chain is locked last and shortly, and never in a circle with other l
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,12 +94,13 @@ def verify_audit(session: Session) -> AuditVerdict:
     """Recompute the whole chain."""
     head = GENESIS
     number = 0
-    for line in _lines(session):
-        number += 1
-        is_next = line.id == number and line.previous_hash == head
-        if not is_next or line_hash(line) != line.hash:
-            return AuditVerdict(number - 1, head, broken_at=line.id)
-        head = line.hash
+    query = select(AuditLine).order_by(AuditLine.id).execution_options(yield_per=500)
+    with session.scalars(query) as lines:
+        for line in lines:
+            is_next = line.id == number + 1 and line.previous_hash == head
+            if not is_next or line_hash(line) != line.hash:
+                return AuditVerdict(number, head, broken_at=line.id)
+            number, head = line.id, line.hash
     return AuditVerdict(number, head)
 
 
@@ -115,9 +116,3 @@ def count_audit_lines(session: Session, action: str) -> int:
     """Return how many lines record this action."""
     query = select(func.count()).select_from(AuditLine).where(AuditLine.action == action)
     return session.scalar(query) or 0
-
-
-def _lines(session: Session) -> Iterator[AuditLine]:
-    return iter(
-        session.scalars(select(AuditLine).order_by(AuditLine.id).execution_options(yield_per=500))
-    )

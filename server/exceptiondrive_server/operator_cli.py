@@ -14,7 +14,7 @@ from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.migrations import migrate as migrate_records
 from exceptiondrive_records.reconciler import run_reconciler
-from exceptiondrive_records.settings import SettingsError, load_settings
+from exceptiondrive_records.settings import SettingsError
 from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.launcher.launch import launch
 from exceptiondrive_server.launcher.layout import Layout
@@ -61,13 +61,13 @@ def migrate(data: DataOption = None) -> None:
 @app.command()
 def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     """Serve API and pages, in one process."""
-    from exceptiondrive_server.app import create_app  # the other commands need none of it
-    from exceptiondrive_server.settings import ServerSettings
+    from exceptiondrive_server.app import app_from_environment  # the other commands need it not
 
     uvicorn.run(
-        create_app(load_settings(ServerSettings)),
+        app_from_environment(),
         host=host,
         port=port,
+        log_config=None,
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=10,

@@ -104,7 +104,8 @@ class Lifecycle(RuleBasedStateMachine):
 
     def finish(self, claim: Claim, answer: str) -> Finish:
         if answer == "scored":
-            return self.world.finish(claim)
+            done: Finish = self.world.finish(claim)
+            return done
         with self.database.write() as session:
             if answer == "rejected":
                 return jobs.finish_rejected(session, claim, REPORT)

@@ -1,0 +1,79 @@
+"""The audit chain: whole under parallel writers, and broken by any change."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from sqlalchemy import text
+
+from exceptiondrive_records.audit import GENESIS, audit, audit_page, verify_audit
+from exceptiondrive_records.database import Database
+
+
+def write_line(database: Database, number: int) -> None:
+    with database.write() as session:
+        audit(session, "test", "counted", f"subject {number}", {"number": number, "nested": [1.5]})
+
+
+def test_an_empty_chain_is_whole(database: Database) -> None:
+    with database.read() as session:
+        verdict = verify_audit(session)
+    assert verdict.is_whole
+    assert (verdict.n_lines, verdict.head) == (0, GENESIS)
+
+
+def test_parallel_writers_make_one_chain_without_a_gap(database: Database) -> None:
+    with ThreadPoolExecutor(16) as pool:
+        list(pool.map(lambda number: write_line(database, number), range(64)))
+    with database.read() as session:
+        verdict = verify_audit(session)
+        assert verdict.is_whole
+        assert verdict.n_lines == 64
+        assert {line.detail["number"] for line in audit_page(session)} == set(range(64))
+
+
+def test_a_transaction_that_fails_leaves_no_line(database: Database) -> None:
+    def fail() -> None:
+        with database.write() as session:
+            audit(session, "test", "tried", "x")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    with database.read() as session:
+        assert verify_audit(session).n_lines == 0
+
+
+def test_pages_go_backwards_from_the_newest_line(database: Database) -> None:
+    for number in range(5):
+        write_line(database, number)
+    with database.read() as session:
+        first = audit_page(session, limit=3)
+        rest = audit_page(session, before=first[-1].id, limit=3)
+    assert [line.id for line in (*first, *rest)] == [5, 4, 3, 2, 1]
+
+
+TAMPERING = [
+    "UPDATE audit_lines SET actor = 'someone else' WHERE id = 3",
+    "UPDATE audit_lines SET detail = '{\"number\": 7}' WHERE id = 3",
+    "UPDATE audit_lines SET at = (SELECT MIN(created_at) FROM old_times) WHERE id = 3",
+    "DELETE FROM audit_lines WHERE id = 3",
+    "UPDATE audit_lines SET hash = previous_hash WHERE id = 3",
+]
+
+
+@pytest.mark.parametrize("statement", TAMPERING)
+def test_whoever_changes_a_line_breaks_the_chain(database: Database, statement: str) -> None:
+    for number in range(5):
+        write_line(database, number)
+    with database.write() as session:  # someone with all rights on the database
+        if session.get_bind().dialect.name == "sqlite":
+            session.execute(text("DROP TRIGGER audit_lines_no_update"))
+            session.execute(text("DROP TRIGGER audit_lines_no_delete"))
+        else:
+            session.execute(text("ALTER TABLE audit_lines DISABLE TRIGGER ALL"))
+        session.execute(text("CREATE TABLE old_times (created_at TIMESTAMP WITH TIME ZONE)"))
+        session.execute(text("INSERT INTO old_times VALUES ('2020-01-01 00:00:00.000000')"))
+        session.execute(text(statement))
+    with database.read() as session:
+        verdict = verify_audit(session)
+    assert verdict.broken_at == (4 if statement.startswith("DELETE") else 3)

@@ -1,0 +1,82 @@
+"""Migrations lead to the tables of the code, from nothing, twice, and at the same time."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from sqlalchemy import inspect
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.migrations import is_current, migrate
+from exceptiondrive_records.tables import Base
+
+
+def test_migrating_an_empty_database_gives_exactly_the_tables_of_the_code(
+    empty_database_url: str,
+) -> None:
+    migrate(empty_database_url)
+    database = Database(empty_database_url)
+    with database.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+    assert is_current(database)
+    database.dispose()
+
+
+def test_migrating_twice_does_nothing(database_url: str) -> None:
+    migrate(database_url)
+    migrate(database_url)
+
+
+def test_parallel_migrations_wait_for_each_other(empty_database_url: str) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(migrate, [empty_database_url] * 3))
+    database = Database(empty_database_url)
+    assert is_current(database)
+    database.dispose()
+
+
+def test_a_migration_that_breaks_off_leaves_nothing(
+    empty_database_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    upgrade = command.upgrade
+
+    def upgrade_and_break_off(config: Config, revision: str) -> None:
+        upgrade(config, revision)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "upgrade", upgrade_and_break_off)
+    with pytest.raises(KeyboardInterrupt):
+        migrate(empty_database_url)
+    monkeypatch.undo()
+    database = Database(empty_database_url)
+    assert inspect(database.engine).get_table_names() == []
+    assert not is_current(database)
+    migrate(empty_database_url)
+    assert is_current(database)
+    database.dispose()
+
+
+def test_sqlite_in_memory_is_refused_since_processes_share_the_records() -> None:
+    with pytest.raises(ValueError, match="needs a file"):
+        Database("sqlite://")
+
+
+def test_sqlite_keeps_commits_and_waits_for_other_writers(sqlite_url: str, tmp_path: Path) -> None:
+    database = Database(sqlite_url)
+    with database.read() as session:
+        pragmas = {
+            name: session.connection().exec_driver_sql(f"PRAGMA {name}").scalar()
+            for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
+        }
+    assert pragmas == {
+        "journal_mode": "wal",
+        "synchronous": 2,
+        "foreign_keys": 1,
+        "busy_timeout": 15_000,
+    }
+    database.dispose()

@@ -1,0 +1,128 @@
+"""What a team sees of its submission: queue place, sheet, rank, failure."""
+
+from datetime import timedelta
+from typing import Any
+
+from sqlalchemy import update
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.heartbeats import beat, forget_worker, live_workers
+from exceptiondrive_records.submissions import find_submission, withdraw
+from exceptiondrive_records.tables import Job, JobState, WorkerHeartbeat
+from exceptiondrive_records.views import recent_scoring_s, view, views
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+
+World = Any
+
+
+def seen(world: World, submission_id: str) -> SubmissionView:
+    with world.database.read() as session:
+        return view(session, find_submission(session, submission_id))
+
+
+def test_a_waiting_submission_shows_how_many_stand_before_it(world: World) -> None:
+    accepted = [world.submit(f"file {i}") for i in range(3)]
+    places = [seen(world, one.submission.id).queue for one in accepted]
+    assert [place and place.position for place in places] == [0, 1, 2]
+    world.score(accepted[0].job_id)
+    assert seen(world, accepted[0].submission.id).queue is None
+    last = seen(world, accepted[2].submission.id).queue
+    assert last is not None
+    assert last.position == 1
+
+
+def test_the_expected_wait_comes_from_measured_durations_and_live_slots(world: World) -> None:
+    done = [world.submit(f"done {i}") for i in range(3)]
+    for one in done:
+        world.score(one.job_id)
+    with world.database.write() as session:
+        for job, duration_s in zip(
+            session.query(Job).order_by(Job.created_at), [2, 4, 90], strict=True
+        ):
+            job.leased_at = job.finished_at - timedelta(seconds=duration_s)
+        beat(session, "one", (Lane.LIVE,), slots=2)
+        beat(session, "two", (Lane.RESCORE,), slots=8)
+    waiting = [world.submit(f"waiting {i}") for i in range(4)]
+    place = seen(world, waiting[3].submission.id).queue
+    assert place is not None
+    assert (place.position, place.workers_alive) == (3, 1)
+    assert place.expected_wait_s == 3 * 4 / 2  # position x median / slots
+
+
+def test_no_wait_is_promised_without_a_worker_or_a_measurement(world: World) -> None:
+    waiting = world.submit("waiting")
+    place = seen(world, waiting.submission.id).queue
+    assert place is not None
+    assert (place.expected_wait_s, place.workers_alive) == (None, 0)
+    with world.database.read() as session:
+        assert recent_scoring_s(session) is None
+
+
+def test_a_submission_being_scored_shows_its_attempt(world: World) -> None:
+    accepted = world.submit("file")
+    world.claim(accepted.job_id)
+    found = seen(world, accepted.submission.id)
+    assert found.status is SubmissionStatus.SCORING
+    assert found.queue is not None
+    assert (found.queue.position, found.queue.attempts) == (0, 1)
+
+
+def test_a_scored_submission_shows_its_sheet_until_it_is_withdrawn(world: World) -> None:
+    accepted = world.submit("file")
+    world.score(accepted.job_id)
+    assert seen(world, accepted.submission.id).sheet == world.sheet()
+    with world.database.write() as session:
+        withdraw(session, accepted.submission.id, actor="test")
+    assert seen(world, accepted.submission.id).sheet is None
+
+
+def test_rejected_and_failed_submissions_say_why(world: World) -> None:
+    report = CheckReport(
+        challenge=None, split=None, n_predictions=None, digest="sha256:x", size_bytes=1
+    )
+    wrong, ours = world.submit("wrong"), world.submit("ours")
+    wrong_claim, our_claim = world.claim(wrong.job_id), world.claim(ours.job_id)
+    with world.database.write() as session:
+        jobs.finish_rejected(session, wrong_claim, report)
+        jobs.finish_failed(session, our_claim, "internal", "We failed.", retry=False)
+    assert seen(world, wrong.submission.id).report == report
+    failure = seen(world, ours.submission.id).failure
+    assert failure is not None
+    assert (failure.code, failure.message) == ("internal", "We failed.")
+
+
+def test_several_views_keep_their_order(world: World) -> None:
+    accepted = [world.submit(f"file {i}").submission for i in range(3)]
+    with world.database.read() as session:
+        found = views(session, [find_submission(session, one.id) for one in accepted])
+    assert [one.id for one in found] == [one.id for one in accepted]
+
+
+def test_a_worker_lives_while_its_sign_of_life_is_young(world: World) -> None:
+    with world.database.write() as session:
+        beat(session, "old", (Lane.LIVE,), slots=1)
+        beat(session, "young", (Lane.LIVE, Lane.RESCORE), slots=2)
+        row = session.get_one(WorkerHeartbeat, "old")
+        session.execute(
+            update(WorkerHeartbeat)
+            .where(WorkerHeartbeat.worker_id == "old")
+            .values(at=row.at - timedelta(seconds=60))
+        )
+    with world.database.read() as session:
+        assert live_workers(session) == live_workers(session, Lane.RESCORE)
+        assert (live_workers(session).workers, live_workers(session).slots) == (1, 2)
+    with world.database.write() as session:
+        forget_worker(session, "young")
+        assert live_workers(session).workers == 0
+
+
+def test_a_cancelled_job_takes_no_place_in_the_queue(world: World) -> None:
+    first, second = world.submit("first"), world.submit("second")
+    with world.database.write() as session:
+        withdraw(session, first.submission.id, actor="test")
+        assert session.get_one(Job, first.job_id).state is JobState.CANCELLED
+    place = seen(world, second.submission.id).queue
+    assert place is not None
+    assert place.position == 0
