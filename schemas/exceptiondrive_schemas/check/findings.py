@@ -7,7 +7,7 @@ from exceptiondrive_schemas.faults import MAX_EXAMPLES, Fault, FaultCode, FaultG
 MAX_EXAMPLES_IN_REPORT = 50
 """Examples of all codes together: they bound the size of a report."""
 MIN_EXAMPLES_PER_CODE = 3
-MAX_FAULTS = 3_000_000
+MAX_FAULTS = 1_000_000
 """Reading stops here: it bounds the time that a hostile file can take."""
 
 Path = tuple[str | int, ...]

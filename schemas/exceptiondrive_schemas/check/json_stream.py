@@ -23,6 +23,7 @@ LONGEST_TOKEN_START = 16
 """A decoder error this close to the end of the text in view may be due to that end."""
 SAFE_INTEGER_DIGITS = 19
 
+BLANKS = " \t\n\r"
 _BLANK = re.compile(r"[ \t\n\r]*")
 _NEXT_WORD = re.compile(r"\S{0,20}")
 
@@ -62,6 +63,8 @@ class JsonStream:
 
     def peek(self) -> str:
         """Skip blanks and return the next character, "" at the end of the document."""
+        if self._at < len(self._text) and self._text[self._at] not in BLANKS:
+            return self._text[self._at]
         while True:
             self._look_ahead(1)
             blank = _BLANK.match(self._text, self._at)
