@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -231,11 +232,14 @@ class RunningWorker:
             for name, value in settings.model_dump().items()
             if value is not None
         }
+        # compiled once for all workers of the suite, and outside of the checkout
+        environment["PYTHONPYCACHEPREFIX"] = f"{tempfile.gettempdir()}/exceptiondrive-tests-pycache"
+        inherited = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
         code = "from exceptiondrive_worker.operator_cli import main; main()"
         with log.open("ab") as stream:
             self.process = subprocess.Popen(
                 [sys.executable, "-c", code, "run", *arguments],
-                env=os.environ | environment,
+                env=inherited | environment,
                 stdout=stream,
                 stderr=stream,
                 start_new_session=True,

@@ -1,11 +1,9 @@
 """`exceptiondrive-worker`: run workers, and handle the splits that only workers may see."""
 
-import logging
 import sys
 from pathlib import Path
 from typing import Annotated
 
-import structlog
 import typer
 
 from exceptiondrive_records.database import Database
@@ -19,6 +17,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol,
     parse_protocol,
 )
+from exceptiondrive_worker.log import configure_logging
 from exceptiondrive_worker.process import run_worker
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
@@ -115,7 +114,7 @@ def seed_sample() -> None:
 
 def main() -> None:
     """Run the command line; known errors become one clear message on stderr and exit code 2."""
-    _configure_logging()
+    configure_logging()
     try:
         app()
     except _KNOWN_ERRORS as error:
@@ -134,17 +133,3 @@ def _lanes(text: str) -> list[Lane]:
 
 def _protocol(path: Path | None) -> Protocol:
     return packaged_protocol() if path is None else parse_protocol(path.read_text("utf-8"))
-
-
-def _configure_logging() -> None:
-    """Log lines to stderr: one JSON object each, text where a person is watching."""
-    is_terminal = sys.stderr.isatty()
-    logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
-    structlog.configure(
-        processors=[
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso", utc=True),
-            structlog.dev.ConsoleRenderer() if is_terminal else structlog.processors.JSONRenderer(),
-        ],
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
-    )

@@ -70,6 +70,7 @@ def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int
     _log.info("worker starts", lanes=queues, processes=concurrency)
     app.worker_main(
         [
+            "--quiet",
             "worker",
             f"--queues={queues}",
             f"--concurrency={concurrency}",
