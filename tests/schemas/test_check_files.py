@@ -193,6 +193,14 @@ def test_reading_stops_after_so_many_faults(
     assert report.notes == ("Reading stopped after too many faults; the counts are incomplete.",)
 
 
+def test_reading_over_a_second_list_stops_somewhere(
+    monkeypatch: pytest.MonkeyPatch, checked: Check
+) -> None:
+    monkeypatch.setattr(submission_reader, "MAX_SKIPPED", 1000)
+    report = checked(b'{"schema":"x","predictions":[],"predictions":[' + b"0," * 5000)
+    assert FaultCode.VALUE_TOO_LONG in codes(report)
+
+
 HOSTILE = {
     "many empty lists": b'{"predictions":[' + b"[]," * 100_000,
     "one list of lists": b'{"predictions":[[' + b"[]," * 3_000_000,

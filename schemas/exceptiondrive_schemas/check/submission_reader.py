@@ -21,6 +21,8 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 
 ROOT_KEYS = ("schema", "split", "predictions")
+MAX_SKIPPED = 1_000_000
+"""Values of a list that are read over; no split has so many samples."""
 
 
 class _TooManyFaultsError(Exception):
@@ -248,7 +250,10 @@ def skip(stream: JsonStream) -> None:
     if stream.peek() != "[":
         stream.value()
         return
-    for _ in elements(stream):
+    for index in elements(stream):
+        if index == MAX_SKIPPED:
+            limit = f"a list of at most {MAX_SKIPPED:,} values"
+            raise JsonStreamError(FaultCode.VALUE_TOO_LONG, limit, "a longer one")
         stream.value()
 
 
