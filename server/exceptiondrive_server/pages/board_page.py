@@ -93,7 +93,7 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
         averages=_average_choices(view),
         kept_fields=_kept_fields(query),
         column_groups=_column_groups(view) if view else (),
-        entry_choices=_entry_choices(board) if board else (),
+        entry_choices=entry_choices(board) if board else (),
         exports=_exports(board) if board else (),
         permalink=f"/?phase={board.phase}&board={board.board}" if board else None,
         clear_url=query.url(search="", source=None),
@@ -153,7 +153,8 @@ def _column_groups(view: BoardView) -> tuple[ColumnGroup, ...]:
     return tuple(groups)
 
 
-def _entry_choices(board: Board) -> tuple[tuple[str, str], ...]:
+def entry_choices(board: Board) -> tuple[tuple[str, str], ...]:
+    """Return the key and the title of the entries that a comparison offers."""
     suffix = {"scored": "", "reference": " (reference)", "reported": " (reported)"}
     entries = board.entries[:MAX_CHOICES] + tuple(
         entry for entry in board.entries[MAX_CHOICES:] if entry.source != "scored"

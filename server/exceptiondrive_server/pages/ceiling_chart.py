@@ -217,6 +217,7 @@ def _labels(
     frame = Box(x.extent[0] + 2, y.extent[1] + 2, x.extent[1] + 12, y.extent[0] - 2)
     anchors = [(mark.entry.method, x.at(mark.x), y.at(mark.y)) for mark in marks]
     bars = [_extent_box(mark, x, y) for mark in marks]
+    bars += [_drop_box(mark, x, y) for mark in marks]
     return place_labels(anchors, frame, [*bars, *_line_boxes(ends), *_word_boxes(words)])
 
 
@@ -240,6 +241,12 @@ def _extent_box(mark: _Mark, x: Scale, y: Scale) -> Box:
     low, high = mark.x_interval or (mark.x, mark.x)
     at = y.at(mark.y)
     return Box(x.clamped(low) - 2, at - 2, x.clamped(high) + 2, at + 2)
+
+
+def _drop_box(mark: _Mark, x: Scale, y: Scale) -> Box:
+    """The dotted drop from the ceiling as an obstacle for labels."""
+    at = x.at(mark.x)
+    return Box(at - 2, y.clamped(100 - mark.x), at + 2, y.at(mark.y))
 
 
 def _description(marks: Sequence[_Mark], first: str, second: str) -> str:

@@ -17,7 +17,7 @@ from exceptiondrive_server.pages.scales import Scale, nice_scale, px
 
 LINE_HEIGHT = 40
 WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16
-NARROW = 340
+NARROW = 310
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def _chart(
     known = [value for pair in values for value in pair if value is not None]
     if not known:
         return None
-    left, right = (LEFT, width - 18) if width > 400 else (106, width - 14)
+    left, right = (LEFT, width - 18) if width > 400 else (102, width - 10)
     scale = nice_scale(
         [value * 100 for value in known], (left + 22, right - 30), n_ticks=5, floor=0, ceiling=100
     )
@@ -257,9 +257,11 @@ def _families_sentence(
         names = [name for gap, name in gaps if gap * sign > 0]
         if names:
             where = (
-                "in every family" if len(names) == len(board.families) else "in " + listed(names)
+                "in every family"
+                if len(names) == len(board.families)
+                else f"in {listed(names)} scenes"
             )
             parts.append(f"{entry.method} is ahead {where}")
     widest = max(gaps, key=lambda gap: abs(gap[0]))
     size = digits.text(metric, abs(widest[0]))
-    return f"{'; '.join(parts)}. The widest gap is {size} points, in {widest[1]}."
+    return f"{'; '.join(parts)}. The widest gap is {size} points, in {widest[1]} scenes."

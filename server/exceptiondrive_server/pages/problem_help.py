@@ -90,7 +90,7 @@ PROBLEM_HELP: Mapping[ProblemCode, Help] = MappingProxyType(
             2,
         ),
         ProblemCode.UPLOAD_EMPTY: Help(
-            422,
+            400,
             "The upload is empty",
             "The request carried a file without any bytes.",
             ("Check that your program finished writing the file.", "Submit it again."),

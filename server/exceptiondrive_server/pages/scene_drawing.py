@@ -50,8 +50,12 @@ class SceneDrawing:
     car: str
     cabin: tuple[str, ...]
     axis_origin: tuple[str, str]
+    length_line: tuple[str, str, str, str]
+    width_line: tuple[str, str, str, str]
     halo_label: tuple[str, str]
     source_label: tuple[str, str]
+    length_m: float
+    width_m: float
     clearance_m: float
     d_safe_m: float
     shift_m: float
@@ -112,8 +116,12 @@ def scene_drawing(protocol: Protocol) -> SceneDrawing:
             view.outline(_car_part(geometry, (0.1, 0.15), 0.3)),
         ),
         axis_origin=view.at((0.0, 0.0)),
+        length_line=_dimension(view, boxes[0][2], boxes[0][3], (0.0, -0.35)),
+        width_line=_dimension(view, boxes[0][1], boxes[0][2], (-0.35, 0.0)),
         halo_label=view.at((_centre(region)[0], min(y for _, y in region) - d_safe_m)),
         source_label=view.at((source[2][0], source[2][1])),
+        length_m=geometry.footprint_length_m,
+        width_m=geometry.footprint_width_m,
         clearance_m=clearance_m,
         d_safe_m=d_safe_m,
         shift_m=_shift(edited, source),
@@ -161,6 +169,12 @@ def _footprints(trajectory: list[Position], geometry: GeometrySection) -> list[O
         )
         for position, heading in zip(trajectory, headings, strict=True)
     ]
+
+
+def _dimension(view: _View, a: Position, b: Position, away: Position) -> tuple[str, str, str, str]:
+    """A line beside an edge that shows its length."""
+    first, second = (a[0] + away[0], a[1] + away[1]), (b[0] + away[0], b[1] + away[1])
+    return (*view.at(first), *view.at(second))
 
 
 def _car_part(geometry: GeometrySection, along: tuple[float, float], across: float) -> Outline:

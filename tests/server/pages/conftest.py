@@ -19,10 +19,19 @@ from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.splits import register_split
+from exceptiondrive_records.tables import ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
-from exceptiondrive_schemas.score_sheet import Flag, ProtocolRef
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Coverage,
+    Flag,
+    Plausibility,
+    ProtocolRef,
+    ScoreSheet,
+)
 from exceptiondrive_schemas.split import Manifest, SplitRef
+from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server import pages
 
 PROTOCOL = packaged_protocol("1.0")
@@ -303,6 +312,82 @@ class Site:
             )
 
 
+    def keep_submission(self, entry: BoardEntry) -> None:
+        """Record the submission and the score sheet behind a scored entry."""
+        assert entry.submission_id is not None
+        assert entry.submitted_at is not None
+        with self.database.write() as session:
+            slug = f"team-{entry.submission_id}"
+            team = Team(slug=slug, name=slug, is_reference=False, created_at=entry.submitted_at)
+            session.add(team)
+            session.flush()
+            session.add(_submission(entry, team.id))
+            session.flush()
+            session.add(
+                ScoreSheetRow(
+                    submission_id=entry.submission_id,
+                    protocol_digest=PROTOCOL.digest,
+                    split_revision=MANIFEST.revision,
+                    sheet=sheet_of(entry),
+                    exact_digest="sha256:" + "e" * 64,
+                    measurement_key="m" * 64,
+                    scorer_version="1.0.0",
+                    created_at=entry.submitted_at,
+                )
+            )
+
+
+def _submission(entry: BoardEntry, team_id: int) -> Submission:
+    return Submission(
+        id=entry.submission_id,
+        phase_id="sample",
+        team_id=team_id,
+        method=entry.method,
+        description=entry.description,
+        paper_url=entry.links.paper,
+        code_url=entry.links.code,
+        file_digest="sha256:" + "ab12" * 16,
+        size_bytes=41_233,
+        status=SubmissionStatus.SCORED,
+        report=None,
+        failure_code=None,
+        failure_message=None,
+        received_at=entry.submitted_at,
+        status_at=entry.submitted_at,
+        withdrawn_at=None,
+    )
+
+
+def sheet_of(entry: BoardEntry) -> ScoreSheet:
+    """A score sheet that fits an entry, with a row for every task."""
+    tasks = {}
+    for index, task in enumerate(PROTOCOL.tasks):
+        hcc = min(1.0, (entry.families[task.family].metrics["hcc"] or 0) * (0.8 + index % 5 / 10))
+        row = {"hcc": round(hcc, 4), "ur": round(0.86 * (1 - hcc), 4), "hpr": 0.4, "cts": 1.1}
+        tasks[task.id] = BreakdownRow.of(7 + 5 * (index % 4), {**row, "cts_x": 1.0, "cts_y": 0.3})
+    shares: dict[str, float | None] = {
+        "edited_stationary": 0.214,
+        "source_stationary": 0.02,
+        "blind": 0.973 if entry.flags else 0.08,
+        "impossible": None,
+    }
+    return ScoreSheet(
+        challenge="planning",
+        protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
+        split=MANIFEST.ref,
+        scorer_version="1.0.0",
+        n=N,
+        coverage=Coverage(edited=1.0, source=1.0),
+        micro=entry.micro,
+        macro_family=entry.macro_family,
+        families={
+            key: BreakdownRow.of(cell.n, cell.metrics) for key, cell in entry.families.items()
+        },
+        tasks=tasks,
+        plausibility=Plausibility(shares=shares, flags=entry.flags),
+    )
+
+
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Site]:
     """Pages over an empty system of record."""
@@ -318,4 +403,7 @@ def lively_site(site: Site, lively_board: Board) -> Site:
     """Pages over a phase with a lively board."""
     site.create_phase("sample", shows_reported=True)
     site.publish(lively_board)
+    for entry in lively_board.entries:
+        if entry.source == "scored" and entry.rank is not None:
+            site.keep_submission(entry)
     return site

@@ -1,0 +1,205 @@
+"""The page of one entry: its score sheet, breakdown, plausibility, history and receipt."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_server.pages.board_query import AVERAGE_TITLES
+from exceptiondrive_server.pages.board_rows import Row, RowSetter
+from exceptiondrive_server.pages.breakdown import BreakdownLine, breakdown_lines
+from exceptiondrive_server.pages.entry_facts import (
+    OUTCOME_WORDS,
+    challenge_of,
+    entry_key,
+    interval_of,
+)
+from exceptiondrive_server.pages.numbers import Digits, fixed, unit_of
+from exceptiondrive_server.pages.plausibility_words import PlausibilityLine, plausibility_lines
+
+
+@dataclass(frozen=True)
+class Receipt:
+    """What was uploaded, and when it came."""
+
+    file_digest: str
+    size_bytes: int
+    received_at: datetime
+
+
+@dataclass(frozen=True)
+class PastSheet:
+    """The headline of the same submission under one protocol."""
+
+    protocol: str
+    scored_at: datetime
+    sheet: ScoreSheet
+
+
+@dataclass(frozen=True)
+class EntryReading:
+    """What the records say of an entry."""
+
+    board: Board
+    entry: BoardEntry
+    protocol: Protocol
+    phase_title: str
+    is_current: bool
+    sheet: ScoreSheet | None
+    receipt: Receipt | None
+    past: tuple[PastSheet, ...]
+
+
+@dataclass(frozen=True)
+class AggregateLine:
+    """One metric under both averages."""
+
+    metric: Metric
+    unit: str
+    headline: str | None
+    other: str | None
+    interval: str | None
+
+
+@dataclass(frozen=True)
+class StripMark:
+    """One entry on the strip that shows where all stand."""
+
+    at: float
+    source: str
+    is_this: bool
+    title: str
+
+
+@dataclass(frozen=True)
+class ExtraTable:
+    """Further rows of the score sheet, such as a confusion matrix."""
+
+    title: str
+    heads: tuple[str, ...]
+    lines: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True)
+class EntryPage:
+    """Everything that `entry.html` needs."""
+
+    reading: EntryReading
+    challenge: Challenge
+    row: Row
+    axis: tuple[str, str]
+    strip: tuple[StripMark, ...]
+    headline_title: str
+    other_title: str
+    aggregates: tuple[AggregateLine, ...]
+    lines: tuple[BreakdownLine, ...]
+    outcome_words: dict[str, str]
+    plausibility: tuple[PlausibilityLine, ...]
+    past: tuple[tuple[PastSheet, tuple[str | None, ...]], ...]
+    extra: tuple[ExtraTable, ...]
+    neighbours: tuple[tuple[str, str, str], ...]
+    key: str
+
+
+def entry_page(reading: EntryReading) -> EntryPage:
+    """Set what was read of an entry."""
+    board, entry = reading.board, reading.entry
+    challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
+    setter = RowSetter.of(board, board.headline, digits, is_current=reading.is_current)
+    first = challenge.metrics[0]
+    low, high = setter.axes[first.key].domain
+    other = "micro" if board.headline == "macro_family" else "macro_family"
+    sheet = reading.sheet
+    section = reading.protocol.plausibility
+    return EntryPage(
+        reading=reading,
+        challenge=challenge,
+        row=setter.row(entry),
+        axis=(fixed(low * 100, 0), fixed(high * 100, 0)),
+        strip=_strip(setter, entry),
+        headline_title=AVERAGE_TITLES[board.headline],
+        other_title="over samples" if other == "micro" else "over families",
+        aggregates=tuple(_aggregate(board, entry, metric, digits) for metric in challenge.metrics),
+        lines=breakdown_lines(board, entry, sheet, reading.protocol, digits),
+        outcome_words={str(k): v for k, v in OUTCOME_WORDS[challenge.id].items()},
+        plausibility=plausibility_lines(sheet.plausibility, section) if sheet else (),
+        past=tuple(
+            (past, _headline_texts(past, board, challenge, digits)) for past in reading.past
+        ),
+        extra=_extra(sheet) if sheet else (),
+        neighbours=_neighbours(board, entry),
+        key=entry_key(entry),
+    )
+
+
+def _aggregate(board: Board, entry: BoardEntry, metric: Metric, digits: Digits) -> AggregateLine:
+    interval = interval_of(entry, board, board.headline, metric.key)
+    other = entry.micro if board.headline == "macro_family" else entry.macro_family
+    return AggregateLine(
+        metric=metric,
+        unit=unit_of(metric),
+        headline=digits.text(metric, entry.metrics.get(metric.key)),
+        other=digits.text(metric, other.get(metric.key)),
+        interval=f"{digits.text(metric, interval[0])} to {digits.text(metric, interval[1])}"
+        if interval
+        else None,
+    )
+
+
+def _strip(setter: RowSetter, this: BoardEntry) -> tuple[StripMark, ...]:
+    metric = setter.challenge.metrics[0]
+    marks = []
+    for entry in setter.board.entries:
+        value = entry.metrics.get(metric.key)
+        if value is not None:
+            text = f"{entry.method} {setter.digits.text(metric, value)} {unit_of(metric)}"
+            at = setter.axes[metric.key].clamped(value)
+            marks.append(StripMark(at, entry.source, entry is this, text))
+    return tuple(sorted(marks, key=lambda mark: mark.is_this))
+
+
+def _headline_texts(
+    past: PastSheet, board: Board, challenge: Challenge, digits: Digits
+) -> tuple[str | None, ...]:
+    values = past.sheet.micro if board.headline == "micro" else past.sheet.macro_family
+    return tuple(digits.text(metric, values.get(metric.key)) for metric in challenge.metrics[:2])
+
+
+def _extra(sheet: ScoreSheet) -> tuple[ExtraTable, ...]:
+    """Confusion rows as one table, every other named row as its own line in a second."""
+    confusion = {
+        k.removeprefix("confusion_"): v for k, v in sheet.extra.items() if "confusion_" in k
+    }
+    others = {key: row for key, row in sheet.extra.items() if "confusion_" not in key}
+    tables = []
+    for title, rows in (("Answers by acceptable set", confusion), ("Further rows", others)):
+        if not rows:
+            continue
+        heads = tuple(dict.fromkeys(key for row in rows.values() for key in row))
+        lines = tuple(
+            (name.replace("_", " "), tuple(_extra_text(row.get(head)) for head in heads))
+            for name, row in rows.items()
+        )
+        tables.append(ExtraTable(title, tuple(head.replace("_", " ") for head in heads), lines))
+    return tuple(tables)
+
+
+def _extra_text(value: float | None) -> str:
+    if value is None:
+        return ""
+    return str(int(value)) if value == int(value) and abs(value) > 1 else fixed(value * 100, 1)
+
+
+def _neighbours(board: Board, entry: BoardEntry) -> tuple[tuple[str, str, str], ...]:
+    """Comparisons with the entries just above and below: words, method, address."""
+    ranked = [other for other in board.entries if other.rank is not None]
+    if entry not in ranked:
+        others = [("the leader", ranked[0])] if ranked else []
+    else:
+        place = ranked.index(entry)
+        others = [("the entry above", ranked[place - 1])] if place else []
+        others += [("the entry below", ranked[place + 1])] if place + 1 < len(ranked) else []
+    base = f"/compare?phase={board.phase}&a={entry_key(entry)}&b="
+    return tuple((words, other.method, base + entry_key(other)) for words, other in others)

@@ -1,0 +1,40 @@
+"""Routes of the entry page and of the comparison."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_server.pages.board_query import BoardQuery
+from exceptiondrive_server.pages.compare_page import compare_page
+from exceptiondrive_server.pages.entry_page import entry_page
+from exceptiondrive_server.pages.entry_readings import read_entry
+from exceptiondrive_server.pages.readings import read_board
+from exceptiondrive_server.pages.responses import page, refused
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/entries/{key}")
+def show_entry(request: Request, key: str) -> Response:
+    """Show an entry as it stands on a board."""
+    query = BoardQuery.parse(request.query_params.multi_items())
+    try:
+        with request.app.state.services.database.read() as session:
+            reading = read_entry(session, key, query)
+    except RecordsError as error:
+        return refused(request, error)
+    return page(request, "entry.html", "board", page=entry_page(reading))
+
+
+@router.get("/compare")
+def show_comparison(request: Request) -> Response:
+    """Compare two entries of one board."""
+    query = BoardQuery.parse(request.query_params.multi_items())
+    given = request.query_params
+    try:
+        with request.app.state.services.database.read() as session:
+            reading = read_board(session, query)
+        content = compare_page(reading, given.get("a"), given.get("b"))
+    except RecordsError as error:
+        return refused(request, error)
+    return page(request, "compare.html", "compare", page=content)

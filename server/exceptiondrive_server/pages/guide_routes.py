@@ -1,0 +1,75 @@
+"""Routes of the pages that explain: protocols, quick start, help, API."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.phases import list_phases
+from exceptiondrive_records.protocols import find_protocol, list_protocols
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.pages.api_page import operation_groups
+from exceptiondrive_server.pages.help_pages import find_fault, find_problem, help_index
+from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
+from exceptiondrive_server.pages.protocol_page import protocol_page
+from exceptiondrive_server.pages.readings import latest_protocol, phase_link
+from exceptiondrive_server.pages.responses import page, problem_page, refused
+from exceptiondrive_server.pages.submit_page import submit_page
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/protocols")
+def show_latest_protocol(request: Request) -> Response:
+    """Lead to the newest protocol."""
+    with request.app.state.services.database.read() as session:
+        version = latest_protocol(session).version
+    return RedirectResponse(f"/protocols/{version}", status_code=307)
+
+
+@router.get("/protocols/{version}")
+def show_protocol(request: Request, version: str) -> Response:
+    """Show the rules of a protocol."""
+    try:
+        with request.app.state.services.database.read() as session:
+            versions = list_protocols(session) or [latest_protocol(session)]
+            known = {protocol.version: protocol for protocol in versions}
+            protocol = known.get(version) or find_protocol(session, version)
+    except RecordsError as error:
+        return refused(request, error)
+    return page(request, "protocol.html", "protocol", page=protocol_page(protocol, versions))
+
+
+@router.get("/submit")
+def show_quick_start(request: Request) -> Response:
+    """Show how to submit."""
+    with request.app.state.services.database.read() as session:
+        phases = tuple(phase_link(session, phase) for phase in list_phases(session))
+        protocol = latest_protocol(session)
+    content = submit_page(phases, protocol, str(request.base_url).rstrip("/"))
+    return page(request, "submit.html", "submit", page=content)
+
+
+@router.get("/problems")
+def show_problems(request: Request) -> Response:
+    """List every code."""
+    return page(request, "problems.html", "", page=help_index())
+
+
+@router.get("/problems/{code}")
+def show_problem(request: Request, code: str) -> Response:
+    """Explain a problem of the API or a fault of a file."""
+    problem, fault = find_problem(code), find_fault(code)
+    if problem is not None:
+        index = help_index() if problem is ProblemCode.FILE_INVALID else None
+        help_ = PROBLEM_HELP[problem]
+        return page(request, "problem.html", "", code=problem, help=help_, index=index)
+    if fault is not None:
+        return page(request, "fault.html", "", fault=fault)
+    return problem_page(request, 404, ProblemCode.NOT_FOUND, "There is no problem of this name.")
+
+
+@router.get("/api")
+def show_api(request: Request) -> Response:
+    """Show the API in one table."""
+    groups = operation_groups(request.app.openapi())
+    return page(request, "api.html", "api", groups=groups, server=str(request.base_url).rstrip("/"))
