@@ -220,8 +220,8 @@ class Client:
         return self._transport.get("/leaderboard.csv", query).text
 
     def page_url(self, submission_id: str) -> str:
-        """Address of the page that shows a submission."""
-        return f"{self.server}/submissions/{submission_id}"
+        """Address of the page of an entry: there once the submission is on the board."""
+        return f"{self.server}/entries/{_quoted(submission_id)}"
 
     def protocol_of(self, phase: PhaseView) -> Protocol:
         """Return the phase's protocol, from this package where it is the same."""

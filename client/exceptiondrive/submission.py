@@ -50,7 +50,7 @@ class Submission:
 
     @property
     def page_url(self) -> str:
-        """Address of its page."""
+        """Address of its page, once it is on the board."""
         return self._client.page_url(self.id)
 
     def refresh(self) -> SubmissionView:

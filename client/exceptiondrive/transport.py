@@ -60,16 +60,24 @@ class Transport:
         params = {key: value for key, value in (query or {}).items() if value is not None}
         return self._send(lambda: self._http.get(path, params=params, headers=headers))
 
-    def post(self, path: str, body: Callable[[], dict[str, Any]]) -> "httpx.Response":
+    def post(
+        self, path: str, body: Callable[[], dict[str, Any]], *, is_repeatable: bool = True
+    ) -> "httpx.Response":
         """POST; `body` makes the arguments of each attempt anew, streams included.
 
-        Safe to repeat: the server recognises the same upload and withdrawing twice is one.
+        Args:
+            path: Below `/api/v1`.
+            body: Gives the keyword arguments of one request.
+            is_repeatable: Whether the same request twice is as good as once: the server recognises
+                the same upload, and withdrawing twice is one.
         """
-        return self._send(lambda: self._http.post(path, **body()))
+        return self._send(lambda: self._http.post(path, **body()), is_repeatable)
 
-    def _send(self, request: Callable[[], "httpx.Response"]) -> "httpx.Response":
+    def _send(
+        self, request: Callable[[], "httpx.Response"], is_repeatable: bool = True
+    ) -> "httpx.Response":
         try:
-            response = self._with_retries(request)
+            response = self._with_retries(request, self._attempts if is_repeatable else 1)
         except _NotNowError as not_now:
             response = not_now.response
         except httpx.TransportError as error:
@@ -82,9 +90,11 @@ class Transport:
             raise_problem(response)
         return response
 
-    def _with_retries(self, request: Callable[[], "httpx.Response"]) -> "httpx.Response":
+    def _with_retries(
+        self, request: Callable[[], "httpx.Response"], attempts: int
+    ) -> "httpx.Response":
         for attempt in stamina.retry_context(
-            on=_should_retry, attempts=self._attempts, wait_initial=0.2, wait_max=5.0, timeout=120.0
+            on=_should_retry, attempts=attempts, wait_initial=0.2, wait_max=5.0, timeout=120.0
         ):
             with attempt:
                 response = request()

@@ -6,13 +6,21 @@ all else is tested against the real application in test_with_server.py.
 
 import json
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
+import structlog
+import uvicorn
+
+from exceptiondrive import Client
+
+if TYPE_CHECKING:
+    from exceptiondrive_worker.doors import Doors
 
 STRAIGHT = [[4.0 * step, 0.0] for step in range(1, 7)]
 SPLIT = {
@@ -134,3 +142,119 @@ def canned_server() -> Iterator[CannedServer]:
     server.shutdown()
     server.server_close()
     thread.join()
+
+
+# The real application, in a thread on the loopback over a SQLite file. The worker's own functions
+# run in another thread, in place of Celery, which tests/end_to_end has.
+
+
+@dataclass
+class Running:
+    """A server with a phase of each challenge on the tiny split, a team and an organizer."""
+
+    url: str
+    token: str
+    organizer_token: str
+    doors: "Doors"
+
+    def client(self) -> Client:
+        return Client(self.url, self.token)
+
+
+@pytest.fixture
+def running(
+    tmp_path: Path, sqlite_url: str, broker_url: str, split_file: Path
+) -> Iterator[Running]:
+    """Start the application, without a worker."""
+    from exceptiondrive_server.app import create_app
+    from exceptiondrive_server.settings import ServerSettings
+    from exceptiondrive_worker.doors import open_doors
+    from exceptiondrive_worker.settings import WorkerSettings
+
+    places: dict[str, Any] = {
+        "database_url": sqlite_url,
+        "broker_url": broker_url,
+        "file_store_url": (tmp_path / "uploads").as_uri(),
+    }
+    folder = tmp_path / "splits" / "tiny"
+    folder.mkdir(parents=True)
+    (folder / "split.json").write_bytes(split_file.read_bytes())
+    worker = WorkerSettings(**places, splits_dir=folder.parent, private_dir=tmp_path / "private")
+    doors = open_doors(worker)
+    tokens = _fill_records(doors)
+    application = create_app(ServerSettings(**places))
+    server = uvicorn.Server(
+        uvicorn.Config(application, host="127.0.0.1", port=0, log_level="warning")
+    )
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        assert thread.is_alive(), "the server did not start"
+        time.sleep(0.01)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    with structlog.testing.capture_logs():  # CliRunner would take the server's lines for the CLI's
+        yield Running(f"http://127.0.0.1:{port}", *tokens, doors)
+    server.should_exit = True
+    thread.join()
+    doors.close()
+
+
+def _fill_records(doors: "Doors") -> tuple[str, str]:
+    """Make protocol, split, two phases, a team and its token, an organizer and theirs."""
+    from exceptiondrive_records import phases, protocols, teams, tokens
+    from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+    from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
+
+    protocol, actor = packaged_protocol(), "test"
+    with doors.database.write() as session:
+        protocols.add_protocol(session, packaged_protocol_toml(), actor)
+    register_all_splits(doors.database, doors.splits, protocol)
+    publish_split_file(doors.database, doors.files, doors.splits, "tiny", protocol)
+    with doors.database.write() as session:
+        for phase, challenge in (("dev", "planning"), ("words", "strategy")):
+            phases.create_phase(
+                session,
+                phase,
+                challenge=challenge,
+                title="Development",
+                split_name="tiny",
+                protocol="1.0",
+                quota_per_day=2,
+                actor=actor,
+            )
+        team = teams.create_team(session, "alpha", "Alpha", actor=actor)
+        of_team, _ = tokens.issue_token(session, team.id, "test", actor=actor)
+        of_organizer, _ = tokens.issue_token(
+            session, None, "test", tokens.ORGANIZER_SCOPES, actor=actor
+        )
+    return of_team, of_organizer
+
+
+@pytest.fixture
+def working(running: Running) -> Iterator[Running]:
+    """The same, with the worker's functions doing what is queued."""
+    stop = threading.Event()
+    thread = threading.Thread(target=_work, args=(running.doors, stop), daemon=True)
+    thread.start()
+    yield running
+    stop.set()
+    thread.join()
+
+
+def _work(doors: "Doors", stop: threading.Event) -> None:
+    from sqlalchemy import select
+
+    from exceptiondrive_records.tables import BoardRequest, Job, JobState
+    from exceptiondrive_worker.board_run import build_board
+    from exceptiondrive_worker.scoring_run import score_submission
+
+    queued = select(Job.id).where(Job.state == JobState.QUEUED)
+    wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+    while not stop.wait(0.02):
+        with doors.database.read() as session:
+            job_ids = list(session.scalars(queued))
+            boards = [(row.phase_id, row.protocol_digest) for row in session.scalars(wanted)]
+        for job_id in job_ids:
+            score_submission(doors, job_id)
+        for phase_id, digest in boards:
+            build_board(doors, phase_id, digest)

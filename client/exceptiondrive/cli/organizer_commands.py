@@ -1,7 +1,247 @@
 """Commands for organizers, all over the API with an organizer's token."""
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
 import typer
+
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import show, show_json
+from exceptiondrive.errors import ExceptionDriveError
+
+if TYPE_CHECKING:
+    from exceptiondrive.organizer import Organizer
+
+TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
+
+
+def list_teams(server: options.Server = None, json: options.Json = False) -> None:
+    """List all teams."""
+    with _organizer(server) as organizer:
+        _show_records(organizer.teams(), ("id", "name", "is_reference", "created_at"), json)
+
+
+def create_team(
+    team_id: Annotated[str, typer.Argument(metavar="ID", help="Small letters, digits, dashes.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="As the board shows it.")],
+    reference: Annotated[
+        bool, typer.Option("--reference", help="Its entries are shown and never ranked.")
+    ] = False,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Make a team."""
+    with _organizer(server) as organizer:
+        team = organizer.create_team(team_id, name, is_reference=reference)
+    _show_record(team, f"team {team['id']} made", json)
+
+
+def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
+    """List a team's tokens, without their secrets."""
+    columns = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
+    with _organizer(server) as organizer:
+        _show_records(organizer.tokens(team_id), columns, json)
+
+
+def issue_token(
+    team_id: TeamId,
+    name: Annotated[str, typer.Option("--name", metavar="NAME", help="What it is for.")],
+    expires_at: Annotated[
+        str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Issue a token for a team; it is shown this once."""
+    with _organizer(server) as organizer:
+        issued = organizer.issue_token(team_id, name, expires_at)
+    _show_record(issued, issued["token"], json)
+
+
+def revoke_token(
+    token_id: Annotated[str, typer.Argument(metavar="TOKEN_ID", help="Id of the token.")],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Revoke a token for good."""
+    with _organizer(server) as organizer:
+        token = organizer.revoke_token(token_id)
+    _show_record(token, f"token {token['id']} revoked", json)
+
+
+def create_phase(
+    phase_id: Annotated[str, typer.Argument(metavar="ID", help="Stands in addresses.")],
+    title: Annotated[str, typer.Option("--title", metavar="TEXT", help="Shown to readers.")],
+    split: Annotated[
+        str, typer.Option("--split", metavar="NAME", help="A registered split: see `splits list`.")
+    ],
+    challenge: Annotated[
+        str, typer.Option("--challenge", metavar="C", help="planning or strategy.")
+    ] = "planning",
+    protocol: Annotated[
+        str, typer.Option("--protocol", metavar="V", help="Version or digest.")
+    ] = "1.0",
+    description: Annotated[
+        str, typer.Option("--description", metavar="TEXT", help="Shown to readers.")
+    ] = "",
+    opens_at: Annotated[
+        str | None, typer.Option("--opens-at", metavar="TIME", help="Else it is open at once.")
+    ] = None,
+    closes_at: Annotated[
+        str | None, typer.Option("--closes-at", metavar="TIME", help="Else it stays open.")
+    ] = None,
+    quota_per_day: Annotated[
+        int, typer.Option("--quota-per-day", metavar="N", min=0, help="Per team and UTC day.")
+    ] = 3,
+    quota_total: Annotated[
+        int | None, typer.Option("--quota-total", metavar="N", min=0, help="Per team; else none.")
+    ] = None,
+    shows_reported: Annotated[
+        bool, typer.Option("--shows-reported", help="Show the paper's rows beside the entries.")
+    ] = False,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Make a phase."""
+    wanted = {
+        "id": phase_id,
+        "title": title,
+        "split": split,
+        "challenge": challenge,
+        "protocol": protocol,
+        "description": description,
+        "opens_at": opens_at,
+        "closes_at": closes_at,
+        "quota_per_day": quota_per_day,
+        "quota_total": quota_total,
+        "shows_reported": shows_reported,
+    }
+    with _organizer(server) as organizer:
+        phase = organizer.create_phase(wanted)
+    _show_record(phase, f"phase {phase['id']} made, {phase['n_samples']} samples", json)
+
+
+def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
+    """List all protocols, oldest first."""
+    with _organizer(server) as organizer:
+        _show_records(organizer.protocols(), ("version", "title", "digest"), json)
+
+
+def add_protocol(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Add a protocol document; it is immutable from then on."""
+    from exceptiondrive.checking import read_file
+    from exceptiondrive.cli.protocol_choice import chosen_protocol
+
+    toml = read_file(file).decode("utf-8", errors="replace")
+    chosen_protocol(str(file))
+    with _organizer(server) as organizer:
+        added = organizer.add_protocol(toml)
+    _show_record(added, f"protocol {added['version']} added, {added['digest']}", json)
+
+
+def list_splits(server: options.Server = None, json: options.Json = False) -> None:
+    """List the registered split revisions: what a phase may use."""
+    with _organizer(server) as organizer:
+        _show_records(organizer.splits(), ("name", "n_samples", "is_public", "revision"), json)
+
+
+def verify(server: options.Server = None, json: options.Json = False) -> None:
+    """Recompute the chain of the audit log; exit code 1 if it is broken."""
+    with _organizer(server) as organizer:
+        verdict = organizer.verify_audit()
+    if verdict["is_whole"]:
+        words = f"the audit log is whole: {verdict['n_lines']} lines, head {verdict['head']}"
+    else:
+        words = f"the audit log is BROKEN at line {verdict['broken_at']}"
+    _show_record(verdict, words, json)
+    if not verdict["is_whole"]:
+        raise typer.Exit(ExceptionDriveError.exit_code)
+
+
+def read_audit(
+    limit: Annotated[
+        int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
+    ] = 50,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show the newest lines of the audit log."""
+    with _organizer(server) as organizer:
+        _show_records(organizer.audit(limit), ("id", "at", "actor", "action", "subject"), json)
+
+
+def _organizer(server: str | None) -> "Organizer":
+    from exceptiondrive.cli.session import prepare
+    from exceptiondrive.organizer import Organizer
+
+    return Organizer(prepare(server))
+
+
+def _show_record(record: dict[str, Any], words: str, json: bool) -> None:
+    if json:
+        show_json(record)
+    else:
+        show(words)
+
+
+def _show_records(records: list[dict[str, Any]], columns: tuple[str, ...], json: bool) -> None:
+    from rich.table import Table
+
+    if json:
+        show_json(records)
+        return
+    table = Table(box=None, padding=(0, 1), header_style="bold")
+    for column in columns:
+        table.add_column(column.replace("_", " "), overflow="fold")
+    for record in records:
+        table.add_row(*(_text(record[column]) for column in columns))
+    show(table)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else str(value)
+
+
+GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
+    "teams": (
+        "Teams and their tokens.",
+        {
+            "list": list_teams,
+            "create": create_team,
+            "tokens": list_tokens,
+            "issue-token": issue_token,
+            "revoke-token": revoke_token,
+        },
+    ),
+    "phases": (
+        "Phases; everyone lists them with `exceptiondrive phases`.",
+        {"create": create_phase},
+    ),
+    "protocols": ("Protocol documents.", {"list": list_protocols, "add": add_protocol}),
+    "splits": ("Registered splits.", {"list": list_splits}),
+    "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
+}
 
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
+    organizer = typer.Typer(
+        help="For organizers, with an organizer's token.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+    )
+    for name, (help_text, commands) in GROUPS.items():
+        group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
+        for command_name, command in commands.items():
+            group.command(command_name)(command)
+        organizer.add_typer(group, name=name)
+    app.add_typer(organizer, name="organizer")

@@ -10,16 +10,22 @@ if TYPE_CHECKING:
 
 def open_client(server: str | None) -> "Client":
     """Return a client for the chosen server."""
+    from exceptiondrive.client import Client
+
+    return Client(prepare(server))
+
+
+def prepare(server: str | None) -> str:
+    """Return the address of the chosen server; from here on retries are said on a terminal."""
     import stamina.instrumentation
 
-    from exceptiondrive.client import Client
     from exceptiondrive.credentials import find_server, find_token, is_sent_in_clear
 
     stamina.instrumentation.set_on_retry_hooks([_say_retry] if has_terminal() else [])
     address = find_server(server)
     if is_sent_in_clear(address) and find_token(address):
         say(f"warning: {address} is not https: your token can be read on the way")
-    return Client(address)
+    return address
 
 
 def _say_retry(details: Any) -> None:

@@ -8,8 +8,8 @@ from rich.text import Text
 
 from exceptiondrive.cli.numbers import challenge_of, metric_head, metric_text
 from exceptiondrive_schemas.challenges import Challenge
-from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ScoreSheet
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
 
 AGGREGATES = {
     "macro_family": "macro_family (mean of the family means)",
@@ -24,9 +24,11 @@ def sheet_view(
 
     Args:
         sheet: Scores, exact or as published.
-        protocol: Gives titles, digits and the headline; ids and two digits without it.
+        protocol: Gives titles, digits and the headline; else the one that ships with the client
+            if it is the sheet's, else ids and two digits are shown.
         with_tasks: Whether to show the rows of the tasks.
     """
+    protocol = protocol or _shipped(sheet.protocol)
     yield Text(
         f"{challenge_of(sheet.challenge).title} · split {sheet.split.name} · "
         f"protocol {sheet.protocol.version} · {sheet.n} samples",
@@ -35,6 +37,14 @@ def sheet_view(
     yield _coverage(sheet)
     yield _table(sheet, protocol, with_tasks)
     yield from _plausibility(sheet)
+
+
+def _shipped(wanted: ProtocolRef) -> Protocol | None:
+    try:
+        shipped = packaged_protocol(wanted.version)
+    except FileNotFoundError:
+        return None
+    return shipped if shipped.digest == wanted.digest else None
 
 
 def _coverage(sheet: ScoreSheet) -> Text:

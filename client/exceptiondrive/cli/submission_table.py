@@ -54,7 +54,10 @@ def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableT
     if view.status is SubmissionStatus.SCORED:
         rank = f"rank {view.rank}" if view.rank else "not ranked"
         yield Text(f"{rank} in phase {view.phase}", style="bold")
-    yield Text(page_url)
+        yield Text(page_url)
+    elif not view.status.is_terminal:
+        yield Text(f"follow it with: exceptiondrive status {view.id}")
+        yield Text(f"its page, once it is on the board: {page_url}")
 
 
 def submissions_table(views: Iterable[SubmissionView]) -> Table:

@@ -1,0 +1,92 @@
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import text
+from typer.testing import CliRunner
+
+from exceptiondrive import Client
+from exceptiondrive.cli import app
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+
+def organize(server: "Running", *arguments: object, token: str | None = None) -> Any:
+    """Run an organizer's command."""
+    environment = {
+        "EXCEPTIONDRIVE_SERVER": server.url,
+        "EXCEPTIONDRIVE_TOKEN": token or server.organizer_token,
+    }
+    words = ["organizer", *(str(argument) for argument in arguments)]
+    return CliRunner().invoke(app, words, env=environment)
+
+
+def test_a_team_gets_a_token_that_works_until_it_is_revoked(running: "Running") -> None:
+    assert organize(running, "teams", "create", "beta", "Team Beta").exit_code == 0
+    teams = json.loads(organize(running, "teams", "list", "--json").stdout)
+    assert [team["id"] for team in teams] == ["alpha", "beta"]
+    issued = organize(running, "teams", "issue-token", "beta", "--name", "laptop")
+    token = issued.stdout.strip()
+    with Client(running.url, token) as client:
+        assert client.me().team == "Team Beta"
+    listed = json.loads(organize(running, "teams", "tokens", "beta", "--json").stdout)
+    assert [row["name"] for row in listed] == ["laptop"]
+    assert token not in json.dumps(listed)
+    assert organize(running, "teams", "revoke-token", listed[0]["id"]).exit_code == 0
+    assert organize(running, "teams", "list", token=token).exit_code == 4
+
+
+def test_what_is_made_twice_is_a_conflict(running: "Running") -> None:
+    done = organize(running, "teams", "create", "alpha", "Again")
+    assert done.exit_code == 4
+    assert "alpha" in done.stderr
+
+
+def test_a_team_may_not_organize(running: "Running") -> None:
+    done = organize(running, "teams", "list", token=running.token)
+    assert done.exit_code == 4
+    assert "scope" in done.stderr
+
+
+def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
+    splits = organize(running, "splits", "list")
+    assert "tiny" in splits.stdout
+    made = organize(
+        running,
+        *("phases", "create", "test", "--title", "Test", "--split", "tiny"),
+        *("--quota-per-day", "5", "--closes-at", "2030-01-01T00:00:00Z"),
+    )
+    assert (made.exit_code, made.stdout) == (0, "phase test made, 4 samples\n")
+    with Client(running.url) as client:
+        assert client.phase("test").quota_per_day == 5
+    unknown = organize(running, "phases", "create", "x", "--title", "X", "--split", "none")
+    assert unknown.exit_code == 2
+
+
+def test_a_protocol_is_added_once_and_checked_before_it_is_sent(
+    running: "Running", tmp_path: Path
+) -> None:
+    path = tmp_path / "1.1.toml"
+    path.write_text(packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"'))
+    assert organize(running, "protocols", "add", path).exit_code == 0
+    listed = json.loads(organize(running, "protocols", "list", "--json").stdout)
+    assert [row["version"] for row in listed] == ["1.0", "1.1"]
+    path.write_text("version = 3")
+    assert organize(running, "protocols", "add", path).exit_code == 2
+
+
+def test_a_tampered_audit_log_is_found(running: "Running") -> None:
+    whole = organize(running, "audit", "verify")
+    assert whole.exit_code == 0
+    assert "is whole" in whole.stdout
+    assert "phase created" in organize(running, "audit", "list").stdout
+    with running.doors.database.write() as session:
+        triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
+        for (name,) in list(triggers):
+            session.execute(text(f'DROP TRIGGER "{name}"'))
+        session.execute(text("UPDATE audit_lines SET action = 'nothing' WHERE id = 2"))
+    broken = organize(running, "audit", "verify")
+    assert broken.exit_code == 1
+    assert "BROKEN at line 2" in broken.stdout

@@ -1,0 +1,242 @@
+"""SDK and command line against the real application, records, file store and scoring.
+
+The server runs in a thread on the loopback over a SQLite file; the worker's own functions run in
+another thread, in place of Celery, which tests/end_to_end has.
+"""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+from exceptiondrive import (
+    Client,
+    InvalidFileError,
+    NotAllowedError,
+    NotFoundError,
+    QuotaError,
+    WaitTimeoutError,
+    evaluate_file,
+)
+from exceptiondrive.cli import app
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+MakeFile = Callable[..., Path]
+QUOTA = 2
+
+
+def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
+    """Run a command against the server, without a terminal."""
+    return CliRunner().invoke(
+        app,
+        [str(argument) for argument in arguments],
+        env={"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": token or server.token},
+    )
+
+
+def submit(server: "Running", file: Path, *more: object, method: str = "Planner") -> Any:
+    return run(server, "submit", file, "--phase", "dev", "--method", method, *more)
+
+
+def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_file: Path) -> None:
+    path = planning_file()
+    done = submit(working, path, "--wait", "--description", "It drives.", "--json")
+    assert done.exit_code == 0, done.stderr
+    view = json.loads(done.stdout)
+    assert (view["status"], view["rank"], view["team"]) == ("scored", 1, "Alpha")
+    exact = evaluate_file(path, split=split_file)
+    for key, value in view["sheet"]["macro_family"].items():
+        assert value == pytest.approx(exact.macro_family[key], abs=0.005)
+
+
+def test_people_read_rank_families_quota_and_the_page(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    done = submit(working, planning_file(), "--wait")
+    assert done.exit_code == 0, done.stderr
+    assert "rank 1 in phase dev" in done.stdout
+    assert "Sudden Emergence" in done.stdout
+    assert "1 of 2 submissions left today" in done.stdout
+    address = next(line for line in done.stdout.splitlines() if line.startswith(working.url))
+    assert httpx.get(address).status_code == 200
+
+
+def test_the_same_bytes_are_the_same_submission_and_cost_nothing(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    path = planning_file()
+    with working.client() as client:
+        first = client.submit(path, phase="dev", method="Planner")
+        first.wait()
+        again = client.submit(path, phase="dev", method="Planner")
+        assert again.id == first.id
+        assert again.view.is_duplicate
+        assert again.wait().is_duplicate
+        assert client.phase("dev").quota is not None
+        assert client.phase("dev").quota.used_today == 1  # type: ignore[union-attr]
+    assert "The same bytes were submitted before" in submit(working, path).stdout
+
+
+def test_the_quota_is_3_and_says_when_it_resets(
+    running: "Running", planning_file: MakeFile
+) -> None:
+    straight = [[4.0 * step, 0.0] for step in range(1, 7)]
+    for number in range(QUOTA + 1):
+        bent = [[x, 0.01 * number] for x, _ in straight]
+        predictions = [{"sample_id": f"s{n}", "source": straight, "edited": bent} for n in range(4)]
+        done = submit(running, planning_file(predictions=predictions))
+        assert done.exit_code == (0 if number < QUOTA else 3)
+    assert "resets at" in done.stderr
+    assert "00:00 UTC" in done.stderr
+    path = planning_file(predictions=predictions)
+    with running.client() as client, pytest.raises(QuotaError):
+        client.submit(path, phase="dev", method="Planner")
+
+
+def test_an_invalid_file_is_refused_here_with_the_words_of_the_server(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    sideways = [[0.0, 4.0 * step] for step in range(1, 7)]
+    path = planning_file(
+        predictions=[{"sample_id": "s7", "source": sideways, "edited": sideways[:3]}]
+    )
+    here = submit(working, path, "--json")
+    assert here.exit_code == 2
+    with working.client() as client:
+        assert client.submissions() == ()
+        sent = client._transport.post(
+            "/submissions",
+            lambda: {
+                "data": {"phase": "dev", "method": "Planner"},
+                "files": {"file": ("p.json", path.read_bytes())},
+            },
+        )
+        with pytest.raises(InvalidFileError) as there:
+            client.submission(sent.json()["id"]).wait()
+        assert client.phase("dev").quota.rejected_today == 1  # type: ignore[union-attr]
+    report = json.loads(here.stdout)["error"]["report"]
+    assert report == there.value.report.model_dump(mode="json")
+
+
+def test_waiting_too_long_is_7_and_the_submission_stays(
+    running: "Running", planning_file: MakeFile
+) -> None:
+    done = submit(running, planning_file(), "--wait", "--timeout", "0.3", "--json")
+    assert done.exit_code == 7
+    error = json.loads(done.stdout)["error"]
+    assert error["submission"]["status"] in ("received", "queued")
+    shown = run(running, "status", error["submission"]["id"])
+    assert shown.exit_code == 0
+    assert "no worker is alive" in shown.stdout
+    with running.client() as client, pytest.raises(WaitTimeoutError):
+        client.submission(error["submission"]["id"]).wait(timeout_s=0.1)
+
+
+def test_without_a_token_it_is_4(running: "Running", planning_file: MakeFile) -> None:
+    done = run(running, "whoami", token="edk_t_wrong")
+    assert done.exit_code == 4
+    assert "exceptiondrive login" in done.stderr
+    with Client(running.url) as client, pytest.raises(NotAllowedError):
+        client.submit(planning_file(), phase="dev", method="Planner")
+
+
+def test_what_is_not_there_is_2(running: "Running") -> None:
+    for arguments in (
+        ("status", "nothing"),
+        ("withdraw", "nothing"),
+        ("manifest", "nothing"),
+        ("split", "download", "nothing"),
+        ("leaderboard", "--phase", "nothing"),
+    ):
+        done = run(running, *arguments)
+        assert done.exit_code == 2, arguments
+        assert done.stderr.startswith("error: ")
+    with running.client() as client, pytest.raises(NotFoundError):
+        client.phase("nothing")
+
+
+def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
+    running: "Running", planning_file: MakeFile, tmp_path: Path
+) -> None:
+    assert "2 of 2 today" in run(running, "phases").stdout
+    manifest, split = tmp_path / "m.json", tmp_path / "s.json.gz"
+    assert run(running, "manifest", "dev", "-o", manifest).exit_code == 0
+    done = run(running, "split", "download", "tiny", "-o", split, "--json")
+    assert json.loads(done.stdout)["n_samples"] == 4
+    path = planning_file()
+    assert run(running, "check", path, "--manifest", manifest).exit_code == 0
+    assert run(running, "check", path, "--phase", "dev").exit_code == 0
+    assert run(running, "check", path, "--phase", "words").exit_code == 2
+    assert run(running, "evaluate", path, "--split", split).exit_code == 0
+
+
+def test_the_board_in_all_its_forms(working: "Running", planning_file: MakeFile) -> None:
+    submit(working, planning_file(), "--wait")
+    table = run(working, "leaderboard", "--phase", "dev")
+    assert "Planner" in table.stdout
+    assert "HCC % ^" in table.stdout
+    board = json.loads(run(working, "leaderboard", "--phase", "dev", "--json").stdout)
+    assert [entry["rank"] for entry in board["entries"]] == [1]
+    csv = run(working, "leaderboard", "--phase", "dev", "--csv")
+    assert len(csv.stdout.splitlines()) == 2
+    by_ur = run(working, "leaderboard", "--phase", "dev", "--sort", "ur", "--json")
+    assert json.loads(by_ur.stdout)["entries"] == board["entries"]
+    assert run(working, "leaderboard", "--phase", "dev", "--sort", "beauty").exit_code == 2
+
+
+def test_a_withdrawn_entry_leaves_the_board_and_stays_in_the_list(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    view = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    done = run(working, "withdraw", view["id"])
+    assert (done.exit_code, done.stdout) == (0, f"{view['id']} withdrawn\n")
+    listed = run(working, "submissions", "--status", "withdrawn", "--json")
+    assert [row["id"] for row in json.loads(listed.stdout)] == [view["id"]]
+    with working.client() as client:
+        while client.leaderboard(phase="dev").entries:
+            time.sleep(0.02)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a POSIX matter")
+def test_progress_is_shown_on_a_terminal_and_never_on_stdout(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    import pty
+
+    main_end, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "exceptiondrive", "submit", str(planning_file())),
+            *("--phase", "dev", "--method", "Planner", "--wait", "--json"),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+        env={
+            **os.environ,
+            "TERM": "xterm-256color",
+            "EXCEPTIONDRIVE_SERVER": working.url,
+            "EXCEPTIONDRIVE_TOKEN": working.token,
+        },
+    )
+    os.close(terminal)
+    shown = b""
+    with contextlib.suppress(OSError):  # the other end is closed: the command has ended
+        while chunk := os.read(main_end, 4096):
+            shown += chunk
+    os.close(main_end)
+    stdout, _ = process.communicate()
+    assert process.returncode == 0
+    assert b"uploading planner.json" in shown
+    assert json.loads(stdout)["rank"] == 1
