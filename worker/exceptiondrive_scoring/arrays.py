@@ -53,20 +53,22 @@ class TrajectoryPairs:
 
 @dataclass(frozen=True)
 class TaskGroups:
-    """The G tasks that have samples, in taxonomy order, and which samples they have.
+    """The G tasks that have samples, family by family, and which samples they have.
 
     Attributes:
         order: (N,) samples, task by task, else in canonical order.
         starts: (G,) where each task begins in `order`.
         sizes: (G,) number of samples.
         task_index: (G,) position in `taxonomy.tasks`.
-        family_index: (G,) position of the task's family in `taxonomy.families`.
+        family_starts: Where each family that has samples begins among the G tasks.
+        family_index: Position of each of those families in `taxonomy.families`.
     """
 
     order: IntArray
     starts: IntArray
     sizes: IntArray
     task_index: IntArray
+    family_starts: IntArray
     family_index: IntArray
 
 
@@ -100,15 +102,17 @@ class SplitArrays:
     @cached_property
     def by_task(self) -> "TaskGroups":
         """Samples grouped by task, once per split."""
-        order = np.argsort(self.task_index, kind="stable")
+        order = np.lexsort((self.task_index, self.family_index))
         starts = np.flatnonzero(np.diff(self.task_index[order], prepend=-1))
-        first = order[starts]
+        family_index = self.family_index[order[starts]]
+        family_starts = np.flatnonzero(np.diff(family_index, prepend=-1))
         return TaskGroups(
             order=order,
             starts=starts,
             sizes=np.diff(starts, append=self.n_samples),
-            task_index=self.task_index[first],
-            family_index=self.family_index[first],
+            task_index=self.task_index[order[starts]],
+            family_starts=family_starts,
+            family_index=family_index[family_starts],
         )
 
     @cached_property

@@ -1,5 +1,6 @@
 """Grade: measurements to metric values of each sample. No geometry, no uploads."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,13 +51,20 @@ def grade(measurements: Measurements, split: SplitArrays, protocol: Protocol) ->
     """
     required_m = split.d_safe_m * protocol.grading.d_safe_scale
     clearance, intrusion = measurements.clearance_m, measurements.intrusion
-    by_key = {
+    by_key: dict[str, FloatArray | BoolArray] = {
         "hcc": clearance_compliance(clearance, intrusion, required_m),
-        "ur": intrusion.astype(np.float64),
+        "ur": intrusion,
         "hpr": proximity_response(clearance, intrusion, required_m),
         "cts": measurements.shift_m,
         "cts_x": measurements.shift_x_m,
         "cts_y": measurements.shift_y_m,
     }
-    keys = PLANNING.metric_keys
-    return SampleScores(keys, np.stack([by_key[key] for key in keys], axis=1))
+    return sample_scores(PLANNING.metric_keys, by_key)
+
+
+def sample_scores(
+    metric_keys: tuple[str, ...], by_key: Mapping[str, FloatArray | BoolArray]
+) -> SampleScores:
+    """Put the columns of all metrics, each (N,), into one array, column by column in memory."""
+    columns = np.array([by_key[key] for key in metric_keys], dtype=np.float64)
+    return SampleScores(metric_keys, columns.T)

@@ -11,7 +11,7 @@ import numpy as np
 
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
-from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.arrays import SplitArrays, TaskGroups
 from exceptiondrive_scoring.grade import SampleScores
 
 MetricMeans = dict[str, float | None]
@@ -33,7 +33,7 @@ class Breakdown:
         micro: Mean over the samples: the paper's equations.
         macro_family: Unweighted mean of the family means: what the paper's tables print.
         families: Families that have samples, in taxonomy order.
-        tasks: Tasks that have samples, in taxonomy order.
+        tasks: Tasks that have samples, family by family.
     """
 
     n: int
@@ -54,63 +54,66 @@ def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> B
     a metric is taken over the families that define it.
     """
     keys, groups = scores.metric_keys, split.by_task
-    tasks = _sums_by_task(scores, split)
-    families = _sums_by_family(tasks, groups.family_index, len(taxonomy.families))
-    total = _Sums(split.n_samples, tasks.sums.sum(axis=0), tasks.counts.sum(axis=0))
+    tasks = _sums_by_task(scores, groups)
+    families = tasks.regrouped(groups.family_starts)
+    family_means = families.means()
+    macro = _mean_of_defined(family_means)
     task_ids = [taxonomy.tasks[index].id for index in groups.task_index]
+    family_ids = [taxonomy.families[index].id for index in groups.family_index]
     return Breakdown(
         n=split.n_samples,
-        micro=dict(zip(keys, _plain(total.means()), strict=True)),
-        macro_family=dict(zip(keys, _plain(_mean_of_defined(families.means())), strict=True)),
-        families=_rows([family.id for family in taxonomy.families], keys, families),
-        tasks=_rows(task_ids, keys, tasks),
+        micro=dict(zip(keys, _plain(tasks.total().means()[0]), strict=True)),
+        macro_family=dict(zip(keys, _plain(macro[0]), strict=True)),
+        families=_rows(family_ids, keys, families.sizes, family_means),
+        tasks=_rows(task_ids, keys, tasks.sizes, tasks.means()),
     )
 
 
 class _Sums(NamedTuple):
-    """Sizes, sums and numbers of defined values; the first axis, if any, is the group."""
+    """By group: number of samples, (G,); sums, (M, G); values they are made of, (M, G) or (1, G)."""
 
-    sizes: IntArray | int
+    sizes: IntArray
     sums: FloatArray
-    counts: FloatArray | IntArray
+    counts: IntArray
+
+    def regrouped(self, starts: IntArray) -> "_Sums":
+        """Neighbouring groups put together, a new group beginning at each start."""
+        return _Sums(*(np.add.reduceat(part, starts, axis=-1) for part in self))
+
+    def total(self) -> "_Sums":
+        """All groups put together."""
+        return _Sums(*(part.sum(axis=-1, keepdims=True) for part in self))
 
     def means(self) -> FloatArray:
-        """NaN where nothing is defined."""
-        undefined = np.full(self.sums.shape, np.nan)
-        means: FloatArray = np.divide(self.sums, self.counts, out=undefined, where=self.counts > 0)
+        """(G, M), NaN where nothing is defined."""
+        with np.errstate(invalid="ignore"):  # 0 / 0
+            means: FloatArray = (self.sums / self.counts).T
         return means
 
 
-def _sums_by_task(scores: SampleScores, split: SplitArrays) -> _Sums:
-    groups = split.by_task
-    values = scores.values.take(groups.order, 0)
+def _sums_by_task(scores: SampleScores, groups: TaskGroups) -> _Sums:
+    values = scores.values.T.take(groups.order, 1)
     undefined = np.isnan(values)
-    counts = np.broadcast_to(groups.sizes[:, None], (len(groups.sizes), values.shape[1]))
+    counts = groups.sizes[None]
     if undefined.any():
         values[undefined] = 0.0
-        counts = counts - np.add.reduceat(undefined, groups.starts, axis=0, dtype=np.intp)
-    return _Sums(groups.sizes, np.add.reduceat(values, groups.starts, axis=0), counts)
-
-
-def _sums_by_family(tasks: _Sums, family_index: IntArray, n_families: int) -> _Sums:
-    sizes = np.zeros(n_families, dtype=np.intp)
-    sums = np.zeros((n_families, tasks.sums.shape[1]))
-    counts = np.zeros(sums.shape, dtype=np.intp)
-    np.add.at(sizes, family_index, tasks.sizes)
-    np.add.at(sums, family_index, tasks.sums)
-    np.add.at(counts, family_index, tasks.counts)
-    return _Sums(sizes, sums, counts)
+        counts = counts - np.add.reduceat(undefined, groups.starts, axis=1, dtype=np.intp)
+    return _Sums(groups.sizes, np.add.reduceat(values, groups.starts, axis=1), counts)
 
 
 def _mean_of_defined(rows: FloatArray) -> FloatArray:
-    """Unweighted mean over the first axis of what is not NaN."""
-    defined = ~np.isnan(rows)
-    return _Sums(len(rows), np.where(defined, rows, 0.0).sum(axis=0), defined.sum(axis=0)).means()
+    """Unweighted mean over the first axis of what is not NaN, (1, M)."""
+    undefined = np.isnan(rows)
+    sums = np.where(undefined, 0.0, rows).sum(axis=0)
+    counts = len(rows) - undefined.sum(axis=0)
+    return _Sums(counts, sums[:, None], counts[:, None]).means()
 
 
-def _rows(ids: Sequence[str], keys: Sequence[str], groups: _Sums) -> dict[str, Row]:
-    rows = zip(ids, np.asarray(groups.sizes).tolist(), _plain(groups.means()), strict=True)
-    return {key: Row(n, dict(zip(keys, means, strict=True))) for key, n, means in rows if n}
+def _rows(
+    ids: Sequence[str], keys: Sequence[str], sizes: IntArray, means: FloatArray
+) -> dict[str, Row]:
+    rows = zip(ids, sizes.tolist(), _plain(means), strict=True)
+    return {key: Row(n, dict(zip(keys, row, strict=True))) for key, n, row in rows}
 
 
 def _plain(means: FloatArray) -> Any:

@@ -10,7 +10,7 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import GradingSection, Protocol
 from exceptiondrive_scoring.aliases import BoolArray, Columns, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.grade import SampleScores
+from exceptiondrive_scoring.grade import SampleScores, sample_scores
 from exceptiondrive_scoring.split_arrays import STRATEGIES
 
 NO_ANSWER = -1
@@ -95,8 +95,7 @@ def grade_strategies(
         "over_warning": ~correct & ~under,
         "missing": missing,
     }
-    keys = STRATEGY.metric_keys
-    return SampleScores(keys, np.stack([by_key[key] for key in keys], axis=1).astype(np.float64))
+    return sample_scores(STRATEGY.metric_keys, by_key)
 
 
 def confusion(answers: StrategyAnswers, split: SplitArrays) -> dict[str, dict[str, float | None]]:

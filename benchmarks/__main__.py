@@ -1,0 +1,41 @@
+"""Run the benchmarks: `python -m benchmarks [section ...]`."""
+
+import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: CPU time of one thread
+
+import argparse
+import platform
+
+from benchmarks import growth, measuring, processes, rescoring, uncertainty, upload
+from benchmarks.report import note
+from exceptiondrive_schemas.protocol import packaged_protocol
+
+SECTIONS = {
+    "measuring": measuring.run,
+    "upload": upload.run,
+    "rescoring": rescoring.run,
+    "bootstrap": uncertainty.run,
+    "growth": growth.run,
+    "processes": processes.run,
+}
+
+
+def main() -> None:
+    """Print the chosen sections, all of them by default."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("sections", nargs="*", metavar="section", help=", ".join(SECTIONS))
+    chosen = parser.parse_args().sections or list(SECTIONS)
+    unknown = sorted(set(chosen) - SECTIONS.keys())
+    if unknown:
+        parser.error(f"no such section: {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
+    note(
+        f"CPU time of one thread, medians; candidates take turns, ratios are taken round by round. "
+        f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    )
+    for section in chosen:
+        SECTIONS[section](packaged_protocol())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""How cost grows: with the number of samples, with the number of waypoints."""
+
+from functools import partial
+
+import numpy as np
+
+from benchmarks.naive import naive_clearances_m
+from benchmarks.report import ms, show, times
+from benchmarks.timing import interleave, peak_mib, ratio, typical
+from benchmarks.workload import BENCHMARK_SAMPLES, make_workload
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_scoring.measure import measure
+
+SAMPLE_FACTORS = (1, 2, 4, 8, 16)
+WAYPOINTS = (6, 12, 24, 48)
+NAIVE_SAMPLES = 100
+
+
+def run(protocol: Protocol) -> None:
+    """Print the growth tables."""
+    cases = {f"{BENCHMARK_SAMPLES * k:,}": (BENCHMARK_SAMPLES * k, 6) for k in SAMPLE_FACTORS}
+    _grow("Measure as N grows (T = 6)", "N", cases, protocol)
+    cases = {str(n): (BENCHMARK_SAMPLES, n) for n in WAYPOINTS}
+    _grow(f"Measure as T grows (N = {BENCHMARK_SAMPLES:,}, 3 s)", "T", cases, protocol)
+
+
+def _grow(title: str, name: str, cases: dict[str, tuple[int, int]], protocol: Protocol) -> None:
+    rows = []
+    for case, (n_samples, n_waypoints) in cases.items():
+        workload = make_workload(protocol, n_samples, n_waypoints)
+        regions = workload.split.prepared_regions
+        few = slice(0, NAIVE_SAMPLES)
+        edited, corners = workload.pairs.edited[few], workload.split.regions_m[few]
+
+        ours = partial(measure, workload.pairs, regions, protocol.geometry)
+        naive = partial(naive_clearances_m, edited, corners, protocol.geometry)
+        found = interleave({"ours": ours, "naive": naive}, rounds=5)
+        seconds = typical(found["ours"])
+        unsafe = float(np.mean(measure(workload.pairs, regions, protocol.geometry).intrusion))
+        factor = ratio(found["naive"], found["ours"]) * n_samples / NAIVE_SAMPLES
+        rows.append(
+            (
+                case,
+                ms(seconds),
+                f"{seconds / n_samples * 1e6:.2f}",
+                times(factor),
+                f"{unsafe:.0%}",
+                f"{peak_mib(ours):.1f}",
+            )
+        )
+    show(title, (name, "ms", "us a sample", "x naive", "UR", "peak MiB"), rows)

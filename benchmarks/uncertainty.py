@@ -1,0 +1,94 @@
+"""The bootstrap for 10, 100, 200 and 1,000 entries, rank intervals, and one new entry."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from benchmarks.report import ms, note, show, times
+from benchmarks.timing import Job, cpu_seconds, peak_mib, typical
+from benchmarks.workload import SEED, Workload, make_workload
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
+from exceptiondrive_scoring.grade import SampleScores, grade
+from exceptiondrive_scoring.measure import measure
+from exceptiondrive_scoring.rank_interval import rank_intervals
+from exceptiondrive_scoring.scene_sums import SceneSums, scene_sums
+
+ENTRIES = (1, 10, 100, 200, 1000)
+DISTINCT = 20
+TARGET_ENTRIES = 200
+
+
+def run(protocol: Protocol) -> None:
+    """Print the bootstrap table."""
+    workload = make_workload(protocol)
+    sums = _sums(workload, protocol)
+    rows = []
+    for n_entries in ENTRIES:
+        job = partial(_bootstrap, sums, n_entries, protocol)
+        bootstrapping, measuring = _seconds(job, n_entries, workload, protocol)
+        ranking = cpu_seconds(partial(rank_intervals, job(), "descending"))
+        rows.append(
+            (
+                f"{n_entries:,}",
+                ms(bootstrapping),
+                ms(bootstrapping / n_entries),
+                times(bootstrapping / measuring),
+                ms(ranking),
+                f"{peak_mib(job):.0f}",
+            )
+        )
+    show(
+        f"Bootstrap: {protocol.ranking.bootstrap_draws:,} paired draws of {workload.split.n_scenes} "
+        f"scenes, six metrics, both aggregates and six families, N = {workload.split.n_samples:,}",
+        ("entries", "ms", "ms an entry", "x measuring them", "rank intervals ms", "peak MiB"),
+        rows,
+    )
+    note(
+        f"target: {TARGET_ENTRIES} entries within 0.33x of measuring them, under 100 MiB. A new entry "
+        "on a board costs the first row and its comparisons: kept draws of the others are reused."
+    )
+
+
+def _sums(workload: Workload, protocol: Protocol) -> list[SceneSums]:
+    split, rng = workload.split, np.random.default_rng(SEED)
+    measured = measure(workload.pairs, split.prepared_regions, protocol.geometry)
+    scores = grade(measured, split, protocol)
+    return [
+        scene_sums(
+            SampleScores(
+                scores.metric_keys, scores.values * rng.uniform(0.7, 1.0, scores.values.shape)
+            ),
+            split,
+            protocol.taxonomy,
+        )
+        for _ in range(DISTINCT)
+    ]
+
+
+def _entries(sums: list[SceneSums], n_entries: int) -> Iterator[SceneSums]:
+    return (sums[index % DISTINCT] for index in range(n_entries))
+
+
+def _bootstrap(sums: list[SceneSums], n_entries: int, protocol: Protocol) -> list[Uncertainty]:
+    entries = _entries(sums, n_entries)
+    return bootstrap(entries, PLANNING, protocol.ranking, protocol.grading.headline)
+
+
+def _seconds(
+    job: Job, n_entries: int, workload: Workload, protocol: Protocol
+) -> tuple[float, float]:
+    """CPU seconds of the bootstrap and of measuring the same number of entries, side by side."""
+    regions = workload.split.prepared_regions
+    few = min(n_entries, DISTINCT)
+    bootstrapping, measuring = [], []
+    for _ in range(3 if n_entries >= TARGET_ENTRIES else 7):
+        bootstrapping.append(cpu_seconds(job))
+        seconds = [
+            cpu_seconds(lambda: measure(workload.pairs, regions, protocol.geometry))
+            for _ in range(few)
+        ]
+        measuring.append(sum(seconds) * n_entries / few)
+    return typical(bootstrapping), typical(measuring)
