@@ -13,7 +13,14 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.check import UnreadableFileError, check, check_bytes, findings, inflate
+from exceptiondrive_schemas.check import (
+    UnreadableFileError,
+    check,
+    check_bytes,
+    findings,
+    inflate,
+    json_stream,
+)
 from exceptiondrive_schemas.check.json_stream import CHUNK_BYTES, MAX_VALUE_CHARACTERS
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import Protocol
@@ -196,7 +203,7 @@ def test_reading_stops_after_so_many_faults(
 def test_reading_over_a_second_list_stops_somewhere(
     monkeypatch: pytest.MonkeyPatch, checked: Check
 ) -> None:
-    monkeypatch.setattr(submission_reader, "MAX_SKIPPED", 1000)
+    monkeypatch.setattr(json_stream, "MAX_SKIPPED", 1000)
     report = checked(b'{"schema":"x","predictions":[],"predictions":[' + b"0," * 5000)
     assert FaultCode.VALUE_TOO_LONG in codes(report)
 

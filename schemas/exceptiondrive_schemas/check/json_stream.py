@@ -22,6 +22,8 @@ CHUNK_BYTES = 1024 * 1024
 LONGEST_TOKEN_START = 16
 """A decoder error this close to the end of the text in view may be due to that end."""
 SAFE_INTEGER_DIGITS = 19
+MAX_SKIPPED = 1_000_000
+"""Values of a list that are read over; no split has so many samples."""
 
 BLANKS = " \t\n\r"
 _BLANK = re.compile(r"[ \t\n\r]*")
@@ -181,6 +183,18 @@ def elements(stream: JsonStream) -> Iterator[int]:
     """Walk the list that comes next: yield each index; the caller takes each value."""
     numbers = count()
     yield from _items(stream, "[", "]", lambda _: next(numbers))
+
+
+def skip(stream: JsonStream) -> None:
+    """Read over the value that comes next, however long a list it is."""
+    if stream.peek() != "[":
+        stream.value()
+        return
+    for index in elements(stream):
+        if index == MAX_SKIPPED:
+            limit = f"a list of at most {MAX_SKIPPED:,} values"
+            raise JsonStreamError(FaultCode.VALUE_TOO_LONG, limit, "a longer one")
+        stream.value()
 
 
 Item = TypeVar("Item")

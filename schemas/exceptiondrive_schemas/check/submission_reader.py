@@ -2,18 +2,20 @@
 
 from typing import Any
 
-from exceptiondrive_schemas.challenges import CHALLENGE_OF_FILE_SCHEMA, CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.check.answers import CheckedDocument
 from exceptiondrive_schemas.check.findings import Findings, Path
 from exceptiondrive_schemas.check.json_stream import (
     JsonStream,
     JsonStreamError,
-    RepeatedKeys,
     elements,
     members,
+    skip,
 )
+from exceptiondrive_schemas.check.repeated_keys import report_repeated_keys
 from exceptiondrive_schemas.check.rules import CHALLENGE_BY_KEY, RULES, PredictionRules
 from exceptiondrive_schemas.check.sample_ids import SampleIds
+from exceptiondrive_schemas.check.schema_key import check_schema, find_challenge
 from exceptiondrive_schemas.check.shown import escaped, kind, quoted
 from exceptiondrive_schemas.check.split_name import check_split_name
 from exceptiondrive_schemas.faults import FaultCode
@@ -21,8 +23,6 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 
 ROOT_KEYS = ("schema", "split", "predictions")
-MAX_SKIPPED = 1_000_000
-"""Values of a list that are read over; no split has so many samples."""
 
 
 class _TooManyFaultsError(Exception):
@@ -124,25 +124,10 @@ class SubmissionReader:
         value = self._stream.value()
         self._report_repeated(value, (key,))
         if key == "schema":
-            self._note_schema(value)
+            self.challenge = check_schema(value, self._wanted, self.findings)
         else:
             self.split = escaped(value) if isinstance(value, str) else None
             check_split_name(value, self._manifest, self.findings)
-
-    def _note_schema(self, value: Any) -> None:
-        named = CHALLENGE_OF_FILE_SCHEMA.get(value) if isinstance(value, str) else None
-        self.challenge = named.id if named else None
-        wanted = CHALLENGES[self._wanted] if self._wanted else None
-        if named is not None and wanted in (None, named):
-            return
-        schemas = [wanted.file_schema] if wanted else list(CHALLENGE_OF_FILE_SCHEMA)
-        expected = " or ".join(quoted(schema) for schema in schemas)
-        hint = None
-        if named is not None and wanted is not None:
-            hint = f"this is a {named.id} file, and a {wanted.id} file is wanted"
-        code = FaultCode.WRONG_SCHEMA if isinstance(value, str) else FaultCode.WRONG_TYPE
-        got = quoted(value) if isinstance(value, str) else kind(value)
-        self.findings.add(code, ("schema",), expected=expected, got=got, hint=hint)
 
     def _read_predictions(self) -> None:
         if self._stream.peek() != "[":
@@ -194,18 +179,13 @@ class SubmissionReader:
             self._refuse(FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id)
 
     def _choose_rules(self, prediction: dict[str, Any]) -> PredictionRules:
-        challenge = self.challenge or self._challenge_further_down() or self._wanted
+        challenge = self.challenge or self._wanted
+        if "schema" not in self._seen:
+            challenge = find_challenge(JsonStream(self._data)) or challenge
         for key in prediction:
             challenge = challenge or CHALLENGE_BY_KEY.get(key)
         self._rules = RULES[challenge or ChallengeId.PLANNING](self._protocol, self.findings)
         return self._rules
-
-    def _challenge_further_down(self) -> ChallengeId | None:
-        if "schema" in self._seen:
-            return None
-        schema = _find_schema(JsonStream(self._data))
-        named = CHALLENGE_OF_FILE_SCHEMA.get(schema) if isinstance(schema, str) else None
-        return named.id if named else None
 
     def _report_missing_keys(self) -> None:
         for key in ROOT_KEYS:
@@ -213,19 +193,8 @@ class SubmissionReader:
                 self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none")
 
     def _report_repeated(self, value: Any, path: Path) -> None:
-        if not self._stream.has_repeated_keys:
-            return
-        places: list[tuple[Path, Any]] = [(path, value)]
-        while places:
-            path, value = places.pop()
-            if isinstance(value, RepeatedKeys):
-                for key in value.repeated:
-                    got = f"{quoted(key)} more than once"
-                    self._refuse(FaultCode.DUPLICATE_KEY, path, "every key once", got)
-            if isinstance(value, dict):
-                places += [((*path, key), each) for key, each in value.items()]
-            elif isinstance(value, list):
-                places += [((*path, index), each) for index, each in enumerate(value)]
+        if self._stream.has_repeated_keys:
+            report_repeated_keys(value, path, self.findings)
 
     def _stop_when_full(self) -> None:
         if self.findings.is_full:
@@ -243,26 +212,3 @@ class SubmissionReader:
         self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None = None
     ) -> None:
         self.findings.add(code, path, expected=expected, got=got, sample_id=sample_id)
-
-
-def skip(stream: JsonStream) -> None:
-    """Read over the value that comes next, however long a list it is."""
-    if stream.peek() != "[":
-        stream.value()
-        return
-    for index in elements(stream):
-        if index == MAX_SKIPPED:
-            limit = f"a list of at most {MAX_SKIPPED:,} values"
-            raise JsonStreamError(FaultCode.VALUE_TOO_LONG, limit, "a longer one")
-        stream.value()
-
-
-def _find_schema(stream: JsonStream) -> Any:
-    try:
-        for key in members(stream):
-            if key == "schema":
-                return stream.value()
-            skip(stream)
-    except JsonStreamError:
-        return None
-    return None
