@@ -5,11 +5,13 @@ import socket
 import threading
 
 import structlog
+from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.database import Database, database_now
 from exceptiondrive_records.heartbeats import beat, forget_worker
 from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
 
 _log = structlog.get_logger("exceptiondrive.worker")
@@ -50,3 +52,13 @@ class Heartbeat:
                 _log.warning("heartbeat not recorded", error=type(error).__name__)
             if self._stopped.wait(self._every_s):
                 return
+
+
+def youngest_heartbeat_age_s(database: Database) -> float | None:
+    """Return how long ago a worker on this machine last gave a sign of life; None if never."""
+    with database.read() as session:
+        of_this_machine = WorkerHeartbeat.worker_id.startswith(f"{socket.gethostname()}:")
+        latest = session.scalar(select(func.max(WorkerHeartbeat.at)).where(of_this_machine))
+        if latest is None:
+            return None
+        return (database_now(session) - latest).total_seconds()

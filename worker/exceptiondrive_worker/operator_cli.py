@@ -17,6 +17,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol,
     parse_protocol,
 )
+from exceptiondrive_worker.heartbeat import youngest_heartbeat_age_s
 from exceptiondrive_worker.log import configure_logging
 from exceptiondrive_worker.process import run_worker
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
@@ -59,6 +60,17 @@ def run(
 ) -> None:
     """Score submissions and build boards until stopped."""
     run_worker(load_settings(WorkerSettings), _lanes(lanes), concurrency)
+
+
+@app.command("heartbeat-age")
+def heartbeat_age(
+    max_s: Annotated[float, typer.Option(help="Older than this is exit code 1.")] = 60.0,
+) -> None:
+    """Say how old the last sign of life of a worker on this machine is: for health checks."""
+    age_s = youngest_heartbeat_age_s(Database(load_settings(WorkerSettings).database_url))
+    typer.echo("no sign of life" if age_s is None else f"{age_s:.1f} s")
+    if age_s is None or age_s > max_s:
+        raise typer.Exit(1)
 
 
 @app.command("check-split")

@@ -1,0 +1,9 @@
+import pytest
+
+from exceptiondrive_records.settings import RecordsSettings
+
+
+@pytest.fixture(scope="session")
+def world_settings() -> RecordsSettings:
+    """Settings of whoever rings: the defaults."""
+    return RecordsSettings()

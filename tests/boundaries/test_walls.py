@@ -1,0 +1,186 @@
+"""The walls around withheld splits: imports, words, folders and what is shipped."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from exceptiondrive_worker.private_store import PrivateStore, Shelf
+
+ROOT = Path(__file__).parents[2]
+FOLDER = "hidden_splits"
+BY_NAME = re.compile(r"""["']exceptiondrive_worker["'.]""")
+WITHOUT_SPLITS = ["server", "client", "schemas"]
+MAY_OPEN_SPLITS = {
+    "board_entries.py": "takes the manifest's counts",
+    "board_run.py": "asks for the split of a phase",
+    "doors.py": "opens the store",
+    "exact_sheet.py": "takes loaded arrays",
+    "operator_cli.py": "checks and registers",
+    "scoring_run.py": "asks for the split of a job",
+    "splits_admin.py": "registers and publishes",
+    "stages.py": "takes loaded arrays",
+}
+
+
+def sources(folder: str) -> list[Path]:
+    return [path for path in (ROOT / folder).rglob("*") if path.is_file()]
+
+
+def imported_modules(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def test_the_import_contracts_hold() -> None:
+    command = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("folder", WITHOUT_SPLITS)
+def test_the_folder_of_splits_is_not_even_named_elsewhere(folder: str) -> None:
+    files = [path for path in sources(folder) if path.suffix != ".pyc"]
+    assert files
+    naming = [path for path in files if FOLDER.encode() in path.read_bytes()]
+    assert naming == []
+
+
+@pytest.mark.parametrize("folder", WITHOUT_SPLITS)
+def test_nothing_outside_imports_the_worker_by_name_at_run_time(folder: str) -> None:
+    """Import contracts do not see `import_module("exceptiondrive_worker...")`."""
+    naming = [
+        path
+        for path in sources(folder)
+        if path.suffix == ".py" and BY_NAME.search(path.read_text("utf-8"))
+    ]
+    assert naming == []
+
+
+def test_few_modules_of_the_worker_touch_the_split_store() -> None:
+    touching = {
+        path.name
+        for path in (ROOT / "worker" / "exceptiondrive_worker").glob("*.py")
+        if "exceptiondrive_worker.split_store" in imported_modules(path)
+    }
+    assert touching <= MAY_OPEN_SPLITS.keys()
+
+
+def test_only_the_split_store_and_the_sample_read_split_files() -> None:
+    """`Split` is the document with regions: who validates one, opens one."""
+    reading = {
+        path.relative_to(ROOT).as_posix()
+        for folder in ("worker", "server", "client", "schemas")
+        for path in (ROOT / folder).rglob("*.py")
+        if "Split.model_validate" in path.read_text("utf-8")
+    }
+    server_side = {path for path in reading if path.startswith("server/")}
+    assert server_side == set()
+    assert "worker/exceptiondrive_worker/split_store.py" in reading
+
+
+def test_the_repository_holds_no_split_but_the_sample() -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", FOLDER], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode != 0:
+        pytest.skip("not a git checkout")
+    assert sorted(listed.stdout.split()) == [
+        f"{FOLDER}/README.md",
+        f"{FOLDER}/sample/split.json.gz",
+    ]
+
+
+def test_git_ignores_a_real_split() -> None:
+    path = f"{FOLDER}/real/split.json.gz"
+    done = subprocess.run(
+        ["git", "check-ignore", path], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if done.returncode == 128:
+        pytest.skip("not a git checkout")
+    assert done.stdout.strip() == path
+
+
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """A folder that every user may enter, unlike pytest's own."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o755)
+        yield Path(name)
+
+
+def read_as_nobody(path: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["cat", str(path)],
+        user=65534,
+        group=65534,
+        extra_groups=[],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_another_user_cannot_read_the_private_store(open_folder: Path) -> None:
+    if os.getuid() != 0:
+        pytest.skip("only root can become another user")
+    public = open_folder / "public"
+    public.write_text("anyone may read this")
+    assert read_as_nobody(public).stdout == "anyone may read this"
+    store = PrivateStore(open_folder / "private")
+    store.write(Shelf.SHEETS, "k", b"{}")
+    (store.root / Shelf.SHEETS / "k").chmod(0o644)  # the folder alone must be enough
+    refused = read_as_nobody(store.root / Shelf.SHEETS / "k")
+    assert refused.returncode != 0
+    assert "Permission denied" in refused.stderr
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dist")
+    done = subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-d", str(folder)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_wheel_holds_no_split(built: Path) -> None:
+    (wheel,) = built.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    assert any(name.startswith("exceptiondrive_worker/") for name in names)
+    assert not [name for name in names if FOLDER in name or name.endswith("split.json.gz")]
+
+
+def test_the_wheel_ships_the_papers_rows_and_protocols(built: Path) -> None:
+    (wheel,) = built.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    assert "exceptiondrive_schemas/reported/exceptiondrive-paper.toml" in names
+    assert "exceptiondrive_schemas/protocols/1.0.toml" in names
+
+
+def test_the_source_archive_holds_no_split(built: Path) -> None:
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = archive.getnames()
+    assert any("exceptiondrive_worker/" in name for name in names)
+    assert not [name for name in names if FOLDER in name or name.endswith("split.json.gz")]
