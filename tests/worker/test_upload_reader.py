@@ -192,6 +192,11 @@ def test_an_unusual_but_sound_file_is_accepted(old: bytes, new: bytes) -> None:
         (b"]}]}", b"]}]} {}", FaultCode.TRAILING_DATA),
         (b"]}]}", b"]}]", FaultCode.NOT_JSON),
         (b"-0.25", b"-.25", FaultCode.NOT_JSON),
+        (b"[[1.5, -0.25], ", b"1.5[[, -0.25], ", FaultCode.NOT_JSON),
+        (b"[[1.5, -0.25], ", b"[[1.5, -0.25]7, ", FaultCode.NOT_JSON),
+        (b"[[1.5, -0.25], ", b"[[1.5, -0.25, ], [", FaultCode.NOT_JSON),
+        (b"[[1.5, -0.25], ", b"[[1.5 -0.25], ", FaultCode.NOT_JSON),
+        (b"1.5, -0.25", b"1.5, - 0.25", FaultCode.NOT_JSON),
         (b"-0.25", b"[" * 200_000, FaultCode.NESTED_TOO_DEEPLY),
     ],
 )

@@ -1,9 +1,12 @@
-"""Fast reader of `exceptiondrive.planning/1`: one typed decode, then checks on whole arrays."""
+"""Fast reader of `exceptiondrive.planning/1`: one typed decode, then checks on whole arrays.
+
+The decode leaves each trajectory as its own piece of JSON text. What is left of all pieces without
+digits proves the shape of every trajectory at once; what is left without brackets is one flat list
+of numbers. No object is made per waypoint, which is what costs most in JSON.
+"""
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
-from itertools import chain
 from typing import Any
 
 import msgspec
@@ -28,7 +31,18 @@ TEXTS_PER_PREDICTION = 4
 ANGLE_MARGIN_DEG = 1e-6
 """Directions this close to the limit of the frame check are left to the precise checker."""
 
-Trajectory = Sequence[tuple[float, float]]
+NULL = b"null"
+NO_NUMBERS_NO_BLANKS = b"+-.0123456789Ee \t\n\r"
+BRACKETS_TO_BLANKS = bytes.maketrans(b"[]", b"  ")
+NUMBERS = msgspec.json.Decoder(list[float], strict=True)
+
+
+DECODER = submission_decoder(
+    prediction_type(
+        "PlanningPrediction",
+        [("sample_id", str), ("source", msgspec.Raw), ("edited", msgspec.Raw)],
+    )
+)
 
 
 def read_planning(
@@ -41,8 +55,7 @@ def read_planning(
     """
     if n_texts(text) != ROOT_TEXTS + TEXTS_PER_PREDICTION * len(manifest.sample_ids):
         return None
-    decoder = _decoder(protocol.geometry.waypoints)
-    submission = decode(text, decoder, PLANNING.file_schema, manifest)
+    submission = decode(text, DECODER, PLANNING.file_schema, manifest)
     rows = rows_of(submission.predictions, manifest) if submission else None
     if submission is None or rows is None:
         return None
@@ -55,33 +68,37 @@ def read_planning(
     return {"source": source, "edited": edited}
 
 
-@lru_cache(maxsize=8)
-def _decoder(n_waypoints: int) -> msgspec.json.Decoder[Any]:
-    waypoint = tuple[float, float]
-    trajectory = tuple.__class_getitem__((waypoint,) * n_waypoints) | None
-    fields = [("sample_id", str), ("source", trajectory), ("edited", trajectory)]
-    return submission_decoder(prediction_type("PlanningPrediction", fields))
-
-
 def _column(
-    trajectories: Sequence[Trajectory | None],
-    rows: NDArray[np.intp],
-    geometry: GeometrySection,
+    trajectories: Sequence[msgspec.Raw], rows: NDArray[np.intp], geometry: GeometrySection
 ) -> FloatArray | None:
-    """Return (N, T, 2) in canonical order, or None where a bound is broken."""
-    given = [trajectory for trajectory in trajectories if trajectory is not None]
-    n_waypoints = geometry.waypoints
-    flat = chain.from_iterable(chain.from_iterable(given))
-    points_m = np.fromiter(flat, np.float64, len(given) * n_waypoints * 2)
-    points_m += 0.0  # no negative zeros, as in the precise checker
-    points_m = points_m.reshape(-1, n_waypoints, 2)
-    if not _is_within_bounds(points_m, geometry):
+    """Return (N, T, 2) in canonical order, or None where a shape or a bound is broken."""
+    texts = list(map(bytes, trajectories))
+    given = [text for text in texts if text != NULL]
+    points_m = _points_m(given, geometry.waypoints)
+    if points_m is None or not _is_within_bounds(points_m, geometry):
         return None
-    if len(given) < len(trajectories):
-        rows = rows[[trajectory is not None for trajectory in trajectories]]
-    column_m = np.full((len(trajectories), n_waypoints, 2), math.nan)
+    if len(given) < len(texts):
+        rows = rows[[text != NULL for text in texts]]
+    column_m = np.full((len(texts), geometry.waypoints, 2), math.nan)
     column_m[rows] = points_m
     return column_m
+
+
+def _points_m(texts: Sequence[bytes], n_waypoints: int) -> FloatArray | None:
+    """Return (n, T, 2) of n JSON texts, or None where one is not `[[x, y] x T]`."""
+    joined = b",".join(texts)
+    one = b"[" + b",".join([b"[,]"] * n_waypoints) + b"]"
+    if joined.translate(None, NO_NUMBERS_NO_BLANKS) != b",".join([one] * len(texts)):
+        return None
+    try:
+        numbers = NUMBERS.decode(b"[" + joined.translate(BRACKETS_TO_BLANKS) + b"]")
+    except msgspec.DecodeError:
+        return None
+    if len(numbers) != len(texts) * n_waypoints * 2:
+        return None
+    points_m = np.fromiter(numbers, np.float64, len(numbers))
+    points_m += 0.0  # no negative zeros, as in the precise checker
+    return points_m.reshape(-1, n_waypoints, 2)
 
 
 def _is_within_bounds(points_m: FloatArray, geometry: GeometrySection) -> bool:
