@@ -1,0 +1,26 @@
+"""From nothing, or from an older version, to records that can be worked with."""
+
+from importlib import resources
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.migrations import migrate
+from exceptiondrive_records.protocols import add_protocol
+
+_ACTOR = "installation"
+
+
+def prepare(database_url: str) -> None:
+    """Bring the schema up to date and add the protocols that ship; doing it again changes nothing.
+
+    Raises:
+        Conflict: A protocol was recorded under a shipped version with other content.
+    """
+    migrate(database_url)
+    database = Database(database_url)
+    folder = resources.files("exceptiondrive_schemas") / "protocols"
+    try:
+        with database.write() as session:
+            for file in sorted(folder.iterdir(), key=lambda entry: entry.name):
+                add_protocol(session, file.read_text(encoding="utf-8"), _ACTOR)
+    finally:
+        database.dispose()
