@@ -12,7 +12,7 @@ import uvicorn
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.errors import RecordsError
-from exceptiondrive_records.migrations import migrate as migrate_records
+from exceptiondrive_records.preparation import prepare
 from exceptiondrive_records.reconciler import run_reconciler
 from exceptiondrive_records.settings import SettingsError
 from exceptiondrive_server.launcher.errors import LaunchError
@@ -53,8 +53,8 @@ def run(
 
 @app.command()
 def migrate(data: DataOption = None) -> None:
-    """Bring the records to the newest schema; all of it or nothing."""
-    migrate_records(records_settings(data).database_url)
+    """Bring the records up to date: schema and shipped protocols."""
+    prepare(records_settings(data).database_url)
     say("the records are up to date")
 
 

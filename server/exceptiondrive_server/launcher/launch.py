@@ -12,6 +12,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import FrameType
 
+from alembic.util.exc import CommandError
+from sqlalchemy.exc import SQLAlchemyError
+
+from exceptiondrive_records.preparation import prepare
 from exceptiondrive_server.launcher.banner import banner
 from exceptiondrive_server.launcher.broker import (
     NoBrokerError,
@@ -62,6 +66,7 @@ class Launcher:
         require_free_port(self.address)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
+        self.say("starting ...")
         folder = BrokerFolder(self.layout)
         try:
             shared = self._start_all(folder)
@@ -99,10 +104,11 @@ class Launcher:
             time.sleep(0.01)
 
     def _migrate(self, shared: Mapping[str, str]) -> None:
-        command = [find_command("exceptiondrive-server"), "migrate"]
-        done = subprocess.run(command, env=shared, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise LaunchError(f"the records could not be brought up to date:\n{done.stderr}")
+        url = shared["EXCEPTIONDRIVE_DATABASE_URL"]
+        try:
+            prepare(url)
+        except (SQLAlchemyError, CommandError) as error:
+            raise LaunchError(f"the records could not be brought up to date: {error}") from None
 
     def _start(self, plan: ChildPlan) -> Child:
         child = Child(plan)
