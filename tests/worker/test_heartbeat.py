@@ -1,0 +1,40 @@
+from collections.abc import Callable
+from typing import Any
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.heartbeats import live_workers
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_worker.heartbeat import Heartbeat, youngest_heartbeat_age_s
+
+
+def slots(database: Database, lane: Lane) -> int:
+    with database.read() as session:
+        return live_workers(session, lane).slots
+
+
+def test_every_process_counts_until_it_signs_off(
+    database: Database, wait_until: Callable[..., Any]
+) -> None:
+    both = [Heartbeat(database, (Lane.LIVE,), every_s=0.05) for _ in range(2)]
+    assert both[0].worker_id != both[1].worker_id
+    for heartbeat in both:
+        heartbeat.start()
+    wait_until(lambda: slots(database, Lane.LIVE) == 2, "two signs of life")
+    assert slots(database, Lane.RESCORE) == 0
+    both[0].stop()
+    assert slots(database, Lane.LIVE) == 1
+    both[1].stop()
+    assert slots(database, Lane.LIVE) == 0
+
+
+def test_the_age_of_the_youngest_heartbeat_is_told(
+    database: Database, wait_until: Callable[..., Any]
+) -> None:
+    assert youngest_heartbeat_age_s(database) is None
+    heartbeat = Heartbeat(database, (Lane.LIVE,), every_s=0.05)
+    heartbeat.start()
+    wait_until(lambda: youngest_heartbeat_age_s(database) is not None, "a sign of life")
+    age_s = youngest_heartbeat_age_s(database)
+    heartbeat.stop()
+    assert age_s is not None
+    assert 0 <= age_s < 15

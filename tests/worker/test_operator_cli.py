@@ -1,0 +1,128 @@
+"""The operator's commands, called as an operator calls them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.splits import find_split, list_splits
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker import operator_cli
+
+MakeSplit = Callable[..., Split]
+
+
+@pytest.fixture
+def operate(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    sqlite_url: str,
+) -> Callable[..., tuple[int, str, str]]:
+    """Run a command; return exit code, stdout and stderr."""
+    monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", sqlite_url)
+    monkeypatch.setenv("EXCEPTIONDRIVE_FILE_STORE_URL", f"file://{tmp_path}/uploads")
+    monkeypatch.setenv("EXCEPTIONDRIVE_SPLITS_DIR", str(tmp_path / "splits"))
+    monkeypatch.setattr(operator_cli, "configure_logging", lambda: None)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["exceptiondrive-worker", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            operator_cli.main()
+        printed = capsys.readouterr()
+        return int(ended.value.code or 0), printed.out, printed.err
+
+    return run
+
+
+Operate = Callable[..., tuple[int, str, str]]
+
+
+def put(tmp_path: Path, split: Split) -> Path:
+    path = tmp_path / "splits" / split.name / "split.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+    return path
+
+
+def test_the_sample_is_made_registered_and_published(
+    operate: Operate, tmp_path: Path, sqlite_url: str
+) -> None:
+    assert operate("make-sample")[0] == 0
+    assert operate("seed-sample")[0] == 0
+    code, out, _ = operate("seed-sample")
+    assert code == 0, "a second time nothing changes"
+    assert "sample is public now" in out
+    database = Database(sqlite_url)
+    with database.read() as session:
+        row = find_split(session, "sample")
+    assert row.public_file_digest is not None
+    published = FileStore(f"file://{tmp_path}/uploads").read(
+        row.public_file_digest, limit_bytes=2**20
+    )
+    assert published == (tmp_path / "splits" / "sample" / "split.json.gz").read_bytes()
+    database.dispose()
+
+
+def test_registering_publishes_nothing(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
+) -> None:
+    put(tmp_path, make_split({"a": {}, "b": {"task": "LB1"}}))
+    code, out, _ = operate("register-splits")
+    assert code == 0
+    assert out.startswith("tiny: 2 samples, sha256:")
+    database = Database(sqlite_url)
+    with database.read() as session:
+        (row,) = list_splits(session)
+    assert row.public_file_digest is None
+    assert row.family_counts == {"sudden_emergence": 1, "lane_blockage": 1}
+    assert not list((tmp_path / "uploads").rglob("*"))
+    database.dispose()
+
+
+def test_check_split_lists_every_offending_sample(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    touching = [[0.0, 0.0], [5.0, 0.0], [5.0, 1.0], [0.0, 1.0]]
+    path = put(tmp_path, make_split({"good": {}, "x": {"region": touching}, "y": {"task": "Q1"}}))
+    code, out, err = operate("check-split", str(path))
+    assert code == 2
+    assert out == ""
+    assert "touch the footprint at t = 0 (1): x" in err
+    assert "does not know (1): y" in err
+    assert "good" not in err
+
+
+def test_check_split_says_that_a_split_is_sound(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    code, out, _ = operate("check-split", str(put(tmp_path, make_split({"a": {}}))))
+    assert code == 0
+    assert out.startswith("tiny: 1 samples, sha256:")
+
+
+def test_publishing_an_unknown_split_says_so(operate: Operate) -> None:
+    code, _, err = operate("publish-split", "nosuch")
+    assert code == 2
+    assert err == "exceptiondrive-worker: there is no split file for 'nosuch'\n"
+
+
+def test_make_planners_needs_no_server(operate: Operate, tmp_path: Path) -> None:
+    code, out, _ = operate("make-planners", str(tmp_path / "planners"))
+    assert code == 0
+    listing: list[dict[str, Any]] = json.loads((tmp_path / "planners/planners.json").read_text())
+    assert len(out.splitlines()) == len(listing)
+
+
+def test_an_unknown_lane_is_refused(operate: Operate) -> None:
+    code, _, err = operate("run", "--lanes", "live,fast")
+    assert code == 2
+    assert "unknown lane 'fast'" in err
+
+
+def test_without_a_sign_of_life_the_health_check_fails(operate: Operate) -> None:
+    assert operate("heartbeat-age")[:2] == (1, "no sign of life\n")
