@@ -1,6 +1,7 @@
 """Boards from real records: ranks, intervals, marks, and what two builds have in common."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
@@ -248,3 +249,42 @@ def test_a_new_entry_costs_only_its_own_intervals(
     now = {path.name: path.stat().st_mtime_ns for path in intervals.iterdir()}
     assert len(now) == 4
     assert {name: now[name] for name in written} == written
+
+
+def strategy_file(split: Split, strategies: Mapping[str, str | None]) -> bytes:
+    predictions = [{"sample_id": key, "strategy": value} for key, value in strategies.items()]
+    document = {
+        "schema": "exceptiondrive.strategy/1",
+        "split": split.name,
+        "predictions": predictions,
+    }
+    return json.dumps(document).encode()
+
+
+def test_the_strategy_challenge_runs_through_the_same_code(world: World, tiny: Split) -> None:
+    world.add_phase(tiny, challenge="strategy", shows_reported=True)
+    # SE1 takes C or D, LB1 takes C, RS1 takes C or E
+    right = {"a": "D", "b": "C", "c": "C", "d": "E"}
+    world.score(strategy_file(tiny, right), method="right")
+    world.score(strategy_file(tiny, right | {"a": "A"}), method="bold")
+    world.score(strategy_file(tiny, right | {"a": None}), method="silent")
+    board = build(world)
+    assert board.challenge == "strategy"
+    assert [(row.method, row.rank) for row in board.entries] == [
+        ("right", 1),
+        ("bold", 2),
+        ("silent", None),
+        ("Qwen2.5VL-7B", None),
+        ("Qwen2.5VL-7B + Reminder", None),
+    ]
+    bold = row_of(board, "bold")
+    assert bold.micro == {
+        "accuracy": 0.75,
+        "under_warning": 0.25,
+        "over_warning": 0.0,
+        "missing": 0.0,
+    }
+    assert bold.metrics["accuracy"] == 0.6667
+    assert row_of(board, "silent").unranked_because == (
+        "edited covers 75.00% of the samples; ranking takes 99%"
+    )
