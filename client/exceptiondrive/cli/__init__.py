@@ -6,6 +6,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from exceptiondrive.agent import cli as agent_commands
 from exceptiondrive.cli import (
     account_commands,
     board_commands,
@@ -52,6 +53,7 @@ for commands in (
     split_commands,
     submission_commands,
     board_commands,
+    agent_commands,
     organizer_commands,
 ):
     commands.register(app)
