@@ -2,6 +2,7 @@
 
 import re
 import secrets
+import unicodedata
 from urllib.parse import urlsplit
 
 from exceptiondrive_records.errors import InvalidRecord
@@ -29,18 +30,29 @@ def checked_slug(kind: str, slug: str) -> str:
     return slug
 
 
-def checked_text(kind: str, text: str, *, max_length: int, may_be_empty: bool = False) -> str:
-    """Return `text` without surrounding blanks if it can be shown safely.
+def checked_text(
+    kind: str,
+    text: str,
+    *,
+    max_length: int,
+    may_be_empty: bool = False,
+    may_have_lines: bool = False,
+) -> str:
+    """Return `text` in Unicode form NFC, without surrounding blanks, if it can be shown safely.
+
+    Control, zero-width and direction characters are refused: they make two names look alike.
 
     Raises:
         InvalidRecord: Empty, too long, or with characters that cannot be shown.
     """
-    text = text.strip()
+    text = unicodedata.normalize("NFC", text).strip()
     if not text and not may_be_empty:
         raise InvalidRecord(f"The {kind} must not be empty.")
     if len(text) > max_length:
         raise InvalidRecord(f"The {kind} is longer than {max_length} characters.")
-    if any(not (c.isprintable() or c == "\n") for c in text):
+    if may_have_lines:
+        text = text.replace("\r\n", "\n")
+    if any(not (c.isprintable() or (may_have_lines and c == "\n")) for c in text):
         raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
     return text
 

@@ -74,7 +74,9 @@ def create_phase(
         id=phase_id,
         challenge=challenge,
         title=checked_text("title", title, max_length=120),
-        description=checked_text("description", description, max_length=4000, may_be_empty=True),
+        description=checked_text(
+            "description", description, max_length=4000, may_be_empty=True, may_have_lines=True
+        ),
         split_name=split.name,
         split_revision=split.revision,
         protocol_digest=find_protocol(session, protocol).digest,

@@ -62,15 +62,15 @@ class RecordsSettings(BaseSettings):
 Settings = TypeVar("Settings", bound=RecordsSettings)
 
 
-def load_settings(kind: type[Settings]) -> Settings:
-    """Read settings of this kind from the environment.
+def load_settings(kind: type[Settings], **given: str) -> Settings:
+    """Read settings of this kind from the environment; values given here go first.
 
     Raises:
         SettingsError: A value is malformed, or a variable looks like a misspelt one.
     """
     _refuse_misspelt(set(kind.model_fields))
     try:
-        return kind()
+        return kind(**given)  # type: ignore[arg-type]
     except ValidationError as error:
         lines = [
             f"{PREFIX}{'.'.join(str(part) for part in item['loc']).upper()}: {item['msg']}"

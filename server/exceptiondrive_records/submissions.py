@@ -76,7 +76,9 @@ def accept(
         phase_id=phase.id,
         team_id=team_id,
         method=checked_text("method name", method, max_length=80),
-        description=checked_text("description", description, max_length=2000, may_be_empty=True),
+        description=checked_text(
+            "description", description, max_length=2000, may_be_empty=True, may_have_lines=True
+        ),
         paper_url=checked_link("paper", links.paper),
         code_url=checked_link("code", links.code),
         file_digest=file_digest,

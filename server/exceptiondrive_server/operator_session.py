@@ -12,7 +12,7 @@ from sqlalchemy.exc import OperationalError
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.migrations import is_current
-from exceptiondrive_records.settings import RecordsSettings, SettingsError, load_settings
+from exceptiondrive_records.settings import PREFIX, RecordsSettings, SettingsError, load_settings
 from exceptiondrive_server.launcher.layout import Layout
 
 ACTOR = "operator"
@@ -34,9 +34,13 @@ def say(text: str) -> None:
 
 def records_settings(data: Path | None) -> RecordsSettings:
     """Return the settings; with `data`, those of the embedded default in that folder."""
-    if data is not None:
-        os.environ.update(Layout(data).environment(os.environ))
-    return load_settings(RecordsSettings)
+    if data is None:
+        return load_settings(RecordsSettings)
+    chosen = Layout(data).environment(os.environ)
+    return load_settings(
+        RecordsSettings,
+        **{name.removeprefix(PREFIX).lower(): value for name, value in chosen.items()},
+    )
 
 
 @contextmanager

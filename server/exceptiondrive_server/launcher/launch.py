@@ -48,6 +48,7 @@ class Launcher:
 
     def __init__(self, layout: Layout, address: Address, *, with_sample: bool, say: Say) -> None:
         self.layout = layout
+        self._lock = DataLock(layout)
         self.address = address
         self.with_sample = with_sample
         self.say = say
@@ -62,7 +63,7 @@ class Launcher:
             LaunchError: It cannot start; the text says why.
         """
         self.layout.create()
-        DataLock(self.layout).take()
+        self._lock.take()
         require_free_port(self.address)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)

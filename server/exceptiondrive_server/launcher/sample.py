@@ -23,7 +23,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.launcher.plans import find_command
+from exceptiondrive_server.launcher.plans import find_command, worker_environment
 
 PHASE = "sample"
 SPLIT = "sample"
@@ -78,13 +78,14 @@ def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -
         LaunchError: A step failed; its own words are part of the text.
     """
     worker = find_command("exceptiondrive-worker")
-    _step([worker, "seed-sample"])
+    environment = worker_environment(layout, {**os.environ, **layout.environment(os.environ)})
+    _step([worker, "seed-sample"], environment)
     seed_sample(database, layout)
     listing = layout.planners / "planners.json"
     if not listing.exists():
         layout.planners.mkdir(parents=True, exist_ok=True)
         say("sample: making the files of the synthetic planners")
-        _step([worker, "make-planners", str(layout.planners)])
+        _step([worker, "make-planners", str(layout.planners)], environment)
     planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
     missing = [planner for planner in planners if not _is_known(database, planner)]
     if missing:
@@ -198,7 +199,9 @@ def _popen(command: list[str], environment: Mapping[str, str]) -> subprocess.Pop
     )
 
 
-def _step(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+def _step(command: list[str], environment: Mapping[str, str]) -> None:
+    done = subprocess.run(
+        command, env=dict(environment), capture_output=True, text=True, check=False
+    )
     if done.returncode != 0:
         raise LaunchError(f"`{' '.join(command[1:])}` failed:\n{done.stderr or done.stdout}")
