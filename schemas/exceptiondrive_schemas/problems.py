@@ -1,5 +1,6 @@
 """Problem codes: one vocabulary for server answers and client errors (RFC 9457)."""
 
+from datetime import datetime
 from enum import StrEnum
 
 from exceptiondrive_schemas.base import Document
@@ -40,6 +41,8 @@ class Problem(Document):
     instance: str | None = None
     request_id: str | None = None
     retry_after_s: int | None = None
+    resets_at: datetime | None = None
+    """When a spent quota begins anew."""
     report: CheckReport | None = None
     fields: dict[str, str] = {}
     """Request fields that are wrong, each with a sentence."""

@@ -2,16 +2,16 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
 
 from fastapi import FastAPI
-from fastapi.openapi.utils import get_openapi
 
 from exceptiondrive_records.settings import load_settings
-from exceptiondrive_schemas.problems import Problem
 from exceptiondrive_server import api, health, pages
+from exceptiondrive_server.body_limit import BodyLimit
+from exceptiondrive_server.head_requests import HeadRequests
 from exceptiondrive_server.logs import set_up_logs
 from exceptiondrive_server.middleware import RequestContext
+from exceptiondrive_server.openapi import describe
 from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.settings import ServerSettings
@@ -32,16 +32,19 @@ def create_app(settings: ServerSettings) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         lifespan=_lifespan,
-        max_body_size=settings.max_upload_bytes + MULTIPART_OVERHEAD_BYTES,
     )
-    app.state.services = Services.open(settings)
-    app.add_middleware(RequestContext)
+    services = Services.open(settings)
+    app.state.services = services
+    limit_bytes = settings.max_upload_bytes + MULTIPART_OVERHEAD_BYTES
+    app.add_middleware(BodyLimit, upload_limit_bytes=limit_bytes)
+    app.add_middleware(RequestContext, metrics=services.metrics)
+    app.add_middleware(HeadRequests)  # added last: the outermost
     install_problem_handlers(app)
     app.include_router(api.router)
     app.include_router(health.router)
     app.include_router(pages.router)
     pages.mount_static(app)
-    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
+    app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app
 
 
@@ -55,30 +58,3 @@ def app_from_environment() -> FastAPI:
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     yield
     app.state.services.close()
-
-
-def _openapi(app: FastAPI) -> dict[str, Any]:
-    """Describe the API; every error response refers to the one problem document."""
-    if app.openapi_schema is None:
-        document = get_openapi(
-            title=app.title,
-            version=app.version,
-            description=app.description,
-            routes=app.routes,
-        )
-        schemas = document["components"]["schemas"]
-        problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-        schemas.update(problem.pop("$defs", {}))
-        schemas["Problem"] = problem
-        _drop_validation_errors(document)
-        app.openapi_schema = document
-    return app.openapi_schema
-
-
-def _drop_validation_errors(document: dict[str, Any]) -> None:
-    """Invalid requests are answered with problems of status 400, never with FastAPI's 422."""
-    for operations in document["paths"].values():
-        for operation in operations.values():
-            operation["responses"].pop("422", None)
-    for name in ("HTTPValidationError", "ValidationError"):
-        document["components"]["schemas"].pop(name, None)

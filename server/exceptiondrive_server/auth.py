@@ -70,3 +70,8 @@ def team_of(principal: Principal) -> int:
     if principal.team_id is None:
         raise ApiProblem(ProblemCode.NOT_ALLOWED, "This token belongs to no team; use a team's.")
     return principal.team_id
+
+
+def own_team(principal: Principal) -> int | None:
+    """Return the team that a principal is confined to; None for an organizer."""
+    return None if principal.is_organizer else team_of(principal)

@@ -19,7 +19,7 @@ from exceptiondrive_server.services import Services, services_of
 
 router = APIRouter(tags=["health"])
 ServicesOf = Annotated[Services, Depends(services_of)]
-PROBE_TIMEOUT_S = 1.0
+PROBE_TIMEOUT_S = 1
 _NO_FILE = "sha256:" + "0" * 64
 
 
@@ -70,7 +70,9 @@ def readyz(services: ServicesOf) -> Response:
 @router.get("/metrics", operation_id="metrics", response_class=Response)
 def metrics(services: ServicesOf) -> Response:
     """Metrics for Prometheus; a reverse proxy keeps them inside."""
-    return Response(exposition(services.database), media_type="text/plain; version=0.0.4")
+    return Response(
+        exposition(services.metrics, services.database), media_type="text/plain; version=0.0.4"
+    )
 
 
 def _workers(services: Services) -> int | None:

@@ -12,14 +12,23 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.tables import Job, JobState, Submission, WorkerHeartbeat
 
-REGISTRY = CollectorRegistry()
-REQUEST_SECONDS = Histogram(
-    "exceptiondrive_request_seconds",
-    "Duration of requests.",
-    ["method", "route", "status"],
-    registry=REGISTRY,
-    buckets=(0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 10),
-)
+
+class RequestMetrics:
+    """Durations of the requests of one application."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        self._seconds = Histogram(
+            "exceptiondrive_request_seconds",
+            "Duration of requests.",
+            ["method", "route", "status"],
+            registry=self.registry,
+            buckets=(0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 10),
+        )
+
+    def observe(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count one request."""
+        self._seconds.labels(method, route, str(status)).observe(seconds)
 
 
 class RecordsCollector(Collector):
@@ -36,11 +45,11 @@ class RecordsCollector(Collector):
             yield _heartbeats(session)
 
 
-def exposition(database: Database) -> bytes:
+def exposition(requests: RequestMetrics, database: Database) -> bytes:
     """Return all metrics in Prometheus's text format."""
     registry = CollectorRegistry()
     registry.register(RecordsCollector(database))
-    return generate_latest(REGISTRY) + generate_latest(registry)
+    return generate_latest(requests.registry) + generate_latest(registry)
 
 
 def _queue(session: Session) -> Iterable[Metric]:

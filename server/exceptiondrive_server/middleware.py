@@ -8,35 +8,28 @@ import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from exceptiondrive_server.metrics import REQUEST_SECONDS
+from exceptiondrive_server.metrics import RequestMetrics
+from exceptiondrive_server.security_headers import HEADERS
 
 _log = structlog.get_logger("exceptiondrive.access")
 _ID = re.compile(r"[A-Za-z0-9._-]{8,64}")
-
-HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-        "font-src 'self'; connect-src 'self'; form-action 'self'; base-uri 'none'; "
-        "frame-ancestors 'none'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-}
+_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 
 
 class RequestContext:
     """Gives each request an id, which the answer and the log line carry."""
 
-    def __init__(self, app: ASGIApp) -> None:
+    def __init__(self, app: ASGIApp, metrics: RequestMetrics) -> None:
         self.app = app
+        self.metrics = metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        request_id = _request_id(Headers(scope=scope).get("x-request-id", ""))
+        asked = Headers(scope=scope)
+        request_id = _request_id(asked.get("x-request-id", ""))
         scope.setdefault("state", {})["request_id"] = request_id
         started, status = time.perf_counter(), 500
 
@@ -44,18 +37,36 @@ class RequestContext:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                headers = MutableHeaders(scope=message)
-                headers["X-Request-ID"] = request_id
-                for name, value in HEADERS.items():
-                    headers.setdefault(name, value)
+                _add_headers(MutableHeaders(scope=message), asked, request_id)
             await send(message)
 
-        structlog.contextvars.bind_contextvars(request_id=request_id)
-        try:
-            await self.app(scope, receive, send_with_headers)
-        finally:
-            _note(scope, status, time.perf_counter() - started)
-            structlog.contextvars.clear_contextvars()
+        with structlog.contextvars.bound_contextvars(request_id=request_id):
+            try:
+                await self.app(scope, receive, send_with_headers)
+            finally:
+                self._note(scope, status, time.perf_counter() - started)
+
+    def _note(self, scope: Scope, status: int, seconds: float) -> None:
+        """Log and count by route, not by address: addresses hold what people send."""
+        method = scope["method"] if scope["method"] in _METHODS else "other"
+        route = route_of(scope)
+        self.metrics.observe(method, route, status, seconds)
+        _log.info(
+            "request",
+            method=method,
+            route=route,
+            status=status,
+            duration_ms=round(seconds * 1000, 1),
+        )
+
+
+def route_of(scope: Scope) -> str:
+    """Return the template of the address, such as `/api/v1/entries/{submission_id}`."""
+    included = scope.get("fastapi", {}).get("effective_route_context")  # knows the prefixes
+    found = included or scope.get("route")
+    if found is None:
+        return "unmatched"
+    return str(getattr(found, "path_format", None) or getattr(found, "path", "mounted"))
 
 
 def _request_id(offered: str) -> str:
@@ -63,14 +74,9 @@ def _request_id(offered: str) -> str:
     return offered if _ID.fullmatch(offered) else uuid.uuid4().hex
 
 
-def _note(scope: Scope, status: int, seconds: float) -> None:
-    route = scope.get("route")
-    path = getattr(route, "path", "unmatched")
-    REQUEST_SECONDS.labels(scope["method"], path, str(status)).observe(seconds)
-    _log.info(
-        "request",
-        method=scope["method"],
-        route=path,
-        status=status,
-        duration_ms=round(seconds * 1000, 1),
-    )
+def _add_headers(headers: MutableHeaders, asked: Headers, request_id: str) -> None:
+    headers["X-Request-ID"] = request_id
+    for name, value in HEADERS.items():
+        headers.setdefault(name, value)
+    is_personal = "authorization" in asked or "cookie" in asked
+    headers.setdefault("Cache-Control", "no-store" if is_personal else "no-cache")

@@ -1,78 +1,30 @@
 """Every error as an RFC 9457 problem: one vocabulary, one form, nothing of the request echoed."""
 
+import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from http import HTTPStatus
-from types import MappingProxyType
 from typing import Any
 
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import DataError, DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 
-from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.errors import QuotaExceeded, RecordsError, RejectedCapExceeded
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_server import pages
+from exceptiondrive_server.problem_vocabulary import CODE_OF_STATUS, STATUS_OF, TITLE_OF
+from exceptiondrive_server.security_headers import HEADERS
 
 _log = structlog.get_logger("exceptiondrive.server")
 
 MAX_FIELDS = 20
+TOO_LARGE = "The request is larger than the server takes; gzip the file, or see the phase's limit."
 RETRY_AFTER_S = 5
-STATUS_OF: Mapping[ProblemCode, int] = MappingProxyType(
-    {
-        ProblemCode.BAD_REQUEST: 400,
-        ProblemCode.NOT_SIGNED_IN: 401,
-        ProblemCode.NOT_ALLOWED: 403,
-        ProblemCode.NOT_FOUND: 404,
-        ProblemCode.METHOD_NOT_ALLOWED: 405,
-        ProblemCode.CONFLICT: 409,
-        ProblemCode.PHASE_CLOSED: 403,
-        ProblemCode.UPLOAD_TOO_LARGE: 413,
-        ProblemCode.UPLOAD_EMPTY: 400,
-        ProblemCode.UNSUPPORTED_MEDIA_TYPE: 415,
-        ProblemCode.QUOTA_EXCEEDED: 429,
-        ProblemCode.REJECTED_CAP_EXCEEDED: 429,
-        ProblemCode.FILE_INVALID: 422,
-        ProblemCode.TOO_MANY_REQUESTS: 429,
-        ProblemCode.STORE_UNAVAILABLE: 503,
-        ProblemCode.INTERNAL: 500,
-    }
-)
-TITLE_OF: Mapping[ProblemCode, str] = MappingProxyType(
-    {
-        ProblemCode.BAD_REQUEST: "The request cannot be understood",
-        ProblemCode.NOT_SIGNED_IN: "A valid token is needed",
-        ProblemCode.NOT_ALLOWED: "Not allowed",
-        ProblemCode.NOT_FOUND: "Not found",
-        ProblemCode.METHOD_NOT_ALLOWED: "This address does not take that method",
-        ProblemCode.CONFLICT: "The request contradicts what is recorded",
-        ProblemCode.PHASE_CLOSED: "The phase takes no submissions now",
-        ProblemCode.UPLOAD_TOO_LARGE: "The upload is too large",
-        ProblemCode.UPLOAD_EMPTY: "The upload is empty",
-        ProblemCode.UNSUPPORTED_MEDIA_TYPE: "This media type is not taken",
-        ProblemCode.QUOTA_EXCEEDED: "The quota is used up",
-        ProblemCode.REJECTED_CAP_EXCEEDED: "Too many rejected files today",
-        ProblemCode.FILE_INVALID: "The file is not valid",
-        ProblemCode.TOO_MANY_REQUESTS: "Too many requests",
-        ProblemCode.STORE_UNAVAILABLE: "The service cannot do this right now",
-        ProblemCode.INTERNAL: "We made an error",
-    }
-)
-_CODE_OF_STATUS = {
-    400: ProblemCode.BAD_REQUEST,
-    401: ProblemCode.NOT_SIGNED_IN,
-    403: ProblemCode.NOT_ALLOWED,
-    404: ProblemCode.NOT_FOUND,
-    405: ProblemCode.METHOD_NOT_ALLOWED,
-    409: ProblemCode.CONFLICT,
-    413: ProblemCode.UPLOAD_TOO_LARGE,
-    415: ProblemCode.UNSUPPORTED_MEDIA_TYPE,
-    429: ProblemCode.TOO_MANY_REQUESTS,
-    503: ProblemCode.STORE_UNAVAILABLE,
-}
 
 
 class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
@@ -84,6 +36,7 @@ class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
         detail: str,
         *,
         retry_after_s: int | None = None,
+        resets_at: datetime | None = None,
         fields: Mapping[str, str] | None = None,
         headers: Mapping[str, str] | None = None,
     ) -> None:
@@ -91,6 +44,7 @@ class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
         self.code = code
         self.detail = detail
         self.retry_after_s = retry_after_s
+        self.resets_at = resets_at
         self.fields = dict(fields or {})
         self.headers = dict(headers or {})
 
@@ -123,9 +77,10 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
         instance=request.url.path[:200],
         request_id=getattr(request.state, "request_id", None),
         retry_after_s=problem.retry_after_s,
+        resets_at=problem.resets_at,
         fields=problem.fields,
     )
-    headers = dict(problem.headers)
+    headers = {"Cache-Control": "no-store", **problem.headers}
     if problem.retry_after_s is not None:
         headers["Retry-After"] = str(problem.retry_after_s)
     if status == HTTPStatus.UNAUTHORIZED:
@@ -147,6 +102,7 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_exception)
     app.add_exception_handler(SQLAlchemyError, _database_error)
+    app.add_exception_handler(DataError, _unstorable)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -157,41 +113,71 @@ async def _api_problem(request: Request, error: Exception) -> Response:
 
 async def _records_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RecordsError)
-    resets_at: datetime | None = getattr(error, "resets_at", None)
-    wait_s = RETRY_AFTER_S if error.code is ProblemCode.STORE_UNAVAILABLE else None
-    if resets_at is not None:
-        wait_s = max(1, round((resets_at - datetime.now(UTC)).total_seconds()))
-    return problem_response(request, ApiProblem(error.code, str(error), retry_after_s=wait_s))
+    problem = ApiProblem(error.code, str(error))
+    if error.code is ProblemCode.STORE_UNAVAILABLE:
+        problem.retry_after_s = RETRY_AFTER_S
+    if isinstance(error, QuotaExceeded | RejectedCapExceeded):
+        problem.resets_at = error.resets_at
+        problem.retry_after_s = seconds_until(error.resets_at)
+        problem.headers = rate_limit_headers(error.limit, 0, error.resets_at)
+    return problem_response(request, problem)
+
+
+def seconds_until(moment: datetime | None) -> int | None:
+    """Return whole seconds from now, at least one; None for never."""
+    if moment is None:
+        return None
+    return max(1, math.ceil((moment - datetime.now(UTC)).total_seconds()))
+
+
+def rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -> dict[str, str]:
+    """Return what the team may still submit, as headers; the reset is in seconds."""
+    headers = {"RateLimit-Limit": str(limit), "RateLimit-Remaining": str(remaining)}
+    wait_s = seconds_until(resets_at)
+    return headers if wait_s is None else {**headers, "RateLimit-Reset": str(wait_s)}
 
 
 async def _invalid_request(request: Request, error: Exception) -> Response:
     """Name the wrong fields and say why; never repeat what was sent."""
     assert isinstance(error, RequestValidationError)
-    fields: dict[str, str] = {}
-    for item in error.errors()[:MAX_FIELDS]:
-        where = [str(part) for part in item["loc"] if part not in ("body", "query", "path")]
-        fields[".".join(where)[:100] or "body"] = str(item["msg"])[:200]
-    names = ", ".join(fields)
-    detail = f"These parts of the request are missing or wrong: {names}."
+    found = error.errors()
+    fields = dict(_field(item) for item in found[:MAX_FIELDS])
+    more = "" if len(found) <= MAX_FIELDS else f" (and {len(found) - MAX_FIELDS} more)"
+    detail = f"These parts of the request are missing or wrong: {', '.join(fields)}{more}."
     return problem_response(request, ApiProblem(ProblemCode.BAD_REQUEST, detail, fields=fields))
+
+
+def _field(item: Mapping[str, Any]) -> tuple[str, str]:
+    """Return name and fault of a field; a name that we do not know is the sender's, so not ours."""
+    place = [str(part) for part in item["loc"] if part not in ("body", "query", "path")]
+    if item["type"] == "extra_forbidden":
+        return ".".join([*place[:-1], "(unknown field)"]), "There is no such field; leave it out."
+    if item["type"] == "json_invalid":
+        return "body", "This is not JSON."
+    return ".".join(place)[:100] or "body", str(item["msg"])[:200]
 
 
 async def _http_exception(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    code = _CODE_OF_STATUS.get(error.status_code, ProblemCode.BAD_REQUEST)
+    code = CODE_OF_STATUS.get(error.status_code, ProblemCode.BAD_REQUEST)
     details = {
         ProblemCode.NOT_FOUND: "There is nothing at this address.",
-        ProblemCode.METHOD_NOT_ALLOWED: f"This address does not take {request.method}.",
-        ProblemCode.UPLOAD_TOO_LARGE: "The request is larger than the server takes; "
-        "gzip the file, or see the limit of the phase.",
+        ProblemCode.METHOD_NOT_ALLOWED: "This address does not take that method.",
+        ProblemCode.UPLOAD_TOO_LARGE: TOO_LARGE,
     }
     detail = details.get(code, "The request cannot be read.")
     headers = {key: value for key, value in (error.headers or {}).items() if key == "Allow"}
     return problem_response(request, ApiProblem(code, detail, headers=headers))
 
 
+async def _unstorable(request: Request, error: Exception) -> Response:
+    """A value that no column can hold, such as a NUL in a text."""
+    detail = "The request holds a character or number that cannot be used."
+    return problem_response(request, ApiProblem(ProblemCode.BAD_REQUEST, detail))
+
+
 async def _database_error(request: Request, error: Exception) -> Response:
-    is_outage = isinstance(error, DBAPIError)
+    is_outage = isinstance(error, DBAPIError | PoolTimeout)
     _log.error("database error", kind=type(error).__name__, is_outage=is_outage)
     if not is_outage:
         return problem_response(request, _internal(request))
@@ -201,7 +187,13 @@ async def _database_error(request: Request, error: Exception) -> Response:
 
 
 async def _unexpected(request: Request, error: Exception) -> Response:
-    return problem_response(request, _internal(request))
+    """Answer last of all, outside the middleware: so the headers are put here."""
+    _log.error("unexpected error", kind=type(error).__name__)
+    response = problem_response(request, _internal(request))
+    response.headers["X-Request-ID"] = getattr(request.state, "request_id", "unknown")
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value)
+    return response
 
 
 def _internal(request: Request) -> ApiProblem:

@@ -1,23 +1,25 @@
 """What routes work with: made once per application, closed with it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fastapi import Request
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_server.metrics import RequestMetrics
 from exceptiondrive_server.settings import ServerSettings
 
 
 @dataclass(frozen=True)
 class Services:
-    """Records, uploads, doorbell and settings."""
+    """Records, uploads, doorbell, settings and metrics."""
 
     database: Database
     files: FileStore
     doorbell: Doorbell
     settings: ServerSettings
+    metrics: RequestMetrics = field(default_factory=RequestMetrics)
 
     @classmethod
     def open(cls, settings: ServerSettings) -> "Services":

@@ -15,3 +15,7 @@ class ServerSettings(RecordsSettings):
     max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
     board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10
     """How long a cache may serve a board without asking again."""
+    events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5
+    """How often a followed submission is looked at."""
+    events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
+    """After this a follower connects again."""

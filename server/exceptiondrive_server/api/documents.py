@@ -1,18 +1,22 @@
 """The published forms: JSON Schema and one small valid example of every file."""
 
-from enum import StrEnum
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
+from exceptiondrive_records.errors import NotFound
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text, schema_text
 from exceptiondrive_server.problems import problem_responses
 
 router = APIRouter(tags=["documents"])
-DocumentName = StrEnum("DocumentName", {name: name for name in DOCUMENT_NAMES})
-_RESPONSES = {
-    200: {"content": {"application/json": {}}, "description": "The document."},
+DocumentName = Annotated[str, Path(max_length=64, json_schema_extra={"enum": list(DOCUMENT_NAMES)})]
+_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {"application/json": {"schema": {"type": "object"}}},
+        "description": "The document.",
+    },
     **problem_responses(ProblemCode.NOT_FOUND),
 }
 
@@ -28,7 +32,7 @@ def get_schemas() -> list[str]:
 )
 def get_schema(name: DocumentName) -> Response:
     """Give the JSON Schema of a document."""
-    return Response(schema_text(name.value), media_type="application/schema+json")
+    return Response(schema_text(_known(name)), media_type="application/schema+json")
 
 
 @router.get(
@@ -36,4 +40,10 @@ def get_schema(name: DocumentName) -> Response:
 )
 def get_example(name: DocumentName) -> Response:
     """Give a small valid example of a document."""
-    return Response(example_text(name.value), media_type="application/json")
+    return Response(example_text(_known(name)), media_type="application/json")
+
+
+def _known(name: str) -> str:
+    if name not in DOCUMENT_NAMES:
+        raise NotFound("document", name)
+    return name

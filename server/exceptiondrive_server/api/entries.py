@@ -4,11 +4,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path
 from pydantic import BaseModel
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.submissions import find_submission
+from exceptiondrive_records.tables import BoardRow, Submission
 from exceptiondrive_records.views import published_sheet
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.problems import ProblemCode
@@ -38,15 +39,22 @@ def get_entry(
     submission_id: Annotated[str, Path(max_length=64, description="id of a submission")],
 ) -> EntryView:
     """Show an entry of a current board; what is on no board is not found."""
+    unknown = NotFound("entry", submission_id)  # the same whether or not it was submitted
     with services.database.read() as session:
-        submission = find_submission(session, submission_id)
-        phase = find_phase(session, submission.phase_id)
-        row = current_board(session, phase.id)
-        sheet = published_sheet(session, submission, phase)
+        row, sheet = _published(session, submission_id)
     if row is None or sheet is None:
-        raise NotFound("entry", submission_id)
+        raise unknown
     board = Board.model_validate_json(row.body)
     for entry in board.entries:
         if entry.submission_id == submission_id:
-            return EntryView(phase=phase.id, board=board.board, entry=entry, sheet=sheet)
-    raise NotFound("entry", submission_id)
+            return EntryView(phase=board.phase, board=board.board, entry=entry, sheet=sheet)
+    raise unknown
+
+
+def _published(session: Session, submission_id: str) -> tuple[BoardRow | None, ScoreSheet | None]:
+    """Return the current board of its phase, and its sheet under the protocol of that board."""
+    submission = session.get(Submission, submission_id)
+    if submission is None:
+        return None, None
+    phase = find_phase(session, submission.phase_id)
+    return current_board(session, phase.id), published_sheet(session, submission, phase)

@@ -1,11 +1,14 @@
 """Live status of a submission as server-sent events; polling the submission gives the same."""
 
+import asyncio
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator
 
 from fastapi import APIRouter
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
+from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.submissions import find_submission
 from exceptiondrive_records.tokens import Principal
@@ -13,14 +16,13 @@ from exceptiondrive_records.views import view
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_server.api.submissions import SubmissionId
-from exceptiondrive_server.auth import Reader, ServicesOf, team_of
+from exceptiondrive_server.auth import Reader, ServicesOf, own_team
 from exceptiondrive_server.problems import problem_responses
 from exceptiondrive_server.services import Services
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
-EVERY_S = 0.5
-LONGEST_S = 300.0
-"""After this the client connects again: no thread is held for ever."""
+KEEP_ALIVE_S = 15.0
+RETRY_MS = 2000
 
 
 @router.get(
@@ -28,37 +30,55 @@ LONGEST_S = 300.0
     operation_id="followSubmission",
     response_class=StreamingResponse,
     responses={
-        200: {"content": {"text/event-stream": {}}, "description": "One event per change."},
+        200: {
+            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "description": "One event `submission` per change, its data a SubmissionView.",
+        },
         **problem_responses(
             ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED, ProblemCode.NOT_FOUND
         ),
     },
 )
-def follow_submission(
+async def follow_submission(
     services: ServicesOf, principal: Reader, submission_id: SubmissionId
 ) -> StreamingResponse:
     """Send the submission now and at each change, until it has ended."""
-    first = _look(services, principal, submission_id)
+    first = await run_in_threadpool(_look, services, principal, submission_id)
     events = _events(services, principal, first)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(events, media_type="text/event-stream", headers=headers)
 
 
-def _events(services: Services, principal: Principal, now: SubmissionView) -> Iterator[bytes]:
-    deadline = time.monotonic() + LONGEST_S
+async def _events(
+    services: Services, principal: Principal, now: SubmissionView
+) -> AsyncIterator[bytes]:
+    """Look again and again; no thread is held in between, and the stream ends in time."""
+    settings = services.settings
+    ends_at = time.monotonic() + settings.events_longest_s
+    sent_at = time.monotonic()
     yield _event(now)
-    while not now.status.is_terminal and time.monotonic() < deadline:
-        time.sleep(EVERY_S)
-        seen, now = now, _look(services, principal, now.id)
+    while not now.status.is_terminal and time.monotonic() < ends_at:
+        await asyncio.sleep(settings.events_every_s)
+        seen = now
+        try:
+            now = await run_in_threadpool(_look, services, principal, now.id)
+        except SQLAlchemyError:
+            return  # the client connects again, and is told 503 as long as it lasts
         if now != seen:
+            sent_at = time.monotonic()
             yield _event(now)
+        elif time.monotonic() - sent_at > KEEP_ALIVE_S:
+            sent_at = time.monotonic()
+            yield format_sse_event(comment="still here")
 
 
 def _look(services: Services, principal: Principal, submission_id: str) -> SubmissionView:
-    team_id = None if principal.is_organizer else team_of(principal)
     with services.database.read() as session:
-        return view(session, find_submission(session, submission_id, team_id=team_id))
+        found = find_submission(session, submission_id, team_id=own_team(principal))
+        return view(session, found)
 
 
 def _event(submission: SubmissionView) -> bytes:
-    return format_sse_event(data_str=submission.model_dump_json(), event="submission")
+    return format_sse_event(
+        data_str=submission.model_dump_json(), event="submission", retry=RETRY_MS
+    )

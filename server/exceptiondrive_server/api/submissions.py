@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import Annotated, BinaryIO
 
-from fastapi import APIRouter, File, Form, Path, Query, Response, UploadFile
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
 
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.quotas import quota_of
@@ -15,9 +16,7 @@ from exceptiondrive_records.submissions import (
     list_submissions,
     withdraw,
 )
-from exceptiondrive_records.tokens import Principal
 from exceptiondrive_records.views import view, views
-from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import (
     Quota,
@@ -25,9 +24,10 @@ from exceptiondrive_schemas.submission import (
     SubmissionStatus,
     SubmissionView,
 )
-from exceptiondrive_server.auth import Reader, ServicesOf, Submitter, team_of
-from exceptiondrive_server.problems import ApiProblem, problem_responses
+from exceptiondrive_server.auth import Reader, ServicesOf, Submitter, own_team, team_of
+from exceptiondrive_server.problems import ApiProblem, problem_responses, rate_limit_headers
 from exceptiondrive_server.services import Services
+from exceptiondrive_server.upload_form import Upload, received_upload, upload_body
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
 CHUNK_BYTES = 256 * 1024
@@ -39,6 +39,7 @@ _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
     "",
     operation_id="submit",
     status_code=202,
+    openapi_extra=upload_body(),
     responses={
         200: {"model": SubmissionView, "description": "The same bytes were there before."},
         **problem_responses(
@@ -48,47 +49,51 @@ _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
             ProblemCode.CONFLICT,
             ProblemCode.UPLOAD_EMPTY,
             ProblemCode.UPLOAD_TOO_LARGE,
+            ProblemCode.UNSUPPORTED_MEDIA_TYPE,
             ProblemCode.QUOTA_EXCEEDED,
             ProblemCode.REJECTED_CAP_EXCEEDED,
         ),
     },
 )
-def submit(
-    services: ServicesOf,
-    principal: Submitter,
-    response: Response,
-    phase: Annotated[str, Form(max_length=64)],
-    method: Annotated[str, Form(max_length=400, description="shown on the board")],
-    file: Annotated[UploadFile, File(description="the submission file, JSON or gzip")],
-    description: Annotated[str, Form(max_length=8000)] = "",
-    paper_url: Annotated[str | None, Form(max_length=2000)] = None,
-    code_url: Annotated[str | None, Form(max_length=2000)] = None,
+async def submit(
+    request: Request, response: Response, services: ServicesOf, principal: Submitter
 ) -> SubmissionView:
     """Take an upload. It is kept before the answer is sent; workers read and score it later.
 
     The same bytes again give the first submission (200) and cost no quota.
     """
     team_id = team_of(principal)
-    _refuse_unknown_phase(services, phase)
-    file_digest, size_bytes = _store(services, file.file)
+    async with received_upload(request) as upload:
+        taken, quota = await run_in_threadpool(_take, services, team_id, upload)
+    response.status_code = 200 if taken.is_duplicate else 202
+    response.headers["Location"] = f"/api/v1/submissions/{taken.id}"
+    response.headers.update(
+        rate_limit_headers(quota.per_day, quota.remaining_today, quota.resets_at)
+    )
+    return taken
+
+
+def _take(services: Services, team_id: int, upload: Upload) -> tuple[SubmissionView, Quota]:
+    """Store the file, then accept it in one transaction, then call a worker."""
+    fields = upload.fields
+    _refuse_unknown_phase(services, fields.phase)
+    file_digest, size_bytes = _store(services, upload.file)
     with services.database.write() as session:
         accepted = accept(
             session,
             team_id=team_id,
-            phase_id=phase,
-            method=method,
-            description=description,
-            links=Links(paper=paper_url or None, code=code_url or None),
+            phase_id=fields.phase,
+            method=fields.method,
+            description=fields.description,
+            links=fields.links,
             file_digest=file_digest,
             size_bytes=size_bytes,
         )
     _ring(services, accepted)
     with services.database.read() as session:
-        _show_quota(response, quota_of(session, team_id, find_phase(session, phase)))
-        response.status_code = 200 if accepted.is_duplicate else 202
-        response.headers["Location"] = f"/api/v1/submissions/{accepted.submission.id}"
         submission = find_submission(session, accepted.submission.id)
-        return view(session, submission, is_duplicate=accepted.is_duplicate)
+        taken = view(session, submission, is_duplicate=accepted.is_duplicate)
+        return taken, quota_of(session, team_id, find_phase(session, fields.phase))
 
 
 @router.get("", operation_id="listSubmissions", responses=problem_responses(*_SIGNED_IN))
@@ -104,7 +109,7 @@ def get_submissions(
     with services.database.read() as session:
         found = list_submissions(
             session,
-            team_id=_own_team(principal),
+            team_id=own_team(principal),
             phase_id=phase,
             status=status,
             limit=limit + 1,
@@ -124,7 +129,7 @@ def get_submission(
 ) -> SubmissionView:
     """Show where a submission stands; another team's is not found."""
     with services.database.read() as session:
-        found = find_submission(session, submission_id, team_id=_own_team(principal))
+        found = find_submission(session, submission_id, team_id=own_team(principal))
         return view(session, found)
 
 
@@ -138,15 +143,10 @@ def withdraw_submission(
 ) -> SubmissionView:
     """Take a submission off the board; withdrawing twice is one."""
     with services.database.write() as session:
-        find_submission(session, submission_id, team_id=_own_team(principal))
+        find_submission(session, submission_id, team_id=own_team(principal))
         withdraw(session, submission_id, actor=principal.actor)
     with services.database.read() as session:
         return view(session, find_submission(session, submission_id))
-
-
-def _own_team(principal: Principal) -> int | None:
-    """The team that a principal is confined to; None for an organizer."""
-    return None if principal.is_organizer else team_of(principal)
 
 
 def _refuse_unknown_phase(services: Services, phase_id: str) -> None:
@@ -171,9 +171,3 @@ def _chunks(stream: BinaryIO) -> Iterator[bytes]:
 def _ring(services: Services, accepted: Accepted) -> None:
     if accepted.job_id is not None:
         ring_job(services.database, services.doorbell, accepted.job_id, services.settings)
-
-
-def _show_quota(response: Response, quota: Quota) -> None:
-    response.headers["RateLimit-Limit"] = str(quota.per_day)
-    response.headers["RateLimit-Remaining"] = str(quota.remaining_today)
-    response.headers["RateLimit-Reset"] = quota.resets_at.isoformat()

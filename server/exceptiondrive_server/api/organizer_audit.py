@@ -1,0 +1,68 @@
+"""The audit log, as organizers read and verify it."""
+
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import BaseModel
+
+from exceptiondrive_records.audit import audit_page, verify_audit
+from exceptiondrive_server.auth import ServicesOf
+
+router = APIRouter()
+
+
+class AuditLineView(BaseModel):
+    """One line of the audit log."""
+
+    id: int
+    at: datetime
+    actor: str
+    action: str
+    subject: str
+    detail: dict[str, Any]
+    hash: str
+
+
+class AuditVerdictView(BaseModel):
+    """Whether the chain of the audit log is whole."""
+
+    is_whole: bool
+    n_lines: int
+    head: str
+    broken_at: int | None
+
+
+@router.get("/audit", operation_id="readAudit")
+def get_audit(
+    services: ServicesOf,
+    before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+) -> list[AuditLineView]:
+    """Read the audit log, newest first."""
+    with services.database.read() as session:
+        return [
+            AuditLineView(
+                id=line.id,
+                at=line.at,
+                actor=line.actor,
+                action=line.action,
+                subject=line.subject,
+                detail=line.detail,
+                hash=line.hash,
+            )
+            for line in audit_page(session, before=before, limit=limit)
+        ]
+
+
+@router.get("/audit/verify", operation_id="verifyAudit")
+def get_audit_verdict(services: ServicesOf) -> AuditVerdictView:
+    """Recompute the chain: an altered, missing or reordered line is found."""
+    with services.database.read() as session:
+        verdict = verify_audit(session)
+    return AuditVerdictView(
+        is_whole=verdict.is_whole,
+        n_lines=verdict.n_lines,
+        head=verdict.head,
+        broken_at=verdict.broken_at,
+    )

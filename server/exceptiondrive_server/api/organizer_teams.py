@@ -1,0 +1,137 @@
+"""Teams and their tokens, as organizers manage them."""
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import BaseModel, Field, StrictBool
+
+from exceptiondrive_records.tables import Team, Token
+from exceptiondrive_records.teams import create_team, find_team, list_teams
+from exceptiondrive_records.tokens import (
+    PARTICIPANT_SCOPES,
+    Scope,
+    issue_token,
+    list_tokens,
+    revoke_token,
+)
+from exceptiondrive_server.api.organizer_forms import Form, Time
+from exceptiondrive_server.auth import Organizer, ServicesOf
+
+router = APIRouter()
+Slug = Annotated[str, Path(max_length=64, description="id of a team")]
+
+
+class NewTeam(Form):
+    """A team to be made."""
+
+    id: Annotated[str, Field(max_length=64)]
+    name: Annotated[str, Field(max_length=400)]
+    is_reference: StrictBool = False
+
+
+class TeamView(BaseModel):
+    """A team as organizers see it."""
+
+    id: str
+    name: str
+    is_reference: bool
+    created_at: datetime
+
+
+class NewToken(Form):
+    """A token to be issued."""
+
+    name: Annotated[str, Field(max_length=400)]
+    scopes: tuple[Scope, ...] = PARTICIPANT_SCOPES
+    expires_at: Time | None = None
+
+
+class TokenView(BaseModel):
+    """A token without its secret."""
+
+    id: str
+    name: str
+    prefix: str
+    scopes: tuple[str, ...]
+    created_at: datetime
+    expires_at: datetime | None
+    revoked_at: datetime | None
+    last_used_at: datetime | None
+
+
+class IssuedToken(BaseModel):
+    """A new token: its text is shown here and never again."""
+
+    token: str
+    view: TokenView
+
+
+@router.get("/teams", operation_id="listTeams")
+def get_teams(services: ServicesOf) -> list[TeamView]:
+    """List all teams."""
+    with services.database.read() as session:
+        return [_team(team) for team in list_teams(session)]
+
+
+@router.post("/teams", operation_id="createTeam", status_code=201)
+def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> TeamView:
+    """Make a team."""
+    with services.database.write() as session:
+        made = create_team(
+            session, team.id, team.name, is_reference=team.is_reference, actor=organizer.actor
+        )
+        return _team(made)
+
+
+@router.get("/teams/{team_id}/tokens", operation_id="listTokens")
+def get_tokens(services: ServicesOf, team_id: Slug) -> list[TokenView]:
+    """List a team's tokens, without their secrets."""
+    with services.database.read() as session:
+        team = find_team(session, team_id)
+        return [_token(token) for token in list_tokens(session, team.id)]
+
+
+@router.post("/teams/{team_id}/tokens", operation_id="issueToken", status_code=201)
+def post_token(
+    services: ServicesOf, organizer: Organizer, team_id: Slug, token: NewToken
+) -> IssuedToken:
+    """Issue a token for a team; its text is answered once."""
+    with services.database.write() as session:
+        text, made = issue_token(
+            session,
+            find_team(session, team_id).id,
+            token.name,
+            tuple(token.scopes),
+            token.expires_at,
+            actor=organizer.actor,
+        )
+        return IssuedToken(token=text, view=_token(made))
+
+
+@router.post("/tokens/{token_id}/revoke", operation_id="revokeToken")
+def post_revocation(
+    services: ServicesOf, organizer: Organizer, token_id: Annotated[str, Path(max_length=64)]
+) -> TokenView:
+    """Revoke a token for good."""
+    with services.database.write() as session:
+        return _token(revoke_token(session, token_id, actor=organizer.actor))
+
+
+def _team(team: Team) -> TeamView:
+    return TeamView(
+        id=team.slug, name=team.name, is_reference=team.is_reference, created_at=team.created_at
+    )
+
+
+def _token(token: Token) -> TokenView:
+    return TokenView(
+        id=token.id,
+        name=token.name,
+        prefix=token.prefix,
+        scopes=tuple(token.scopes),
+        created_at=token.created_at,
+        expires_at=token.expires_at,
+        revoked_at=token.revoked_at,
+        last_used_at=token.last_used_at,
+    )

@@ -1,0 +1,64 @@
+"""The OpenAPI document: every answer a route may give, errors always as the one problem document."""
+
+import json
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem
+from exceptiondrive_schemas.published import example_text
+
+TAGS = {
+    "phases": "Dated stages of a challenge, and what a file for them must hold.",
+    "splits": "Development splits; hidden splits are never here.",
+    "submissions": "Upload, follow, withdraw. Another team's submission is not found.",
+    "boards": "Ranked boards and their entries, each at a permanent address.",
+    "protocols": "How trajectories become scores.",
+    "documents": "JSON Schema and an example of every file.",
+    "access": "Who a token speaks for.",
+    "organizers": "For organizers only.",
+    "health": "For operators; outside the versioned API.",
+}
+_SCHEMA = "#/components/schemas/"
+_EXAMPLES = {"Problem": "problem", "Board": "board", "SubmissionView": "submission"}
+_EXAMPLES |= {"Manifest": "manifest", "Protocol": "protocol", "ScoreSheet": "score-sheet"}
+_UNUSED = ("HTTPValidationError", "ValidationError")
+
+
+def describe(app: FastAPI) -> dict[str, Any]:
+    """Return the document, made once."""
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title=app.title,
+            version=app.version,
+            description=app.description,
+            routes=app.routes,
+            tags=[{"name": name, "description": text} for name, text in TAGS.items()],
+        )
+        _add_problem(document)
+        for operations in document["paths"].values():
+            for operation in operations.values():
+                _complete(operation["responses"])
+        app.openapi_schema = document
+    return app.openapi_schema
+
+
+def _add_problem(document: dict[str, Any]) -> None:
+    """Add the problem document, and the published example of each file to its schema."""
+    schemas = document["components"]["schemas"]
+    problem = Problem.model_json_schema(ref_template=_SCHEMA + "{model}", mode="serialization")
+    schemas.update(problem.pop("$defs", {}))
+    schemas["Problem"] = problem
+    for name in _UNUSED:
+        schemas.pop(name, None)
+    for name, example in _EXAMPLES.items():
+        if name in schemas:
+            schemas[name]["examples"] = [json.loads(example_text(example))]
+
+
+def _complete(responses: dict[str, Any]) -> None:
+    """Say that any other error is a problem too; FastAPI's 422 is never given."""
+    responses.pop("422", None)
+    content = {PROBLEM_MEDIA_TYPE: {"schema": {"$ref": _SCHEMA + "Problem"}}}
+    responses["default"] = {"description": "Any other error, as a problem.", "content": content}
