@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive.checking import check_file, read_file
 from exceptiondrive.credentials import find_server, find_token, normal_server
-from exceptiondrive.errors import InvalidFileError, ServerError
+from exceptiondrive.errors import InvalidFileError, NotFoundError, ServerError
 from exceptiondrive.submission import Submission
 from exceptiondrive.transport import Transport
 from exceptiondrive.upload import Progress, UploadBody
@@ -218,6 +218,17 @@ class Client:
         """Return a board as CSV, as the server writes it."""
         query = _board_query(phase, challenge, protocol, as_of, sort)
         return self._transport.get("/leaderboard.csv", query).text
+
+    def unranked_because(self, view: SubmissionView) -> str | None:
+        """Return why the board shows a scored submission without a rank; None if it does not."""
+        if view.status is not SubmissionStatus.SCORED or view.rank is not None:
+            return None
+        try:
+            entries = self.leaderboard(phase=view.phase).entries
+        except NotFoundError:
+            return None
+        reasons = (entry.unranked_because for entry in entries if entry.submission_id == view.id)
+        return next(reasons, None)
 
     def page_url(self, submission_id: str) -> str:
         """Address of the page of an entry: there once the submission is on the board."""

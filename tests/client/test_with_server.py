@@ -72,6 +72,17 @@ def test_people_read_rank_families_quota_and_the_page(
     assert httpx.get(address).status_code == 200
 
 
+def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: MakeFile) -> None:
+    straight = [[4.0 * step, 0.0] for step in range(1, 7)]
+    predictions = [
+        {"sample_id": f"s{n}", "source": straight, "edited": straight if n else None}
+        for n in range(4)
+    ]
+    done = submit(working, planning_file(predictions=predictions), "--wait")
+    assert done.exit_code == 0, done.stderr
+    assert "not ranked in phase dev: edited covers 75.00%" in done.stdout
+
+
 def test_the_same_bytes_are_the_same_submission_and_cost_nothing(
     working: "Running", planning_file: MakeFile
 ) -> None:

@@ -81,7 +81,9 @@ def _add_rows(
     titles: Mapping[str, str],
     protocol: Protocol | None,
 ) -> None:
-    for key, row in rows.items():
+    in_order = [key for key in titles if key in rows]  # kept sheets come sorted by key
+    for key in [*in_order, *(key for key in rows if key not in titles)]:
+        row = rows[key]
         n = "" if row.n is None else str(row.n)
         table.add_row(titles.get(key, key), n, *_cells(challenge, row.metrics, protocol))
 

@@ -63,7 +63,8 @@ def submit(
         if json:
             show_document(submission.view)
             return
-        show(*submission_view(submission.view, submission.page_url))
+        because = client.unranked_because(submission.view)
+        show(*submission_view(submission.view, submission.page_url, because))
         show(*_quota_left(client.phase(phase).quota))
 
 
@@ -85,7 +86,8 @@ def status(
         if json:
             show_document(view)
         else:
-            show(*submission_view(view, client.page_url(view.id)))
+            because = client.unranked_because(view)
+            show(*submission_view(view, client.page_url(view.id), because))
 
 
 def submissions(

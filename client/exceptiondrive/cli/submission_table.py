@@ -35,7 +35,9 @@ def queue_text(queue: QueuePlace) -> str:
     return f"place {queue.position}{wait}{again}"
 
 
-def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableType]:
+def submission_view(
+    view: SubmissionView, page_url: str, unranked_because: str | None = None
+) -> Iterator[RenderableType]:
     """Yield what to print for one submission."""
     style = STYLES.get(view.status, "yellow")
     yield Text.assemble((f"{view.id}  ", "bold"), (status_line(view), f"bold {style}"))
@@ -53,7 +55,8 @@ def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableT
         yield from sheet_view(view.sheet, with_tasks=False)
     if view.status is SubmissionStatus.SCORED:
         rank = f"rank {view.rank}" if view.rank else "not ranked"
-        yield Text(f"{rank} in phase {view.phase}", style="bold")
+        why = f": {unranked_because}" if unranked_because else ""
+        yield Text(f"{rank} in phase {view.phase}{why}", style="bold")
         yield Text(page_url)
     elif not view.status.is_terminal:
         yield Text(f"follow it with: exceptiondrive status {view.id}")
