@@ -10,6 +10,7 @@ from benchmarks.report import note, show, times
 from benchmarks.timing import Job, interleave, ratio, typical
 from benchmarks.workload import SEED, Workload, make_workload
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
@@ -77,7 +78,7 @@ def _kept(store: PrivateStore, shelf: Shelf, index: int) -> Columns:
 def _compare(
     title: str, answers: Load, measurements: Load, workload: Workload, protocol: Protocol
 ) -> None:
-    split = workload.split
+    split, taxonomy = workload.split, protocol.taxonomy
     wider = protocol.geometry.model_copy(update={"footprint_width_m": 2.0})
     doubled = protocol.model_copy(
         update={"grading": protocol.grading.model_copy(update={"d_safe_scale": 2.0})}
@@ -85,10 +86,10 @@ def _compare(
 
     def measure_again(index: int) -> None:
         pairs = TrajectoryPairs.from_columns(answers(index))
-        _sheet(measure(pairs, split.prepared_regions, wider), split, protocol)
+        _sheet(measure(pairs, split.prepared_regions, wider), split, protocol, taxonomy)
 
     def regrade(index: int) -> None:
-        _sheet(Measurements.from_columns(measurements(index)), split, doubled)
+        _sheet(Measurements.from_columns(measurements(index)), split, doubled, taxonomy)
 
     found = interleave({"new geometry": _all(measure_again), "new d_safe": _all(regrade)}, rounds=5)
     scale = SUBMISSIONS / DISTINCT
@@ -116,5 +117,7 @@ def _all(one: Callable[[int], None]) -> Job:
     return run
 
 
-def _sheet(measured: Measurements, split: SplitArrays, protocol: Protocol) -> None:
-    aggregate(grade(measured, split, protocol), split, protocol.taxonomy)
+def _sheet(
+    measured: Measurements, split: SplitArrays, protocol: Protocol, taxonomy: Taxonomy
+) -> None:
+    aggregate(grade(measured, split, protocol), split, taxonomy)

@@ -54,18 +54,20 @@ def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> B
     a metric is taken over the families that define it.
     """
     keys, groups = scores.metric_keys, split.by_task
+    task_ids = [taxonomy.tasks[index].id for index in groups.task_index.tolist()]
+    family_ids = [taxonomy.families[index].id for index in groups.family_index.tolist()]
     tasks = _sums_by_task(scores, groups)
     families = tasks.regrouped(groups.family_starts)
-    family_means = families.means()
-    macro = _mean_of_defined(family_means)
-    task_ids = [taxonomy.tasks[index].id for index in groups.task_index]
-    family_ids = [taxonomy.families[index].id for index in groups.family_index]
+    means = np.concatenate([families.means(), tasks.means(), tasks.total().means()])
+    n_families = len(family_ids)
+    macro = _mean_of_defined(means[:n_families])
+    *rows, micro = [dict(zip(keys, row, strict=True)) for row in _plain(means)]
     return Breakdown(
         n=split.n_samples,
-        micro=dict(zip(keys, _plain(tasks.total().means()[0]), strict=True)),
-        macro_family=dict(zip(keys, _plain(macro[0]), strict=True)),
-        families=_rows(family_ids, keys, families.sizes, family_means),
-        tasks=_rows(task_ids, keys, tasks.sizes, tasks.means()),
+        micro=micro,
+        macro_family=dict(zip(keys, _plain(macro)[0], strict=True)),
+        families=_rows(family_ids, families.sizes, rows[:n_families]),
+        tasks=_rows(task_ids, tasks.sizes, rows[n_families:]),
     )
 
 
@@ -92,7 +94,7 @@ class _Sums(NamedTuple):
 
 
 def _sums_by_task(scores: SampleScores, groups: TaskGroups) -> _Sums:
-    values = scores.values.T.take(groups.order, 1)
+    values = scores.values.T.take(groups.order, 1, mode="clip")  # no index is out of range
     undefined = np.isnan(values)
     counts = groups.sizes[None]
     if undefined.any():
@@ -109,11 +111,8 @@ def _mean_of_defined(rows: FloatArray) -> FloatArray:
     return _Sums(counts, sums[:, None], counts[:, None]).means()
 
 
-def _rows(
-    ids: Sequence[str], keys: Sequence[str], sizes: IntArray, means: FloatArray
-) -> dict[str, Row]:
-    rows = zip(ids, sizes.tolist(), _plain(means), strict=True)
-    return {key: Row(n, dict(zip(keys, row, strict=True))) for key, n, row in rows}
+def _rows(ids: Sequence[str], sizes: IntArray, means: Sequence[MetricMeans]) -> dict[str, Row]:
+    return {key: Row(*row) for key, *row in zip(ids, sizes.tolist(), means, strict=True)}
 
 
 def _plain(means: FloatArray) -> Any:
