@@ -75,6 +75,7 @@ class Launcher:
         finally:
             self._end_all()
             folder.remove()
+            self._lock.release()
 
     def _start_all(self, folder: BrokerFolder) -> dict[str, str]:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")

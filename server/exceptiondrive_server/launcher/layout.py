@@ -84,6 +84,12 @@ class DataLock:
         held.flush()
         self._file = held
 
+    def release(self) -> None:
+        """Give the folder back."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
 
 class BrokerFolder:
     """The 0700 folder of the private broker's socket: under DATA, or somewhere shorter."""
