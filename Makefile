@@ -39,6 +39,10 @@ $(VENV)/.browser: $(STAMP)
 test: $(STAMP) $(VENV)/.browser  ## all tests; T=path picks some
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(T)
 
+bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
+	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.upload_to_rank
+
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -56,4 +60,4 @@ lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra worker -c requirements/dev.txt -o requirements/worker.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
-.PHONY: help setup run test lint format lock
+.PHONY: help setup run test bench lint format lock

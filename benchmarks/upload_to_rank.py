@@ -1,0 +1,179 @@
+"""From the first byte of an upload to the published rank, through every real part.
+
+`python -m benchmarks.upload_to_rank` starts the embedded default over a synthetic split of 3,181
+samples, uploads ten different full files, and prints how long each took to be on the board.
+"""
+
+import gzip
+import json
+import os
+import random
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx2
+from rich.console import Console
+
+N_SAMPLES = 3181
+N_UPLOADS = 10
+BIN = Path(sys.executable).parent
+TASKS = [
+    f"{family}{number}" for family in ("SE", "LB", "BG", "SR", "IC", "RS") for number in (1, 2, 3)
+]
+console = Console()
+
+
+def main() -> None:
+    """Run the benchmark and print its figures."""
+    with tempfile.TemporaryDirectory(prefix="ed-bench-") as folder:
+        base = Path(folder)
+        _write_split(base / "splits" / "bench" / "split.json.gz")
+        port = _free_port()
+        environment = _environment(base)
+        launcher = subprocess.Popen(
+            [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", base / "data"],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as http:
+                _wait_until_ready(http)
+                http.headers["Authorization"] = f"Bearer {_open_phase(base, environment)}"
+                times_s = [_upload_to_rank_s(http, number) for number in range(N_UPLOADS)]
+        finally:
+            launcher.send_signal(signal.SIGINT)
+            launcher.wait(timeout=60)
+    _report(times_s)
+
+
+def _report(times_s: list[float]) -> None:
+    console.print(
+        f"upload to published rank, {N_SAMPLES} samples, {N_UPLOADS} uploads on {os.cpu_count()} cores: "
+        f"median {statistics.median(times_s):.2f} s, fastest {min(times_s):.2f} s, "
+        f"slowest {max(times_s):.2f} s (target: median under 3 s)"
+    )
+
+
+def _upload_to_rank_s(http: httpx2.Client, number: int) -> float:
+    data = gzip.compress(json.dumps(_submission(number)).encode(), 6)
+    started = time.perf_counter()
+    answer = http.post(
+        "/api/v1/submissions",
+        data={"phase": "bench", "method": f"Planner {number}"},
+        files={"file": ("planner.json.gz", data)},
+    )
+    answer.raise_for_status()
+    submission_id = answer.json()["id"]
+    while not _is_ranked(http, submission_id):
+        time.sleep(0.02)
+    return time.perf_counter() - started
+
+
+def _is_ranked(http: httpx2.Client, submission_id: str) -> bool:
+    answer = http.get("/api/v1/leaderboard", params={"phase": "bench"})
+    if answer.status_code == 404:
+        return False
+    return any(
+        entry["submission_id"] == submission_id and entry["rank"] is not None
+        for entry in answer.json()["entries"]
+    )
+
+
+def _submission(number: int) -> dict[str, Any]:
+    rng = random.Random(1000 + number)
+    return {
+        "schema": "exceptiondrive.planning/1",
+        "split": "bench",
+        "predictions": [
+            {"sample_id": _sample_id(i), "source": _path(rng), "edited": _path(rng)}
+            for i in range(N_SAMPLES)
+        ],
+    }
+
+
+def _path(rng: random.Random) -> list[list[float]]:
+    speed_mps, curvature = rng.uniform(2, 12), rng.gauss(0, 0.01)
+    ahead = [speed_mps * 0.5 * step for step in range(1, 7)]
+    return [[round(x, 4), round(curvature * x * x / 2, 4)] for x in ahead]
+
+
+def _write_split(target: Path) -> None:
+    rng = random.Random(7)
+    samples = []
+    for i in range(N_SAMPLES):
+        x, y = rng.uniform(6, 30), rng.gauss(0, 2.5)
+        region = [[x, y - 0.8], [x + 2, y - 0.8], [x + 2, y + 0.8], [x, y + 0.8]]
+        samples.append(
+            {
+                "sample_id": _sample_id(i),
+                "scene_id": f"scene-{i % 150:04d}",
+                "task": TASKS[i % len(TASKS)],
+                "region": [[round(a, 3), round(b, 3)] for a, b in region],
+            }
+        )
+    document = {
+        "schema": "exceptiondrive.split/1",
+        "name": "bench",
+        "title": "Synthetic split of the benchmark's size",
+        "samples": samples,
+    }
+    target.parent.mkdir(parents=True)
+    target.write_bytes(gzip.compress(json.dumps(document).encode()))
+
+
+def _sample_id(number: int) -> str:
+    return f"{number:08x}e823ae8f040e2b3306002c57"
+
+
+def _environment(base: Path) -> dict[str, str]:
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
+    return kept | {"EXCEPTIONDRIVE_SPLITS_DIR": str(base / "splits")}
+
+
+def _open_phase(base: Path, environment: dict[str, str]) -> str:
+    """Register the split, open a phase, make a team; return its token."""
+    records = {"EXCEPTIONDRIVE_DATABASE_URL": f"sqlite:///{base}/data/records.sqlite3"}
+    for command in (
+        ("exceptiondrive-worker", "register-splits"),
+        ("exceptiondrive-server", "create-phase", "bench", "--split", "bench", "--per-day", "50"),
+        ("exceptiondrive-server", "create-team", "bench", "Bench", "--with-token"),
+    ):
+        done = subprocess.run(
+            [BIN / command[0], *command[1:]],
+            env=environment | records,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    return next(word for word in done.stdout.split() if word.startswith("edk_"))
+
+
+def _wait_until_ready(http: httpx2.Client, timeout_s: float = 90.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        try:
+            if http.get("/readyz").json()["live_workers"]:
+                return
+        except httpx2.TransportError:
+            pass
+        time.sleep(0.2)
+    raise SystemExit("the system did not come up")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+if __name__ == "__main__":
+    main()
