@@ -19,7 +19,7 @@ from exceptiondrive_server.pages.page_parts import (
 )
 from exceptiondrive_server.pages.scene_drawing import SceneDrawing, scene_drawing
 
-MAX_CHOICES = 60
+MAX_CHOICES = 25
 
 
 @dataclass(frozen=True)

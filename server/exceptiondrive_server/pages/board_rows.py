@@ -8,6 +8,7 @@ from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_server.pages.board_query import Average
 from exceptiondrive_server.pages.entry_facts import (
     BADGES,
+    OUTCOME_WORDS,
     Badge,
     challenge_of,
     entry_key,
@@ -157,8 +158,9 @@ class RowSetter:
             return None
         text = {name: self.digits.fraction(share) for name, share in parts.items()}
         first, second = primary_metrics(self.challenge)[:2]
+        between = OUTCOME_WORDS[self.challenge.id]["lost"]
         words = (
-            f"{first.label} {text['kept']} %, neither {text['lost']} %, "
+            f"{first.label} {text['kept']} %, {between} {text['lost']} %, "
             f"{second.label} {text['hit']} %"
         )
         return OutcomeBar(parts["kept"] * 100, parts["lost"] * 100, parts["hit"] * 100, words)

@@ -8,7 +8,7 @@ from exceptiondrive_server.pages.board_columns import default_order
 from exceptiondrive_server.pages.board_query import DEFAULT_SORT, SOURCES, Average, BoardQuery
 from exceptiondrive_server.pages.entry_facts import challenge_of, values_of
 
-PAGE_ROWS = 40
+PAGE_ROWS = 20
 _Key = Callable[[BoardEntry], float | str | None]
 
 

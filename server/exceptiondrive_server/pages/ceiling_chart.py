@@ -17,7 +17,7 @@ from exceptiondrive_server.pages.label_placing import Box, Label, place_labels
 from exceptiondrive_server.pages.numbers import fixed
 from exceptiondrive_server.pages.scales import Scale, nice_scale, px
 
-MAX_POINTS = 40
+MAX_POINTS = 24
 _Ends = tuple[float, float, float, float]
 
 
@@ -88,7 +88,7 @@ def ceiling_chart(
 
     Args:
         board: The board they stand on.
-        entries: What to draw, most important first; the first forty are drawn.
+        entries: What to draw, most important first; the first twenty-four are drawn.
         average: Which average to draw.
         width: Width of the drawing; 640 for wide screens, 350 for phones.
         height: Height of the drawing.

@@ -122,11 +122,9 @@ def _tile(
         is_best=entry.rank is not None and value is not None and value == heat.best.get(family),
         is_small=n is not None and n < SMALL_FAMILY,
         interval=span,
-        words=_words(title, heat.metric, text, n_text, span),
+        words=_words(title, text, n_text),
     )
 
 
-def _words(title: str, metric: Metric, text: str | None, n_text: str, span: str | None) -> str:
-    if text is None:
-        return f"{title}: not reported"
-    return f"{title}: {metric.label} {text} %, {n_text}{f', interval {span}' if span else ''}"
+def _words(title: str, text: str | None, n_text: str) -> str:
+    return f"{title}: not reported" if text is None else f"{title} {text} %, {n_text}"

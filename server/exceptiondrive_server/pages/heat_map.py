@@ -9,7 +9,7 @@ from exceptiondrive_server.pages.board_rows import Row
 from exceptiondrive_server.pages.family_tiles import HEAT_STEPS, HeatScale, short_title
 from exceptiondrive_server.pages.numbers import fixed, grouped
 
-MAX_LINES = 16
+MAX_LINES = 12
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class HeatMap:
 
 
 def heat_map(board: Board, heat: HeatScale, rows: Sequence[Row], query: BoardQuery) -> HeatMap:
-    """Return the heat map of the rows on this page, the first sixteen of them."""
+    """Return the heat map of the rows on this page, the first twelve of them."""
     total = sum(head.n for head in board.families) or 1
     heads = tuple(
         HeatHead(

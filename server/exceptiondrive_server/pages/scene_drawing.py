@@ -6,6 +6,7 @@ Every number in it comes from the protocol document: change the document and the
 import itertools
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol
 from exceptiondrive_schemas.taxonomy import Strategy, Task
@@ -83,9 +84,12 @@ class _View:
 
 def scene_drawing(protocol: Protocol) -> SceneDrawing:
     """Draw one edited scene under a protocol."""
-    geometry = protocol.geometry
     task = _pictured_task(protocol)
-    d_safe_m = task.d_safe_m * protocol.grading.d_safe_scale
+    return _drawing(protocol.geometry, task, task.d_safe_m * protocol.grading.d_safe_scale)
+
+
+@lru_cache(maxsize=16)
+def _drawing(geometry: GeometrySection, task: Task, d_safe_m: float) -> SceneDrawing:
     edited, source = _trajectories(geometry)
     boxes = _footprints(edited, geometry)
     tube = _tube(boxes, geometry)

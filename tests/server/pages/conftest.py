@@ -231,25 +231,25 @@ def lively_entries() -> tuple[BoardEntry, ...]:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def protocol() -> Protocol:
     """The packaged protocol."""
     return PROTOCOL
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def lively_board() -> Board:
     """A board with entries of every source."""
     return board_of(lively_entries())
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def empty_board() -> Board:
     """A board on which nobody stands."""
     return board_of((), 1)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def paper_board() -> Board:
     """A board with the paper's rows alone."""
     return board_of(tuple(reported(method) for method in PAPER), 1)
@@ -310,7 +310,6 @@ class Site:
                 actor="test",
                 **more,
             )
-
 
     def keep_submission(self, entry: BoardEntry) -> None:
         """Record the submission and the score sheet behind a scored entry."""
@@ -388,22 +387,50 @@ def sheet_of(entry: BoardEntry) -> ScoreSheet:
     )
 
 
+def open_site(folder: Path) -> Site:
+    """Pages over an empty system of record in a folder."""
+    url = f"sqlite:///{folder}/records.sqlite3"
+    migrate(url)
+    return Site(Database(url))
+
+
+def fill(site: Site, board: Board) -> None:
+    """Publish a board with the submissions behind its scored entries."""
+    site.create_phase("sample", shows_reported=True)
+    site.publish(board)
+    for entry in board.entries:
+        if entry.source == "scored" and entry.rank is not None:
+            site.keep_submission(entry)
+
+
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Site]:
     """Pages over an empty system of record."""
-    url = f"sqlite:///{tmp_path}/records.sqlite3"
-    migrate(url)
-    database = Database(url)
-    yield Site(database)
-    database.dispose()
+    site = open_site(tmp_path)
+    yield site
+    site.database.dispose()
 
 
 @pytest.fixture
 def lively_site(site: Site, lively_board: Board) -> Site:
     """Pages over a phase with a lively board."""
-    site.create_phase("sample", shows_reported=True)
-    site.publish(lively_board)
-    for entry in lively_board.entries:
-        if entry.source == "scored" and entry.rank is not None:
-            site.keep_submission(entry)
+    fill(site, lively_board)
     return site
+
+
+@pytest.fixture(scope="module")
+def shown_site(
+    tmp_path_factory: pytest.TempPathFactory,
+    lively_board: Board,
+    paper_board: Board,
+    empty_board: Board,
+) -> Iterator[Site]:
+    """Pages over a lively, a paper-only, an empty and an unpublished phase; only read."""
+    site = open_site(tmp_path_factory.mktemp("site"))
+    fill(site, lively_board)
+    for phase in ("paper", "empty", "unpublished"):
+        site.create_phase(phase)
+    site.publish(paper_board.model_copy(update={"phase": "paper"}))
+    site.publish(empty_board.model_copy(update={"phase": "empty"}))
+    yield site
+    site.database.dispose()

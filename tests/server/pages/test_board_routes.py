@@ -116,3 +116,20 @@ async def test_the_theme_is_kept_in_a_cookie_without_script(lively_site: Any) ->
 async def test_the_theme_switch_never_leads_off_this_site(site: Any, back: str) -> None:
     answer = await site.post("/theme", {"choice": "light", "back": back})
     assert answer.headers["location"] == "/"
+
+
+async def test_a_long_board_is_paged_and_still_weighs_less_than_150_kilobytes(
+    site: Any, lively_board: Board
+) -> None:
+    first, others = lively_board.entries[0], lively_board.entries[7:]
+    many = tuple(
+        first.model_copy(update={"rank": n + 1, "submission_id": f"s{n:07d}", "method": f"P {n}"})
+        for n in range(1000)
+    )
+    site.create_phase("sample")
+    site.publish(lively_board.model_copy(update={"entries": (*many, *others)}))
+    answer = await site.get("/")
+    assert len(answer.content) < 150_000
+    assert "Page 1 of 50, 1,009 entries" in answer.text
+    last = await site.get("/?page=50")
+    assert ">P 999</a>" in last.text

@@ -1,0 +1,69 @@
+"""The page of an entry."""
+
+from typing import Any
+
+from exceptiondrive_records.tables import Submission
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+async def test_an_entry_shows_all_tasks_both_averages_and_its_receipt(lively_site: Any) -> None:
+    text = (await lively_site.get("/entries/s0000000kq")).text
+    for task in ("SE1", "LB4", "BG4", "SR3", "IC3", "RS3"):
+        assert f"<code>{task}</code>" in text
+    assert "57.30 to 65.50" in text
+    assert "60.70" in text
+    assert "sha256:" + "ab12" * 16 in text
+    assert "41.2 kB" in text
+    assert "flag above 95%" in text
+
+
+async def test_a_flag_is_explained_in_words(lively_site: Any) -> None:
+    text = (await lively_site.get("/entries/s0000005kq")).text
+    assert "97% of the pairs differ by less than 0.05 m." in text
+
+
+async def test_a_reported_row_has_a_page_and_claims_no_interval(lively_site: Any) -> None:
+    text = (await lively_site.get("/entries/reported-st-p3?phase=sample")).text
+    assert "21.03" in text
+    assert "Unknown: the numbers were printed, not scored here." in text
+    assert "Receipt" not in text
+
+
+async def test_an_entry_that_left_the_board_is_shown_as_it_stood(
+    lively_site: Any, empty_board: Board
+) -> None:
+    lively_site.publish(empty_board)
+    text = (await lively_site.get("/entries/s0000000kq")).text
+    assert "This is how the entry stood on board 1" in text
+
+
+async def test_what_no_board_shows_is_not_found(lively_site: Any) -> None:
+    for path in ("/entries/unknown", "/entries/reported-unknown?phase=sample"):
+        assert (await lively_site.get(path)).status_code == 404
+
+
+async def test_a_submission_on_no_board_is_its_teams_alone(
+    lively_site: Any, empty_board: Board
+) -> None:
+    lively_site.create_phase("other")
+    entry = empty_board
+    with lively_site.database.write() as session:
+        submission = session.get_one(Submission, "s0000001kq")
+        submission.status = SubmissionStatus.WITHDRAWN
+    lively_site.publish(entry)
+    assert (await lively_site.get("/entries/s0000001kq")).status_code == 404
+
+
+async def test_names_are_escaped(site: Any, lively_board: Board) -> None:
+    nasty = lively_board.entries[0].model_copy(
+        update={"method": "<script>x</script>", "team": '"><img src=x>'}
+    )
+    site.create_phase("sample")
+    site.publish(lively_board.model_copy(update={"entries": (nasty,)}))
+    site.keep_submission(nasty)
+    for path in ("/", f"/entries/{nasty.submission_id}"):
+        text = (await site.get(path)).text
+        assert "<script>x" not in text
+        assert "<img src=x" not in text
+        assert "&lt;script&gt;x" in text

@@ -1,0 +1,81 @@
+"""Boards as files."""
+
+import csv
+import io
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import pytest
+
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_server.pages.exports import bibtex, comma_separated, latex, tex_escape
+
+SITE = "https://board.test"
+
+
+def test_latex_is_a_booktabs_table_with_the_published_digits(
+    lively_board: Board, protocol: Protocol
+) -> None:
+    text = latex(lively_board, protocol, SITE)
+    assert r"\toprule" in text
+    assert text.count(r"\midrule") == 3
+    assert r"1 & Kestrel-2 & 61.40 & 31.10 & 52.71 & 2.81 & 2.44 & 0.92 \\" in text
+    assert r"-- & ST-P3 (reported) & 21.03 & 78.11" in text
+    assert f"{SITE}/?phase=sample&board=7" in text
+
+
+def test_names_cannot_break_out_of_latex() -> None:
+    assert tex_escape("a_b & 50% \\input{x}\n$") == (r"a\_b \& 50\% \textbackslash{}input\{x\} \$")
+
+
+def test_bibtex_cites_the_paper_and_this_very_board(
+    lively_board: Board, protocol: Protocol
+) -> None:
+    text = bibtex(lively_board, protocol, SITE)
+    assert text.count("@misc{") == 2
+    assert "month        = nov," in text
+    assert text.count("{") == text.count("}")
+    assert r"\url{https://board.test/?phase=sample&board=7}" in text
+
+
+def test_csv_holds_every_entry_with_stable_columns(lively_board: Board, protocol: Protocol) -> None:
+    rows = list(csv.DictReader(io.StringIO(comma_separated(lively_board, protocol, SITE))))
+    assert len(rows) == len(lively_board.entries)
+    assert (rows[0]["rank"], rows[0]["hcc"], rows[0]["hcc_low"]) == ("1", "0.614", "0.573")
+    assert rows[-1]["rank"] == ""
+    assert {row["source"] for row in rows} == {"scored", "reference", "reported"}
+
+
+@pytest.mark.parametrize("method", ["=1+1", "+A1", "-A1", "@SUM(A1)"])
+def test_a_spreadsheet_never_runs_a_name(
+    lively_board: Board, protocol: Protocol, method: str
+) -> None:
+    entry = lively_board.entries[0].model_copy(update={"method": method})
+    board = lively_board.model_copy(update={"entries": (entry,)})
+    row = next(csv.DictReader(io.StringIO(comma_separated(board, protocol, SITE))))
+    assert row["method"] == "'" + method
+
+
+@pytest.mark.parametrize("form", ["csv", "tex", "bib"])
+async def test_exports_are_downloads_of_one_board(lively_site: Any, form: str) -> None:
+    answer = await lively_site.get(f"/export/board.{form}?phase=sample&board=1")
+    assert answer.status_code == 200
+    assert answer.headers["content-disposition"] == (
+        f'attachment; filename="exceptiondrive-sample-board-1.{form}"'
+    )
+
+
+async def test_an_unknown_export_is_not_found(lively_site: Any) -> None:
+    assert (await lively_site.get("/export/board.xlsx")).status_code == 404
+
+
+async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board: Board) -> None:
+    lively_site.publish(empty_board)
+    answer = await lively_site.get("/feed.atom?phase=sample")
+    assert answer.headers["content-type"].startswith("application/atom+xml")
+    feed = Xml.fromstring(answer.text)
+    name = {"a": "http://www.w3.org/2005/Atom"}
+    titles = [entry.findtext("a:title", "", name) for entry in feed.findall("a:entry", name)]
+    assert [title.split(" of ")[0] for title in titles] == ["Board 2", "Board 1"]
+    assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"

@@ -1,0 +1,91 @@
+"""Protocol, quick start, help and API pages."""
+
+import re
+from typing import Any
+
+import pytest
+
+from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
+from exceptiondrive_server.pages.protocol_diff import protocol_changes
+
+
+async def test_protocols_lead_to_the_newest_version(site: Any) -> None:
+    answer = await site.get("/protocols")
+    assert (answer.status_code, answer.headers["location"]) == (307, "/protocols/1.0")
+
+
+async def test_the_protocol_page_says_every_task_and_the_values_of_the_document(
+    lively_site: Any, protocol: Protocol
+) -> None:
+    text = (await lively_site.get("/protocols/1.0")).text
+    for task in protocol.tasks:
+        assert f"<code>{task.id}</code>" in text
+        assert task.hazard in text
+    for value in ("4.084 m by 1.85 m", "1.486 m", "1,000 bootstrap draws", "seed 20261120"):
+        assert value in text
+    assert protocol.digest in text
+
+
+async def test_an_unknown_protocol_is_not_found(lively_site: Any) -> None:
+    assert (await lively_site.get("/protocols/9.9")).status_code == 404
+
+
+def test_changes_between_protocols_name_every_value(protocol: Protocol) -> None:
+    first = protocol.tasks[0].model_copy(update={"d_safe_m": 2.5})
+    geometry = protocol.geometry.model_copy(update={"collision_tube": "footprints"})
+    newer = protocol.model_copy(
+        update={"version": "1.1", "geometry": geometry, "tasks": (first, *protocol.tasks[1:])}
+    )
+    changes = protocol_changes(protocol, newer)
+    assert [(c.path, c.before, c.after) for c in changes] == [
+        ("geometry.collision_tube", "hulls", "footprints"),
+        ("tasks.SE1.d_safe_m", "2.0", "2.5"),
+    ]
+    assert protocol_changes(protocol, protocol) == ()
+
+
+async def test_the_quick_start_shows_real_commands_of_an_open_phase(lively_site: Any) -> None:
+    text = (await lively_site.get("/submit")).text
+    assert "exceptiondrive submit planner.json.gz --phase sample" in text
+    assert "exceptiondrive.planning/1" in text
+    assert "exceptiondrive.strategy/1" in text
+    assert "/api/v1/schemas/planning" in text
+
+
+async def test_the_quick_start_works_before_any_phase_exists(site: Any) -> None:
+    assert (await site.get("/submit")).status_code == 200
+
+
+@pytest.mark.parametrize("code", list(ProblemCode))
+async def test_every_problem_has_a_help_page(site: Any, code: ProblemCode) -> None:
+    answer = await site.get(f"/problems/{code.value}")
+    assert answer.status_code == 200
+    assert PROBLEM_HELP[code].title in answer.text
+
+
+def test_every_problem_is_explained_with_at_least_one_step() -> None:
+    assert set(PROBLEM_HELP) == set(ProblemCode)
+    assert all(help_.steps and help_.happened for help_ in PROBLEM_HELP.values())
+
+
+@pytest.mark.parametrize("code", list(FaultCode))
+async def test_every_fault_of_a_file_has_a_page_with_the_checkers_report(
+    site: Any, code: FaultCode
+) -> None:
+    answer = await site.get(f"/problems/{code.value}")
+    assert answer.status_code == 200
+    assert "Expected" in answer.text
+    assert "Got" in answer.text
+
+
+async def test_the_index_leads_to_every_code(site: Any) -> None:
+    text = (await site.get("/problems")).text
+    linked = set(re.findall(r'href="/problems/([a-z_0-9]+)"', text))
+    assert linked == {code.value for code in (*ProblemCode, *FaultCode)}
+
+
+async def test_an_unknown_problem_is_not_found(site: Any) -> None:
+    assert (await site.get("/problems/nonsense")).status_code == 404

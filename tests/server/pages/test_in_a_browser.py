@@ -1,0 +1,265 @@
+"""The pages in a real browser: without script, by keyboard, narrow, dark, and looked at by axe."""
+
+import re
+import shutil
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvicorn
+from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
+
+pytestmark = pytest.mark.browser
+AXE = Path(__file__).parent / "vendor" / "axe.min.js"
+CHROMIUM = next(
+    (
+        path
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (path := shutil.which(name))
+    ),
+    None,
+)
+PATHS = (
+    "/",
+    "/?average=micro&sort=ur",
+    "/?phase=paper",
+    "/?phase=empty",
+    "/?phase=unpublished",
+    "/entries/s0000005kq",
+    "/entries/reported-st-p3?phase=sample",
+    "/compare",
+    "/protocols/1.0",
+    "/submit",
+    "/problems",
+    "/problems/file_invalid",
+    "/problems/wrong_waypoint_count",
+    "/api",
+)
+
+
+class Visit:
+    """A browser before a running site; notes every request that leaves it and every complaint."""
+
+    def __init__(self, browser: Browser, address: str) -> None:
+        self.browser = browser
+        self.address = address
+        self.foreign: list[str] = []
+        self.complaints: list[str] = []
+
+    def open(self, path: str, width: int = 1360, **context: Any) -> Page:
+        viewport = ViewportSize(width=width, height=900)
+        page = self.browser.new_context(viewport=viewport, **context).new_page()
+        page.on("console", lambda message: self.complaints.append(message.text))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("request", lambda request: self._note(request.url))
+        page.goto(self.address + path)
+        return page
+
+    def _note(self, url: str) -> None:
+        if not url.startswith((self.address, "data:")):
+            self.foreign.append(url)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """A headless Chromium of this machine."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed on this machine")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def address(shown_site: Any) -> Iterator[str]:
+    """Address of a running site."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = listening.getsockname()[1]
+        config = uvicorn.Config(shown_site.app, log_level="critical", ws="none")
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, args=([listening],))
+        thread.start()
+        yield f"http://127.0.0.1:{port}"
+        server.should_exit = True
+        thread.join(timeout=20)
+
+
+@pytest.fixture
+def visit(browser: Browser, address: str) -> Iterator[Visit]:
+    """A browser before the running site."""
+    yield Visit(browser, address)
+    for context in browser.contexts:
+        context.close()
+
+
+def first_planner(page: Page) -> str:
+    return page.locator("#board-rows tbody th .pn").first.inner_text()
+
+
+def test_sorting_filtering_and_hiding_columns_work_without_script(visit: Visit) -> None:
+    page = visit.open("/", java_script_enabled=False)
+    page.click("#board-rows thead a:has-text('UR')")
+    page.click("#board-rows thead a:has-text('UR')")
+    assert "sort=ur&order=descending" in page.url
+    assert first_planner(page) == "nerve"
+    assert page.get_attribute("#board-rows thead th[aria-sort]", "aria-sort") == "descending"
+    page.fill("input[name=q]", "osprey")
+    page.click("form.filters > button")
+    assert first_planner(page) == "brake-late"
+    assert "q=osprey" in page.url
+    page.goto(visit.address)
+    page.click("details.more summary")
+    page.uncheck("input[name=show][value=cts_x]")
+    page.click(".pop button")
+    assert "hide=cts_x" in page.url
+    assert page.locator("#board-rows th.cts_x, #board-rows td.cts_x").count() == 0
+
+
+def test_everything_can_be_read_without_script(visit: Visit) -> None:
+    page = visit.open("/", java_script_enabled=False)
+    for words in ("Kestrel-2", "61.40", "Stands still", "ST-P3", "Which hazards are hardest"):
+        assert page.get_by_text(words).first.is_visible()
+
+
+def test_the_theme_switch_works_without_script_and_survives_navigation(visit: Visit) -> None:
+    page = visit.open("/?sort=ur", java_script_enabled=False, color_scheme="light")
+    light = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    page.click("form.theme button[value=dark]")
+    assert page.url.endswith("/?sort=ur")
+    dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (light, dark) == ("rgb(246, 244, 238)", "rgb(16, 19, 23)")
+    page.goto(visit.address + "/submit")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
+
+
+def test_with_script_the_theme_changes_in_place_and_is_remembered(visit: Visit) -> None:
+    page = visit.open("/", color_scheme="dark")
+    page.click("form.theme button[value=light]")
+    assert page.get_attribute("html", "data-theme") == "light"
+    page.reload()
+    assert page.get_attribute("html", "data-theme") == "light"
+    assert visit.complaints == []
+
+
+def test_with_script_rows_narrow_while_typing(visit: Visit) -> None:
+    page = visit.open("/")
+    page.fill("input[name=q]", "aurora")
+    shown = page.locator("#board-rows tr[id^='e-']:visible")
+    assert shown.count() == 2
+
+
+def test_no_page_scrolls_sideways_at_any_width(visit: Visit) -> None:
+    page = visit.open("/")
+    for path in PATHS:
+        page.goto(visit.address + path)
+        for width in (320, 390, 820, 1000, 1360, 1920):
+            page.set_viewport_size({"width": width, "height": 900})
+            wider = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+            assert wider <= 0, f"{path} is {wider} px wider than {width} px"
+
+
+def test_axe_finds_nothing_wrong(visit: Visit) -> None:
+    page = visit.open("/", bypass_csp=True)
+    for path in PATHS:
+        page.goto(visit.address + path)
+        assert violations(page) == [], path
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1360, "dark"), (390, "light")])
+def test_axe_finds_nothing_wrong_in_the_dark_nor_on_a_phone(
+    visit: Visit, width: int, scheme: str
+) -> None:
+    page = visit.open("/", width=width, color_scheme=scheme, bypass_csp=True)
+    for path in ("/", "/entries/s0000005kq", "/protocols/1.0"):
+        page.goto(visit.address + path)
+        assert violations(page) == [], path
+
+
+def violations(page: Page) -> list[str]:
+    """What axe finds on a page: rule and place."""
+    page.add_script_tag(path=AXE)
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    return [f"{one['id']}: {one['nodes'][0]['html'][:160]}" for one in found]
+
+
+def test_nothing_is_fetched_from_elsewhere_and_the_console_stays_silent(visit: Visit) -> None:
+    page = visit.open("/")
+    for path in PATHS:
+        page.goto(visit.address + path)
+    assert visit.foreign == []
+    assert visit.complaints == []
+
+
+def test_the_keyboard_reaches_everything_and_shows_where_it_is(visit: Visit) -> None:
+    page = visit.open("/")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
+    seen = set()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        seen.add(page.evaluate("document.activeElement.outerHTML.slice(0, 160)"))
+        outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        assert outline != "none"
+    joined = "\n".join(seen)
+    for wanted in ('value="dark"', "sort=ur", 'name="q"', "source=scored"):
+        assert wanted in joined
+
+
+def test_phone_rows_are_cards_that_keep_the_roles_of_a_table(visit: Visit) -> None:
+    page = visit.open("/", width=390)
+    row = page.locator("#board-rows tr[id^='e-']").first
+    assert row.get_attribute("role") == "row"
+    box = row.bounding_box()
+    assert box is not None
+    assert box["width"] <= 390
+    assert box["height"] > 120
+
+
+def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:
+    page = visit.open("/")
+    page.emulate_media(media="print")
+    assert page.locator("#board-rows").is_visible()
+    for tool in (".top", ".bar", ".cta", ".exp"):
+        assert not page.locator(tool).first.is_visible()
+
+
+def test_heat_cells_can_be_read_in_both_themes(visit: Visit) -> None:
+    for scheme in ("light", "dark"):
+        page = visit.open("/", color_scheme=scheme)
+        ratios = page.evaluate(CONTRAST)
+        assert len(ratios) == 10
+        assert min(ratios) >= 4.5
+
+
+CONTRAST = """() => {
+  const light = (text) => {
+    const [r, g, b] = text.match(/\\d+/g).slice(0, 3).map((v) => v / 255)
+      .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  return [...Array(10).keys()].map((step) => {
+    const cell = document.body.appendChild(document.createElement("i"));
+    cell.className = `h${step}`;
+    const style = getComputedStyle(cell);
+    const [low, high] = [light(style.color), light(style.backgroundColor)].sort((a, b) => a - b);
+    return (high + 0.05) / (low + 0.05);
+  });
+}"""
+
+
+def test_addresses_in_the_page_lead_somewhere(visit: Visit) -> None:
+    page = visit.open("/")
+    anchors = page.evaluate(
+        "[...document.querySelectorAll('a')].map((a) => a.getAttribute('href'))"
+    )
+    local = {anchor.split("#")[0] for anchor in anchors if anchor.startswith("/")}
+    for path in sorted(local):
+        if path and not re.match(r"/api/", path):
+            answer = page.request.get(visit.address + path)
+            assert answer.status == 200, path

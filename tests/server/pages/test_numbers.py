@@ -1,0 +1,68 @@
+"""How numbers are written."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_server.pages.numbers import (
+    Digits,
+    counted,
+    day,
+    fixed,
+    grouped,
+    listed,
+    minute,
+    short_digest,
+    size_text,
+    slug,
+)
+
+HCC, CTS = PLANNING.metric("hcc"), PLANNING.metric("cts")
+
+
+def test_fractions_are_written_as_per_cent_and_shifts_in_metres() -> None:
+    assert Digits().text(HCC, 0.2103) == "21.03"
+    assert Digits().text(CTS, 1.5666) == "1.57"
+    assert Digits(percent=1).text(HCC, 0.2103) == "21.0"
+
+
+def test_an_undefined_value_stays_undefined() -> None:
+    assert Digits().text(HCC, None) is None
+
+
+@pytest.mark.parametrize(
+    ("difference", "text"),
+    [(0.0139, "+1.39"), (-0.0081, "\u22120.81"), (0.0, "0.00"), (-0.00001, "0.00")],
+)
+def test_differences_carry_a_real_minus_sign_and_zero_carries_none(
+    difference: float, text: str
+) -> None:
+    assert Digits().signed(HCC, difference) == text
+
+
+def test_minus_zero_is_written_as_zero() -> None:
+    assert fixed(-0.0001, 2) == "0.00"
+    assert fixed(-1.5, 1) == "\u22121.5"
+
+
+def test_counts_lists_and_sizes_read_like_a_sentence() -> None:
+    assert grouped(3181) == "3,181"
+    assert (counted(1, "entry", "entries"), counted(2, "entry", "entries")) == (
+        "1 entry",
+        "2 entries",
+    )
+    assert listed(["a", "b", "c"]) == "a, b and c"
+    assert [size_text(n) for n in (812, 41_233, 2_000_000)] == ["812 bytes", "41.2 kB", "2.0 MB"]
+
+
+def test_names_become_plain_addresses() -> None:
+    assert slug("ST-P3") == "st-p3"
+    assert slug("Møller–Ruiz <b>") == "m-ller-ruiz-b"
+    assert slug("車") == "entry"
+
+
+def test_moments_are_written_in_utc() -> None:
+    at = datetime(2026, 11, 1, 9, 5, tzinfo=UTC)
+    assert (day(at), minute(at)) == ("1 Nov 2026", "1 Nov 2026, 09:05 UTC")
+    assert short_digest("sha256:" + "ab" * 32) == "abababababab"
