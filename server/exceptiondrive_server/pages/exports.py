@@ -124,7 +124,8 @@ def comma_separated(board: Board, protocol: Protocol, site_url: str) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(
-        ["board", "published_at", "protocol", "split", "source", "rank", "rank_low", "rank_high"]
+        ["board", "published_at", "protocol", "protocol_digest", "split", "split_revision"]
+        + ["source", "rank", "rank_low", "rank_high"]
         + ["submission_id", "method", "team", "submitted_at", *keys]
         + [f"{key}_{end}" for key in keys for end in ("low", "high")]
         + [f"{first}.{family}" for family in families]
@@ -146,7 +147,9 @@ def _csv_line(
         board.board,
         iso(board.published_at),
         board.protocol.version,
+        board.protocol.digest,
         board.split.name,
+        board.split.revision,
         entry.source,
         entry.rank,
         *interval,
