@@ -18,7 +18,6 @@ from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_scoring.footprint import Footprints
 from exceptiondrive_scoring.grade import grade
-from exceptiondrive_scoring.heading import with_origin
 from exceptiondrive_scoring.measure import Measurements, measure
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_scoring.sheet import aggregate
@@ -60,7 +59,7 @@ def _real(name: str, protocol: Protocol) -> Workload:
 def _compare(title: str, workload: Workload, protocol: Protocol) -> None:
     pairs, split, geometry = workload.pairs, workload.split, protocol.geometry
     edited = np.nan_to_num(pairs.edited)
-    points, regions = with_origin(edited), split.prepared_regions
+    points, regions = np.insert(edited, 0, 0.0, axis=1), split.prepared_regions
     part = slice(0, NAIVE_SAMPLES)
     measured = measure(pairs, regions, geometry)
     jobs = {

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from shapely.geometry import MultiPoint, Polygon
+from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
 from exceptiondrive_schemas.protocol import GeometrySection
@@ -57,10 +57,7 @@ def naive_clearance_m(
     if geometry.collision_tube == "footprints":
         tube = unary_union(boxes)
     else:
-        pieces = []
-        for first, second in pairwise(boxes):
-            corners = [*first.exterior.coords, *second.exterior.coords]
-            pieces.append(MultiPoint(corners).convex_hull)
+        pieces = [MultiPolygon(pair).convex_hull for pair in pairwise(boxes)]
         tube = unary_union(pieces)
     hazard = Polygon(region)
     return 0.0 if tube.intersects(hazard) else float(tube.distance(hazard))

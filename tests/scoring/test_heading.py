@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from exceptiondrive_schemas.protocol import GeometrySection
-from exceptiondrive_scoring.heading import headings_rad, with_origin
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.heading import headings_rad
 
 CASES: dict[str, tuple[list[tuple[float, float]], list[float]]] = {
     "straight": ([(1, 0), (2, 0), (3, 0)], [0, 0, 0, 0]),
@@ -18,6 +19,10 @@ CASES: dict[str, tuple[list[tuple[float, float]], list[float]]] = {
     "a_right_angle_is_not_reversing": ([(0, 1), (-1, 1), (-1, 0)], [0, 90, 180, -90]),
     "forth_and_back": ([(2, 2), (0, 0), (2, 2)], [0, 45, 45, 45]),
 }
+
+
+def with_origin(waypoints: FloatArray) -> FloatArray:
+    return np.concatenate([np.zeros((len(waypoints), 1, 2)), waypoints], axis=1)
 
 
 @pytest.mark.parametrize("name", CASES)

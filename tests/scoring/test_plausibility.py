@@ -11,6 +11,7 @@ from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.measure import measure
 from exceptiondrive_scoring.motion import peak_acceleration_mps2, tightest_turn_m
 from exceptiondrive_scoring.plausibility import Plausibility, plausibility
+from exceptiondrive_scoring.positions import positions, steps
 
 STILL = np.zeros((6, 2))
 CRUISE = np.stack([3.0 * np.arange(1, 7), np.zeros(6)], axis=-1)
@@ -72,16 +73,18 @@ def test_missing_trajectories_are_in_no_share(protocol: Protocol) -> None:
 def test_acceleration_is_the_change_of_velocity_between_steps(protocol: Protocol) -> None:
     points = np.array([[[0, 0], [1, 0], [4, 0], [4, 4]]], dtype=float)
     # steps (1, 0) (3, 0) (0, 4) in 0.5 s: the largest change is (-3, 4), 5 / 0.25
-    assert peak_acceleration_mps2(points, protocol.geometry) == pytest.approx(20.0)
+    assert peak_acceleration_mps2(steps(positions(points)), protocol.geometry) == pytest.approx(
+        20.0
+    )
 
 
 def test_the_tightest_turn_is_the_circle_through_three_points(protocol: Protocol) -> None:
     angle = np.linspace(0, 1, 7)
     circle = 8.0 * np.stack([np.sin(angle), 1 - np.cos(angle)], axis=-1)[None]
-    assert tightest_turn_m(circle, protocol.geometry) == pytest.approx(8.0)
-    assert np.isinf(tightest_turn_m(CRUISE[None], protocol.geometry)).all()
+    assert tightest_turn_m(steps(positions(circle)), protocol.geometry) == pytest.approx(8.0)
+    assert np.isinf(tightest_turn_m(steps(positions(CRUISE[None])), protocol.geometry)).all()
     jitter = np.array([[[0, 0], [0.05, 0], [0.05, 0.05], [0, 0.05]]])
-    assert np.isinf(tightest_turn_m(jitter, protocol.geometry)).all()
+    assert np.isinf(tightest_turn_m(steps(positions(jitter)), protocol.geometry)).all()
 
 
 def test_real_planners_are_not_called_impossible(

@@ -1,12 +1,16 @@
 """Exact distance between hull(A, B), A and B two footprints, and a convex region piece.
 
 The hull is never built. Each edge of hull(A, B) is covered by edges of A, edges of B and *links*
-from a corner of A to a corner of B, and all of these lie inside the hull. So testing all of them
+from a corner of A to a corner of B, and all of these lie inside the hull. So looking at all of them
 in place of the true boundary is exact: what lies inside the hull is never nearer than the hull.
 
 * Two disjoint convex polygons are as far apart as the nearest pair (vertex of one, edge of other).
 * They are disjoint exactly if the normal of some edge of one of them separates them. The hull's
   extent along a normal is the larger of A's and B's, and a rectangle's extent has a closed form.
+
+Four things are looked at, each for a separating gap and for a least distance: rectangle A and
+rectangle B, in their own frames, where distance and extent are a few comparisons; the links; and
+the edges of the region piece.
 
 Of the 16 links 8 suffice. A link is an edge of the hull only if both its corners are outermost in
 one direction, and a rectangle's corner is outermost in one quadrant of directions. Turn B by an
@@ -20,12 +24,12 @@ from typing import NamedTuple
 import numpy as np
 
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.footprint import Footprints
+from exceptiondrive_scoring.footprint import Extent, Footprints
 
 SHORTEST_EDGE_M = 1e-15
-EDGE_START = np.array([0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 1, 2, 3, 0])
-EDGE_END = np.array([1, 2, 3, 0, 5, 6, 7, 4, 4, 5, 6, 7, 4, 5, 6, 7])
-"""Corners 0..3 of A and 4..7 of B: four edges of A, four of B, links j-j and (j + 1)-j."""
+LINK_START = np.array([0, 1, 2, 3, 1, 2, 3, 0])
+LINK_END = np.array([4, 5, 6, 7, 4, 5, 6, 7])
+"""Corners 0..3 of A and 4..7 of B: links j-j and (j + 1)-j."""
 
 
 class _Points(NamedTuple):
@@ -39,6 +43,13 @@ class _Edges(NamedTuple):
     start: _Points
     along: _Points
     length: FloatArray
+
+
+class _Seen(NamedTuple):
+    """Widest separating gap, not positive if none, and least square distance; each (column,)."""
+
+    gap: FloatArray
+    square: FloatArray
 
 
 def hull_distance_m(
@@ -57,10 +68,47 @@ def hull_distance_m(
     """
     region = _Points(region_x_m, region_y_m)
     hull = _corners_paired_by_quadrant(a, b)
-    hull_gap, hull_square = _hull_edges_against_region(a, b, hull, region)
-    region_gap, region_square = _region_edges_against_hull(region, hull)
-    distance = np.sqrt(np.minimum(hull_square, region_square))
-    return np.where(np.maximum(hull_gap, region_gap) > 0, distance, 0.0)
+    of_a = _rectangle_against_region(a, b, region)
+    of_b = _rectangle_against_region(b, a, region)
+    of_links = _links_against_region(a, b, hull, region)
+    of_region = _region_edges_against_hull(region, hull)
+    gaps, squares = zip(of_a, of_b, of_links, of_region, strict=True)
+    distance = np.sqrt(np.minimum.reduce(squares))
+    return np.where(np.maximum.reduce(gaps) > 0, distance, 0.0)
+
+
+def gap_along_axes(
+    ahead: FloatArray, left: FloatArray, extent: Extent
+) -> tuple[FloatArray, FloatArray]:
+    """Gaps, ahead and left, between points (..., 4, n) and an extent; negative where they meet."""
+    return (
+        np.maximum(ahead.min(axis=-2) - extent.high_x, extent.low_x - ahead.max(axis=-2)),
+        np.maximum(left.min(axis=-2) - extent.high_y, extent.low_y - left.max(axis=-2)),
+    )
+
+
+def _rectangle_against_region(box: Footprints, other: Footprints, region: _Points) -> _Seen:
+    ahead, left = box.local(region.x, region.y)
+    gap = np.maximum(*gap_along_axes(ahead, left, box.extent_with(other)))
+    return _Seen(gap, box.square_outside(ahead, left).min(axis=0))
+
+
+def _links_against_region(a: Footprints, b: Footprints, hull: _Points, region: _Points) -> _Seen:
+    start = _Points(hull.x.take(LINK_START, 0), hull.y.take(LINK_START, 0))
+    end = _Points(hull.x.take(LINK_END, 0), hull.y.take(LINK_END, 0))
+    links = _edges(start, end)
+    left = _left_of(links.along, region)
+    low, high = _extent_left_of(links.along, a, b)
+    gap = np.maximum(left.min(axis=1) - high, low - left.max(axis=1)).max(axis=0)
+    return _Seen(gap, _square_distances(links, left, region).min(axis=(0, 1)))
+
+
+def _region_edges_against_hull(region: _Points, hull: _Points) -> _Seen:
+    edges = _edges(region, _Points(np.roll(region.x, -1, axis=0), np.roll(region.y, -1, axis=0)))
+    left = _left_of(edges.along, hull)
+    right_of_region = _left_of_start(edges) - left.max(axis=1)
+    gap = np.where(edges.length < SHORTEST_EDGE_M, -np.inf, right_of_region).max(axis=0)
+    return _Seen(gap, _square_distances(edges, left, hull).min(axis=(0, 1)))
 
 
 def _corners_paired_by_quadrant(a: Footprints, b: Footprints) -> _Points:
@@ -84,31 +132,10 @@ def _edges(start: _Points, end: _Points) -> _Edges:
     return _Edges(start, _Points(np.where(is_point, 1.0, x * inverse), y * inverse), length)
 
 
-def _hull_edges_against_region(
-    a: Footprints, b: Footprints, hull: _Points, region: _Points
-) -> tuple[FloatArray, FloatArray]:
-    """Widest separating gap, and least square distance (region corner, hull edge)."""
-    start = _Points(hull.x.take(EDGE_START, 0), hull.y.take(EDGE_START, 0))
-    end = _Points(hull.x.take(EDGE_END, 0), hull.y.take(EDGE_END, 0))
-    edges = _edges(start, end)
-    left = _left_of(edges.along, region)
-    low, high = _extent_left_of(edges.along, a, b)
-    gap = np.maximum(left.min(axis=1) - high, low - left.max(axis=1)).max(axis=0)
-    return gap, _square_distances(edges, left, region).min(axis=(0, 1))
-
-
-def _region_edges_against_hull(region: _Points, hull: _Points) -> tuple[FloatArray, FloatArray]:
-    """Widest separating gap, and least square distance (hull corner, region edge)."""
-    edges = _edges(region, _Points(np.roll(region.x, -1, axis=0), np.roll(region.y, -1, axis=0)))
-    left = _left_of(edges.along, hull)
-    right_of_region = _left_of_start(edges) - left.max(axis=1)
-    gap = np.where(edges.length < SHORTEST_EDGE_M, -np.inf, right_of_region).max(axis=0)
-    return gap, _square_distances(edges, left, hull).min(axis=(0, 1))
-
-
 def _left_of(along: _Points, points: _Points) -> FloatArray:
     """Coordinate of every point along every edge's left normal, (edge, point, column)."""
-    left: FloatArray = along.x[:, None] * points.y - along.y[:, None] * points.x
+    left: FloatArray = along.x[:, None] * points.y
+    left -= along.y[:, None] * points.x
     return left
 
 
@@ -119,8 +146,8 @@ def _left_of_start(edges: _Edges) -> FloatArray:
 
 def _extent_left_of(along: _Points, a: Footprints, b: Footprints) -> tuple[FloatArray, FloatArray]:
     """Extent of hull(A, B) along every edge's left normal: two (edge, column) arrays."""
-    lows, highs = zip(*(_rectangle_extent(along, rectangle) for rectangle in (a, b)), strict=True)
-    return np.minimum(*lows), np.maximum(*highs)
+    (a_low, a_high), (b_low, b_high) = (_rectangle_extent(along, box) for box in (a, b))
+    return np.minimum(a_low, b_low), np.maximum(a_high, b_high)
 
 
 def _rectangle_extent(along: _Points, box: Footprints) -> tuple[FloatArray, FloatArray]:

@@ -1,8 +1,7 @@
 """Heading of the vehicle at every time step (PROTOCOL.md section 2).
 
-Trajectories are held time-major, `(T + 1, N)`, so that every step of a recursion over time is one
-operation on contiguous samples. A heading is held as its unit vector: the rules need only dot
-products, and no angle is ever wrapped.
+A heading is held as its unit vector: the rules need only dot products, and no angle is ever
+wrapped.
 """
 
 import math
@@ -10,50 +9,44 @@ import math
 import numpy as np
 
 from exceptiondrive_schemas.protocol import GeometrySection
-from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray
+from exceptiondrive_scoring.positions import Steps, positions, steps
 
 ANGLE_ROUNDING = 1e-12
 """A right angle is not an obtuse one because of the last bits of a dot product."""
 
 
-def with_origin(waypoints_m: FloatArray) -> FloatArray:
-    """Put (0, 0) in front of submitted waypoints: (N, T, 2) -> (N, T + 1, 2)."""
-    n_samples, n_waypoints, _ = waypoints_m.shape
-    points_m = np.zeros((n_samples, n_waypoints + 1, 2))
-    points_m[:, 1:] = waypoints_m
-    return points_m
-
-
-def heading_vectors(
-    x_m: FloatArray, y_m: FloatArray, geometry: GeometrySection
-) -> tuple[FloatArray, FloatArray]:
+def heading_vectors(moves: Steps, geometry: GeometrySection) -> tuple[FloatArray, FloatArray]:
     """Cosine and sine of the heading at every time step.
 
     The heading starts at 0, follows each step, is kept over a step that is too short, and is turned
     by pi where the step points backwards: the car is reversing.
 
     Args:
-        x_m: (T + 1, N) longitudinal positions.
-        y_m: (T + 1, N) lateral positions.
+        moves: Steps of N trajectories.
         geometry: Hold length and reversing angle.
 
     Returns:
         Two (T + 1, N) arrays.
     """
-    step_x, step_y = np.diff(x_m, axis=0), np.diff(y_m, axis=0)
-    length = np.hypot(step_x, step_y)
-    moved = length > geometry.heading_hold_m + geometry.heading_hold_tolerance_m
+    n_steps, n_samples = moves.length_m.shape
+    moved = has_heading(moves, geometry)
     reversing_below = math.cos(math.radians(geometry.reverse_above_deg)) - ANGLE_ROUNDING
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=moved)
-    step_x *= scale
-    step_y *= scale
-    cos, sin = np.ones_like(x_m), np.zeros_like(x_m)
+    scale = np.divide(1.0, moves.length_m, out=np.zeros_like(moves.length_m), where=moved)
+    along_x, along_y = moves.x_m * scale, moves.y_m * scale
+    cos, sin = np.ones((n_steps + 1, n_samples)), np.zeros((n_steps + 1, n_samples))
     for t, is_moving in enumerate(moved):
-        forward = step_x[t] * cos[t] + step_y[t] * sin[t]
+        forward = along_x[t] * cos[t] + along_y[t] * sin[t]
         sign = np.where(forward < reversing_below, -1.0, 1.0)
-        cos[t + 1] = np.where(is_moving, sign * step_x[t], cos[t])
-        sin[t + 1] = np.where(is_moving, sign * step_y[t], sin[t])
+        cos[t + 1] = np.where(is_moving, sign * along_x[t], cos[t])
+        sin[t + 1] = np.where(is_moving, sign * along_y[t], sin[t])
     return cos, sin
+
+
+def has_heading(moves: Steps, geometry: GeometrySection) -> BoolArray:
+    """Whether each step is long enough to tell where the car points, (T, N)."""
+    longer: BoolArray = moves.length_m > geometry.heading_hold_m + geometry.heading_hold_tolerance_m
+    return longer
 
 
 def headings_rad(points_m: FloatArray, geometry: GeometrySection) -> FloatArray:
@@ -66,6 +59,6 @@ def headings_rad(points_m: FloatArray, geometry: GeometrySection) -> FloatArray:
     Returns:
         (N, T + 1).
     """
-    cos, sin = heading_vectors(points_m[..., 0].T, points_m[..., 1].T, geometry)
+    cos, sin = heading_vectors(steps(positions(points_m)), geometry)
     headings: FloatArray = np.arctan2(sin, cos).T
     return headings

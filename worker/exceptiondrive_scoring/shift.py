@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.arrays import TrajectoryPairs
+from exceptiondrive_scoring.positions import Positions
 
 
 class Shift(NamedTuple):
@@ -16,17 +16,10 @@ class Shift(NamedTuple):
     y_m: FloatArray
 
 
-def shift(pairs: TrajectoryPairs) -> Shift:
-    """Mean distance of edited and source waypoints, and its two components.
+def shift(source: Positions, edited: Positions) -> Shift:
+    """Mean distance of edited and source positions, and its two components.
 
-    The origin counts as a point with shift 0, so the sums run over T points and are divided by
-    T + 1. Missing trajectories are NaN and stay so.
+    The origin counts as a point, with shift 0. Missing trajectories are NaN and stay so.
     """
-    # (T, N): sums over time then run along contiguous samples
-    x = np.abs(pairs.edited[..., 0].T - pairs.source[..., 0].T)
-    y = np.abs(pairs.edited[..., 1].T - pairs.source[..., 1].T)
-    n_points = pairs.edited.shape[1] + 1
-    both = pairs.source_given & pairs.edited_given
-    distance = np.sqrt(x * x + y * y)
-    means = (np.where(both, part.sum(axis=0) / n_points, np.nan) for part in (distance, x, y))
-    return Shift(*means)
+    x, y = np.abs(edited.x_m - source.x_m), np.abs(edited.y_m - source.y_m)
+    return Shift(*(part.mean(axis=0) for part in (np.sqrt(x * x + y * y), x, y)))
