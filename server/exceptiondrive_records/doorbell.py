@@ -28,7 +28,7 @@ class Doorbell:
         self._app = Celery("exceptiondrive-doorbell", broker=broker_url, set_as_current=False)
         options = transport_options(socket_timeout_s=SOCKET_TIMEOUT_S)
         self._app.conf.update(
-            broker_transport_options={**options, "retry_on_timeout": False},
+            broker_transport_options={**options, "retry_on_timeout": False, "max_retries": 0},
             task_serializer="json",
             task_ignore_result=True,
             task_queues=lane_queues(),

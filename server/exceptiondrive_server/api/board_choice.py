@@ -1,10 +1,11 @@
 """Which board is asked for: of a phase, under a protocol, of a date; else the current one."""
 
+import re
 from datetime import UTC, date, datetime, time
 from typing import Annotated
 
 from fastapi import Depends, Query
-from pydantic import BaseModel
+from pydantic import BaseModel, BeforeValidator
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards import board_at, current_board, latest_board
@@ -20,6 +21,24 @@ SORTS = tuple(
     for challenge in CHALLENGES.values()
     for key in challenge.metric_keys
 )
+
+
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
+
+
+def _date_or_time(value: object) -> object:
+    """Keep a bare date a date: pydantic would take it for its own midnight, or a number for one."""
+    if not isinstance(value, str):
+        return value
+    if _DATE.match(value) is None:
+        raise ValueError("must be a date or time such as 2026-11-21 or 2026-11-21T12:00:00Z")
+    try:
+        return date.fromisoformat(value)
+    except ValueError:
+        return value
+
+
+Moment = Annotated[datetime | date, BeforeValidator(_date_or_time)]
 
 
 class BoardChoice(BaseModel):
@@ -41,7 +60,7 @@ def board_choice(
         str | None, Query(max_length=100, description="version or digest; else the one in force")
     ] = None,
     as_of: Annotated[
-        datetime | date | None,
+        Moment | None,
         Query(description="the board that was current then; of a date, at its end (UTC)"),
     ] = None,
     sort: Annotated[

@@ -1,0 +1,297 @@
+"""The real application over a real, migrated database and a real file store.
+
+No broker answers at the address given: uploads must be accepted all the same.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+import structlog
+from fastapi import FastAPI
+from starlette.testclient import TestClient
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.boards import claim_board, publish_board
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.phases import create_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.splits import register_split
+from exceptiondrive_records.tables import BoardRow, Job
+from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
+from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Coverage,
+    Plausibility,
+    ProtocolRef,
+    ScoreSheet,
+)
+from exceptiondrive_schemas.split import Manifest, SplitRef
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.services import Services
+from exceptiondrive_server.settings import ServerSettings
+
+PROTOCOL = packaged_protocol()
+REVISION = "sha256:" + "5" * 64
+PREFIX = "/api/v1"
+MAX_UPLOAD_BYTES = 64 * 1024
+METRICS: dict[str, float | None] = {
+    "hcc": 0.5,
+    "ur": 0.25,
+    "hpr": 0.4,
+    "cts": 1.5,
+    "cts_x": 1.0,
+    "cts_y": None,
+}
+
+
+def manifest(name: str = "sample", revision: str = REVISION) -> Manifest:
+    return Manifest(
+        schema_="exceptiondrive.manifest/1",
+        name=name,
+        title="Sample",
+        revision=revision,
+        waypoints=6,
+        time_step_s=0.5,
+        sample_ids=("s1", "s2", "s3"),
+    )
+
+
+def entry(
+    method: str,
+    *,
+    source: EntrySource = "scored",
+    rank: int | None = 1,
+    submission_id: str | None = None,
+    team: str = "Alpha",
+    **metrics: float | None,
+) -> BoardEntry:
+    row = {**METRICS, **metrics}
+    return BoardEntry(
+        source=source,
+        rank=rank,
+        rank_interval=None if rank is None else (rank, rank),
+        submission_id=submission_id,
+        method=method,
+        team=team,
+        submitted_at=datetime(2026, 11, 20, tzinfo=UTC),
+        metrics=row,
+        micro=row,
+        macro_family=row,
+        intervals={"hcc": (0.4, 0.6)},
+        families={},
+    )
+
+
+def sheet(hcc: float = 0.5) -> ScoreSheet:
+    row = {**METRICS, "hcc": hcc}
+    return ScoreSheet(
+        challenge="planning",
+        protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
+        split=SplitRef(name="sample", revision=REVISION),
+        scorer_version="1",
+        n=3,
+        coverage=Coverage(edited=1.0, source=1.0),
+        micro=row,
+        macro_family=row,
+        families={"sudden_emergence": BreakdownRow.of(3, row)},
+        tasks={},
+        plausibility=Plausibility(shares={"blind": 0.0}),
+    )
+
+
+@dataclass
+class Api:
+    """The application, its database, and a token for each kind of asker."""
+
+    app: FastAPI
+    client: TestClient
+    tokens: dict[str, str] = field(default_factory=dict)
+    team_ids: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def services(self) -> Services:
+        services: Services = self.app.state.services
+        return services
+
+    @property
+    def database(self) -> Database:
+        return self.services.database
+
+    def headers(self, who: str | None) -> dict[str, str]:
+        return {} if who is None else {"Authorization": f"Bearer {self.tokens[who]}"}
+
+    def get(self, path: str, who: str | None = None, **more: Any) -> Any:
+        return self.request("GET", path, who, **more)
+
+    def post(self, path: str, who: str | None = None, **more: Any) -> Any:
+        return self.request("POST", path, who, **more)
+
+    def request(self, method: str, path: str, who: str | None = None, **more: Any) -> Any:
+        """Send a request below /api/v1, or to a whole path such as /healthz."""
+        whole = path if path.startswith(("/healthz", "/readyz", "/metrics")) else PREFIX + path
+        headers = {**self.headers(who), **more.pop("headers", {})}
+        return self.client.request(method, whole, headers=headers, **more)
+
+    def submit(self, content: bytes | str, who: str | None = "alpha", **fields: Any) -> Any:
+        """Upload; keywords replace form fields, None leaves one out."""
+        data = content.encode() if isinstance(content, str) else content
+        form = {"phase": "dev", "method": "Planner", **fields}
+        return self.post(
+            "/submissions",
+            who,
+            data={key: value for key, value in form.items() if value is not None},
+            files={"file": ("planner.json", data)},
+        )
+
+    def phase(self, phase_id: str, **more: Any) -> None:
+        given = {"challenge": "planning", "title": phase_id, "split_name": "sample", **more}
+        with self.database.write() as session:
+            create_phase(session, phase_id, protocol="1.0", actor="test", **given)
+
+    def score(self, submission_id: str, hcc: float = 0.5) -> None:
+        """Do what a worker does when it has scored."""
+        with self.database.write() as session:
+            job = session.query(Job).filter_by(submission_id=submission_id).one()
+            claim = jobs.claim(session, job.id, 120, 4)
+        assert claim is not None
+        with self.database.write() as session:
+            jobs.finish_scored(
+                session,
+                claim,
+                sheet(hcc),
+                exact_digest="sha256:exact",
+                measurement_key="m",
+                scorer_version="1",
+            )
+
+    def publish(self, *entries: BoardEntry, phase: str = "dev") -> BoardRow:
+        """Do what a worker does when it has built a board."""
+        with self.database.write() as session:
+            want_board(session, phase, PROTOCOL.digest)
+        board = Board(
+            challenge="planning",
+            phase=phase,
+            split=SplitRef(name="sample", revision=REVISION),
+            protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
+            headline="macro_family",
+            board=0,
+            published_at=datetime(2026, 11, 21, tzinfo=UTC),
+            n_samples=3,
+            confidence=0.95,
+            families=(FamilyHead(id="sudden_emergence", title="Sudden Emergence", n=3),),
+            entries=entries,
+        )
+        with self.database.write() as session:
+            claim = claim_board(session, phase, PROTOCOL.digest, 30)
+            assert claim is not None
+            row = publish_board(session, claim, board)
+        assert row is not None
+        return row
+
+
+def _populate(api: Api) -> None:
+    with api.database.write() as session:
+        add_protocol(session, packaged_protocol_toml(), "test")
+        register_split(session, manifest(), {"sudden_emergence": 3}, "test")
+        for slug in ("alpha", "beta"):
+            team = create_team(session, slug, slug.title(), actor="test")
+            api.team_ids[slug] = team.id
+            api.tokens[slug], _ = issue_token(session, team.id, "laptop", actor="test")
+        api.tokens["organizer"], _ = issue_token(
+            session, None, "organizer", ORGANIZER_SCOPES, actor="test"
+        )
+    api.phase("dev", quota_per_day=5)
+
+
+@pytest.fixture
+def make_api(tmp_path: Path) -> Iterator[Callable[..., Api]]:
+    """Makes the application over a database address; keywords are settings."""
+    with ExitStack() as stack:
+
+        def make(url: str, **settings: Any) -> Api:
+            given = {
+                "broker_url": f"redis+socket://{tmp_path}/nobody.sock",
+                "file_store_url": (tmp_path / "uploads").as_uri(),
+                "max_upload_bytes": MAX_UPLOAD_BYTES,
+                "events_every_s": 0.01,
+                **settings,
+            }
+            app = create_app(ServerSettings(database_url=url, **given))
+            client = TestClient(app, raise_server_exceptions=False, base_url="http://server.test")
+            stack.callback(app.state.services.close)
+            api = Api(app, client)
+            _populate(api)
+            return api
+
+        yield make
+
+
+@pytest.fixture
+def api(make_api: Callable[..., Api], sqlite_url: str) -> Api:
+    """The application on SQLite."""
+    return make_api(sqlite_url)
+
+
+@pytest.fixture
+def api_on_both(make_api: Callable[..., Api], database_url: str) -> Api:
+    """The application on SQLite, then on PostgreSQL."""
+    return make_api(database_url)
+
+
+@pytest.fixture
+def as_problem() -> Callable[[Any, int, str], dict[str, Any]]:
+    """Checks that an answer is a problem of a status and code, and returns it."""
+
+    def check(response: Any, status: int, code: str) -> dict[str, Any]:
+        assert response.status_code == status, response.text
+        assert response.headers["content-type"] == "application/problem+json"
+        problem: dict[str, Any] = response.json()
+        assert (problem["status"], problem["code"]) == (status, code)
+        assert problem["type"] == f"/problems/{code}"
+        assert problem["request_id"] == response.headers["x-request-id"]
+        return problem
+
+    return check
+
+
+@pytest.fixture
+def make_entry() -> Callable[..., BoardEntry]:
+    """Makes a board entry; keywords replace fields and metrics."""
+    return entry
+
+
+@pytest.fixture
+def digest_of() -> Callable[[bytes], str]:
+    """The name of a stored file."""
+    return lambda data: "sha256:" + hashlib.sha256(data).hexdigest()
+
+
+@pytest.fixture
+def split_document() -> bytes:
+    """A small development split."""
+    sample = {
+        "sample_id": "s1",
+        "scene_id": "scene-1",
+        "task": "SE1",
+        "region": [[20.0, -1.0], [22.0, -1.0], [22.0, 1.0], [20.0, 1.0]],
+    }
+    document = {"schema": "exceptiondrive.split/1", "name": "sample", "title": "S"}
+    return json.dumps({**document, "samples": [sample]}).encode()
+
+
+@pytest.fixture(autouse=True)
+def logs() -> Iterator[list[Any]]:
+    """What was logged; nothing of it is printed."""
+    with structlog.testing.capture_logs() as captured:
+        yield captured

@@ -1,0 +1,202 @@
+"""GET /leaderboard, /leaderboard.csv and /boards/{phase}/{number}."""
+
+import csv
+import hashlib
+import io
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive_schemas.board import Board, BoardEntry
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+Problem = Callable[[Any, int, str], dict[str, Any]]
+MakeEntry = Callable[..., BoardEntry]
+
+
+@pytest.fixture
+def lively(api: "Api", make_entry: MakeEntry) -> "Api":
+    """A board of four scored entries, one without a score, a reference and a reported row."""
+    api.publish(
+        make_entry("first", rank=1, hcc=0.9, ur=0.3, submission_id="a"),
+        make_entry("second", rank=2, hcc=0.5, ur=0.1, submission_id="b"),
+        make_entry("third", rank=3, hcc=0.4, ur=0.2, submission_id="c"),
+        make_entry("no score", rank=None, hcc=None, ur=None, submission_id="d"),
+        make_entry("FREEZE", source="reference", rank=None, hcc=1.0, ur=0.0),
+        make_entry("ST-P3", source="reported", rank=None, hcc=0.21, ur=0.78),
+    )
+    return api
+
+
+def methods(response: Any) -> list[str]:
+    assert response.status_code == 200, response.text
+    return [row.method for row in Board.model_validate_json(response.content).entries]
+
+
+def test_the_board_is_the_stored_bytes(api_on_both: "Api", make_entry: MakeEntry) -> None:
+    row = api_on_both.publish(make_entry("one", submission_id="a"))
+    response = api_on_both.get("/leaderboard?challenge=planning")
+    assert response.content == row.body.encode()
+    assert response.headers["content-type"] == "application/json"
+    assert response.headers["etag"] == f'"{row.body_digest.removeprefix("sha256:")}"'
+
+
+def test_the_strong_etag_is_the_digest_of_the_bytes(lively: "Api") -> None:
+    response = lively.get("/leaderboard?phase=dev")
+    assert response.headers["etag"] == f'"{hashlib.sha256(response.content).hexdigest()}"'
+    assert response.headers["cache-control"].startswith("public, max-age=")
+    assert "stale-while-revalidate" in response.headers["cache-control"]
+
+
+@pytest.mark.parametrize("query", ["", "&sort=ur", "&protocol=1.0"])
+@pytest.mark.parametrize("path", ["/leaderboard", "/leaderboard.csv"])
+def test_an_unchanged_board_is_304_without_a_body(lively: "Api", path: str, query: str) -> None:
+    address = f"{path}?phase=dev{query}"
+    etag = lively.get(address).headers["etag"]
+    for asked in (etag, f'"other", {etag}', f"W/{etag}", "*"):
+        response = lively.get(address, headers={"If-None-Match": asked})
+        assert (response.status_code, response.content) == (304, b"")
+        assert response.headers["etag"] == etag
+
+
+def test_a_changed_board_is_sent_whole(lively: "Api", make_entry: MakeEntry) -> None:
+    before = lively.get("/leaderboard?phase=dev").headers["etag"]
+    lively.publish(make_entry("new"))
+    response = lively.get("/leaderboard?phase=dev", headers={"If-None-Match": before})
+    assert methods(response) == ["new"]
+    assert response.headers["etag"] != before
+
+
+@pytest.mark.parametrize(
+    ("sort", "order"),
+    [
+        ("ur", ["second", "third", "first", "no score"]),
+        ("-ur", ["first", "third", "second", "no score"]),
+        ("-hcc", ["first", "second", "third", "no score"]),
+        ("hcc", ["third", "second", "first", "no score"]),
+    ],
+)
+def test_sorting_keeps_ranks_and_puts_no_value_last(
+    lively: "Api", sort: str, order: list[str]
+) -> None:
+    response = lively.get(f"/leaderboard?phase=dev&sort={sort}")
+    assert methods(response) == [*order, "FREEZE", "ST-P3"]
+    ranks = {row["method"]: row["rank"] for row in response.json()["entries"]}
+    assert [ranks[name] for name in ("first", "second", "third", "no score")] == [1, 2, 3, None]
+
+
+@pytest.mark.parametrize("sort", ["method", "accuracy", "--ur", "ur;drop", "", "-", "__class__"])
+def test_only_metrics_of_the_challenge_sort(lively: "Api", as_problem: Problem, sort: str) -> None:
+    problem = as_problem(lively.get(f"/leaderboard?phase=dev&sort={sort}"), 400, "bad_request")
+    assert "sort" in problem["fields"]
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "phase=nowhere",
+        "phase=dev&challenge=strategy",
+        "challenge=strategy",
+        "phase=dev&protocol=9.9",
+        "phase=dev&as_of=2001-01-01",
+    ],
+)
+def test_an_unknown_board_is_404(lively: "Api", as_problem: Problem, query: str) -> None:
+    as_problem(lively.get(f"/leaderboard?{query}"), 404, "not_found")
+    as_problem(lively.get(f"/leaderboard.csv?{query}"), 404, "not_found")
+
+
+def test_a_phase_without_a_board_yet_is_404(api: "Api", as_problem: Problem) -> None:
+    as_problem(api.get("/leaderboard?phase=dev"), 404, "not_found")
+
+
+def test_as_of_gives_the_board_that_was_current_then(lively: "Api", make_entry: MakeEntry) -> None:
+    between = datetime.now(UTC)
+    lively.publish(make_entry("later"))
+    today = between.date()
+    assert methods(lively.get("/leaderboard", params={"as_of": between.isoformat()}))[0] == "first"
+    assert methods(lively.get(f"/leaderboard?as_of={today + timedelta(days=1)}")) == ["later"]
+
+
+def test_as_of_a_date_means_its_end(lively: "Api") -> None:
+    today = datetime.now(UTC).date()
+    assert methods(lively.get(f"/leaderboard?as_of={today}"))[0] == "first"
+
+
+@pytest.mark.parametrize("as_of", ["9999-12-31", "0001-01-01", "9999-12-31T23:59:59+00:00"])
+def test_the_ends_of_the_calendar_are_dates_too(api_on_both: "Api", as_of: str) -> None:
+    response = api_on_both.get("/leaderboard", params={"phase": "dev", "as_of": as_of})
+    assert response.status_code == 404
+
+
+@pytest.mark.parametrize("as_of", ["yesterday", "2026-13-01", "2026-11-21;"])
+def test_a_date_that_is_none_is_named(lively: "Api", as_problem: Problem, as_of: str) -> None:
+    problem = as_problem(lively.get(f"/leaderboard?as_of={as_of}"), 400, "bad_request")
+    assert all(name.startswith("as_of") for name in problem["fields"])
+    assert as_of not in problem["detail"]
+
+
+def test_a_date_and_a_protocol_together_are_refused(lively: "Api", as_problem: Problem) -> None:
+    response = lively.get("/leaderboard?as_of=2026-11-21&protocol=1.0")
+    as_problem(response, 400, "bad_request")
+
+
+def test_every_board_keeps_its_address(
+    lively: "Api", make_entry: MakeEntry, as_problem: Problem
+) -> None:
+    body = lively.get("/boards/dev/1").content
+    lively.publish(make_entry("later"))
+    response = lively.get("/boards/dev/1")
+    assert response.content == body
+    assert "immutable" in response.headers["cache-control"]
+    assert methods(lively.get("/boards/dev/2")) == ["later"]
+    as_problem(lively.get("/boards/dev/3"), 404, "not_found")
+    as_problem(lively.get("/boards/nowhere/1"), 404, "not_found")
+    as_problem(lively.get("/boards/dev/0"), 400, "bad_request")
+
+
+def test_html_in_a_method_name_is_data(api: "Api", make_entry: MakeEntry) -> None:
+    api.publish(make_entry("<script>alert(1)</script>", submission_id="a"))
+    response = api.get("/leaderboard?phase=dev")
+    assert response.headers["content-type"] == "application/json"
+    assert response.headers["x-content-type-options"] == "nosniff"
+    assert response.json()["entries"][0]["method"] == "<script>alert(1)</script>"
+
+
+def rows_of(response: Any) -> list[dict[str, str]]:
+    assert response.headers["content-type"] == "text/csv; charset=utf-8"
+    return list(csv.DictReader(io.StringIO(response.text)))
+
+
+@pytest.mark.parametrize("name", ["=cmd|'/C calc'!A0", "+1", "-1+1", "@SUM(A1)", "=HYPERLINK(1)"])
+def test_a_formula_as_a_name_is_text_in_csv(api: "Api", make_entry: MakeEntry, name: str) -> None:
+    api.publish(make_entry(name, team=name))
+    row = rows_of(api.get("/leaderboard.csv?phase=dev"))[0]
+    assert row["method"] == row["team"] == "'" + name
+
+
+def test_csv_names_protocol_and_split_by_digest(lively: "Api") -> None:
+    rows = rows_of(lively.get("/leaderboard.csv?phase=dev&sort=ur"))
+    board = lively.get("/leaderboard?phase=dev").json()
+    assert [row["method"] for row in rows][:2] == ["second", "third"]
+    for row in rows:
+        assert row["protocol"] == "1.0"
+        assert row["protocol_digest"] == board["protocol"]["digest"]
+        assert row["split_revision"] == board["split"]["revision"]
+    assert rows[0]["hcc"] == "0.5"
+    assert rows[0]["cts_y"] == ""
+
+
+def test_head_gives_the_headers_of_get_without_the_body(lively: "Api") -> None:
+    got, head = (lively.request(method, "/leaderboard") for method in ("GET", "HEAD"))
+    assert (head.status_code, head.content) == (200, b"")
+    for name in ("etag", "content-length", "content-type"):
+        assert head.headers[name] == got.headers[name]
+
+
+def test_post_on_a_board_is_405(lively: "Api", as_problem: Problem) -> None:
+    as_problem(lively.post("/leaderboard", "alpha"), 405, "method_not_allowed")
