@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
 from exceptiondrive_server.pages.board_view import BoardView, board_view
@@ -65,6 +65,11 @@ class BoardPage:
     clear_url: str
     notice: Notice | None
     submit_command: str
+
+    @property
+    def is_strategy(self) -> bool:
+        """Whether this is the strategy challenge."""
+        return self.phase is not None and self.phase.challenge_title == STRATEGY.title
 
     @property
     def submit_command_wrapped(self) -> tuple[str, str]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.score_sheet import Interval
 from exceptiondrive_server.pages.board_query import Average
 from exceptiondrive_server.pages.entry_facts import (
@@ -121,11 +122,16 @@ def ceiling_chart(
         ceiling_label=words,
         points=points,
         labels=_labels(marks, x_scale, y_scale, ends, words),
-        x_title=f"{second.title}, {second.label} %",
-        y_title=f"{first.title}, {first.label} %",
+        x_title=_axis_title(second),
+        y_title=_axis_title(first),
         outside=tuple(f"{m.entry.method} ({m.y:.2f} at {m.x:.2f})" for m in outside),
         description=_description(marks, first.label, second.label),
     )
+
+
+def _axis_title(metric: Metric) -> str:
+    """The title with its abbreviation, where the label is one."""
+    return f"{metric.title}, {metric.label} %" if metric.label.isupper() else f"{metric.title}, %"
 
 
 def _marks(board: Board, entries: Sequence[BoardEntry], average: Average) -> list[_Mark]:

@@ -4,12 +4,14 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_server.pages.badge import badge_of
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.compare_page import compare_page
 from exceptiondrive_server.pages.entry_page import entry_page
 from exceptiondrive_server.pages.entry_readings import read_entry
 from exceptiondrive_server.pages.readings import read_board
-from exceptiondrive_server.pages.responses import page, refused
+from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, refused
+from exceptiondrive_server.pages.templating import render
 
 router = APIRouter(include_in_schema=False)
 
@@ -24,6 +26,20 @@ def show_entry(request: Request, key: str) -> Response:
     except RecordsError as error:
         return refused(request, error)
     return page(request, "entry.html", "board", page=entry_page(reading))
+
+
+@router.get("/badges/{key}.svg")
+def show_badge(request: Request, key: str) -> Response:
+    """Give the badge of an entry as it stands now."""
+    query = BoardQuery.parse(request.query_params.multi_items())
+    try:
+        with request.app.state.services.database.read() as session:
+            reading = read_entry(session, key, query)
+    except RecordsError as error:
+        return refused(request, error)
+    body = render("badge.svg", badge=badge_of(reading))
+    headers = {**SECURITY_HEADERS, "Cache-Control": "public, max-age=300"}
+    return Response(body, media_type="image/svg+xml", headers=headers)
 
 
 @router.get("/compare")

@@ -165,6 +165,11 @@ def _finding(challenge: Challenge, entries: Sequence[BoardEntry], of: str, digit
     low = digits.fraction(safest.metrics[second.key] or 0.0)
     who = best.method if best is safest else f"{best.method} and {safest.method}"
     verb = "reaches" if best is safest else "reach"
+    if len(entries) == 1:
+        return (
+            f"The only one so far, {who}, reaches a {first.title.lower()} of {high}{THIN_SPACE}% "
+            f"and a {second.title.lower()} of {low}{THIN_SPACE}%."
+        )
     return (
         f"{of}, {who} {verb} the highest {first.title.lower()}, {high}{THIN_SPACE}%, "
         f"and the lowest {second.title.lower()}, {low}{THIN_SPACE}%."

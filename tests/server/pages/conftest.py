@@ -21,7 +21,9 @@ from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.tables import ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Coverage,
@@ -424,6 +426,7 @@ def shown_site(
     lively_board: Board,
     paper_board: Board,
     empty_board: Board,
+    strategy_board: Board,
 ) -> Iterator[Site]:
     """Pages over a lively, a paper-only, an empty and an unpublished phase; only read."""
     site = open_site(tmp_path_factory.mktemp("site"))
@@ -432,5 +435,37 @@ def shown_site(
         site.create_phase(phase)
     site.publish(paper_board.model_copy(update={"phase": "paper"}))
     site.publish(empty_board.model_copy(update={"phase": "empty"}))
+    site.create_phase("strategy", "strategy")
+    site.publish(strategy_board)
     yield site
     site.database.dispose()
+
+
+@pytest.fixture(scope="session")
+def strategy_board(lively_board: Board) -> Board:
+    """A board of the strategy challenge: one scored agent, and the paper's two rows."""
+    metrics: dict[str, float | None] = {
+        "accuracy": 0.6125,
+        "under_warning": 0.2875,
+        "over_warning": 0.1,
+        "missing": 0.0,
+    }
+    agent = lively_board.entries[0].model_copy(
+        update={
+            "submission_id": "a0000000kq",
+            "method": "Careful agent",
+            "metrics": metrics,
+            "micro": metrics,
+            "macro_family": metrics,
+            "intervals": {"accuracy": (0.55, 0.67), "under_warning": (0.23, 0.34)},
+            "families": {
+                family: FamilyCell.model_validate({"n": n, **metrics})
+                for family, n in COUNTS.items()
+            },
+            "coverage": {"edited": 1.0, "source": None},
+        }
+    )
+    printed = reported_entries(ChallengeId.STRATEGY, lively_board.headline)
+    return lively_board.model_copy(
+        update={"challenge": "strategy", "phase": "strategy", "entries": (agent, *printed)}
+    )

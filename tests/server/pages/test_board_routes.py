@@ -133,3 +133,17 @@ async def test_a_long_board_is_paged_and_still_weighs_less_than_150_kilobytes(
     assert "Page 1 of 50, 1,009 entries" in answer.text
     last = await site.get("/?page=50")
     assert ">P 999</a>" in last.text
+
+
+async def test_the_strategy_challenge_has_a_board_of_its_own_metrics(
+    site: Any, strategy_board: Board
+) -> None:
+    site.create_phase("strategy", "strategy")
+    site.publish(strategy_board)
+    text = (await site.get("/?phase=strategy")).text
+    assert "Under-warning" in text
+    assert "61.25" in text
+    assert "HCC" not in text.split('<section id="board"')[1].split('id="submit"')[0]
+    assert "Even the most careful agent warns too little 2 times in 7." in text
+    assert (await site.get("/compare?phase=strategy")).status_code == 200
+    assert (await site.get("/entries/a0000000kq?phase=strategy")).status_code == 200

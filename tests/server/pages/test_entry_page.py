@@ -1,6 +1,7 @@
 """The page of an entry."""
 
 from typing import Any
+from xml.etree import ElementTree as Xml
 
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_schemas.board import Board
@@ -67,3 +68,12 @@ async def test_names_are_escaped(site: Any, lively_board: Board) -> None:
         assert "<script>x" not in text
         assert "<img src=x" not in text
         assert "&lt;script&gt;x" in text
+
+
+async def test_the_badge_says_rank_and_score_and_follows_the_board(lively_site: Any) -> None:
+    answer = await lively_site.get("/badges/s0000000kq.svg")
+    assert answer.headers["content-type"] == "image/svg+xml"
+    assert "rank 1, HCC 61.40 %" in Xml.fromstring(answer.text).itertext().__next__()
+    printed = await lively_site.get("/badges/reported-st-p3.svg?phase=sample")
+    assert "reported, HCC 21.03 %" in printed.text
+    assert (await lively_site.get("/badges/unknown.svg")).status_code == 404

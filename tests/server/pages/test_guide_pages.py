@@ -60,8 +60,8 @@ async def test_the_quick_start_works_before_any_phase_exists(site: Any) -> None:
 
 
 @pytest.mark.parametrize("code", list(ProblemCode))
-async def test_every_problem_has_a_help_page(site: Any, code: ProblemCode) -> None:
-    answer = await site.get(f"/problems/{code.value}")
+async def test_every_problem_has_a_help_page(shown_site: Any, code: ProblemCode) -> None:
+    answer = await shown_site.get(f"/problems/{code.value}")
     assert answer.status_code == 200
     assert PROBLEM_HELP[code].title in answer.text
 
@@ -73,19 +73,19 @@ def test_every_problem_is_explained_with_at_least_one_step() -> None:
 
 @pytest.mark.parametrize("code", list(FaultCode))
 async def test_every_fault_of_a_file_has_a_page_with_the_checkers_report(
-    site: Any, code: FaultCode
+    shown_site: Any, code: FaultCode
 ) -> None:
-    answer = await site.get(f"/problems/{code.value}")
+    answer = await shown_site.get(f"/problems/{code.value}")
     assert answer.status_code == 200
     assert "Expected" in answer.text
     assert "Got" in answer.text
 
 
-async def test_the_index_leads_to_every_code(site: Any) -> None:
-    text = (await site.get("/problems")).text
+async def test_the_index_leads_to_every_code(shown_site: Any) -> None:
+    text = (await shown_site.get("/problems")).text
     linked = set(re.findall(r'href="/problems/([a-z_0-9]+)"', text))
     assert linked == {code.value for code in (*ProblemCode, *FaultCode)}
 
 
-async def test_an_unknown_problem_is_not_found(site: Any) -> None:
-    assert (await site.get("/problems/nonsense")).status_code == 404
+async def test_an_unknown_problem_is_not_found(shown_site: Any) -> None:
+    assert (await shown_site.get("/problems/nonsense")).status_code == 404

@@ -26,6 +26,8 @@ PATHS = (
     "/",
     "/?average=micro&sort=ur",
     "/?phase=paper",
+    "/?phase=strategy",
+    "/compare?phase=strategy",
     "/?phase=empty",
     "/?phase=unpublished",
     "/entries/s0000005kq",
