@@ -10,6 +10,7 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -76,7 +77,9 @@ class Site:
         self.database = Database(database_url)
         self.files = FileStore(f"file://{folder}/uploads")
         self.broker_url = broker_url
-        self.environment = os.environ | {
+        inherited = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+        self.environment = inherited | {
+            "PYTHONPYCACHEPREFIX": f"{tempfile.gettempdir()}/exceptiondrive-tests-pycache",
             "EXCEPTIONDRIVE_DATABASE_URL": database_url,
             "EXCEPTIONDRIVE_BROKER_URL": broker_url,
             "EXCEPTIONDRIVE_FILE_STORE_URL": f"file://{folder}/uploads",
