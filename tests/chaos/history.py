@@ -1,0 +1,73 @@
+"""What clients did and were told: the only witness beside records and files."""
+
+import threading
+import time
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Call:
+    """One upload, and what came back; `status` is None when nothing did."""
+
+    team: str
+    file_digest: str
+    method: str
+    started_s: float
+    took_s: float
+    status: int | None
+    submission_id: str | None
+    retry_after: str | None = None
+
+    @property
+    def is_accepted(self) -> bool:
+        return self.status in (200, 202)
+
+    @property
+    def is_refused(self) -> bool:
+        """Told for certain that nothing was taken: a client error, not an outage."""
+        return self.status is not None and 400 <= self.status < 500
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A submission's status as its team saw it."""
+
+    at_s: float
+    submission_id: str
+    status: str
+    hcc: float | None = None
+
+
+@dataclass(frozen=True)
+class BoardSeen:
+    """A board as a reader saw it."""
+
+    at_s: float
+    took_s: float
+    etag: str
+    body: bytes
+
+
+@dataclass
+class History:
+    """Everything that clients did, in order of time; any thread may write."""
+
+    calls: list[Call] = field(default_factory=list)
+    sightings: list[Sighting] = field(default_factory=list)
+    boards: list[BoardSeen] = field(default_factory=list)
+    unanswered_reads: int = 0
+    started_s: float = field(default_factory=time.monotonic)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def now_s(self) -> float:
+        return time.monotonic() - self.started_s
+
+    def note(self, event: Call | Sighting | BoardSeen) -> None:
+        with self._lock:
+            match event:
+                case Call():
+                    self.calls.append(event)
+                case Sighting():
+                    self.sightings.append(event)
+                case BoardSeen():
+                    self.boards.append(event)
