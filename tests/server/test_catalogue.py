@@ -1,0 +1,160 @@
+"""GET /phases, /splits, /protocols, /tasks, /schemas, /examples, /entries, /me."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive_records.splits import publish_split
+from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
+from exceptiondrive_schemas.published import DOCUMENT_NAMES
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.submission import PhaseView
+from exceptiondrive_schemas.taxonomy import Taxonomy
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+Problem = Callable[[Any, int, str], dict[str, Any]]
+
+
+def test_phases_are_public_and_carry_no_quota_without_a_token(api_on_both: "Api") -> None:
+    (phase,) = api_on_both.get("/phases").json()
+    assert (phase["id"], phase["is_open"], phase["n_samples"]) == ("dev", True, 3)
+    assert phase["quota"] is None
+    assert phase["max_upload_bytes"] == 64 * 1024
+
+
+def test_a_phase_carries_the_quota_of_the_asking_team(api: "Api") -> None:
+    api.submit("a")
+    quotas = {
+        who: PhaseView.model_validate_json(api.get("/phases/dev", who).content).quota
+        for who in ("alpha", "beta")
+    }
+    assert quotas["alpha"] is not None
+    assert quotas["beta"] is not None
+    assert (quotas["alpha"].used_today, quotas["alpha"].remaining_today) == (1, 4)
+    assert quotas["beta"].used_today == 0
+
+
+def test_phases_are_listed_by_challenge(api: "Api") -> None:
+    api.phase("words", challenge="strategy")
+    assert [phase["id"] for phase in api.get("/phases?challenge=strategy").json()] == ["words"]
+
+
+def test_a_closed_phase_says_so(api: "Api") -> None:
+    api.phase("past", closes_at=datetime.now(UTC) - timedelta(days=1))
+    assert api.get("/phases/past").json()["is_open"] is False
+
+
+def test_an_unknown_phase_is_404(api: "Api", as_problem: Problem) -> None:
+    as_problem(api.get("/phases/nowhere"), 404, "not_found")
+    as_problem(api.get("/phases/nowhere/manifest"), 404, "not_found")
+
+
+def test_the_manifest_holds_ids_and_nothing_withheld(api: "Api") -> None:
+    response = api.get("/phases/dev/manifest")
+    manifest = Manifest.model_validate_json(response.content)
+    assert manifest.sample_ids == ("s1", "s2", "s3")
+    assert set(response.json()) == {
+        "schema", "name", "title", "revision", "waypoints", "time_step_s", "sample_ids"
+    }  # fmt: skip
+
+
+def test_a_hidden_split_is_404_in_the_words_for_an_unknown_one(
+    api: "Api", as_problem: Problem
+) -> None:
+    hidden = as_problem(api.get("/splits/sample"), 404, "not_found")["detail"]
+    unknown = as_problem(api.get("/splits/nothing"), 404, "not_found")["detail"]
+    assert hidden.replace("sample", "nothing") == unknown
+
+
+def test_a_development_split_is_downloaded_whole(api: "Api", split_document: bytes) -> None:
+    digest, _ = api.services.files.put_stream([split_document], limit_bytes=10_000)
+    with api.database.write() as session:
+        publish_split(session, "sample", "sha256:" + "5" * 64, digest, "test")
+    response = api.get("/splits/sample")
+    assert response.content == split_document
+    again = api.get("/splits/sample", headers={"If-None-Match": response.headers["etag"]})
+    assert again.status_code == 304
+    assert api.get("/phases/dev").json()["split_is_public"] is True
+
+
+@pytest.mark.parametrize(
+    "how", [{"params": {"format": "toml"}}, {"headers": {"Accept": "application/toml"}}]
+)
+def test_a_protocol_is_given_as_the_toml_that_was_added(api: "Api", how: dict[str, Any]) -> None:
+    response = api.get("/protocols/1.0", **how)
+    assert response.headers["content-type"].startswith("application/toml")
+    assert response.text == packaged_protocol_toml()
+
+
+def test_a_protocol_is_given_as_json_by_version_or_digest(api_on_both: "Api") -> None:
+    (head,) = api_on_both.get("/protocols").json()
+    by_version, by_digest = (
+        api_on_both.get(f"/protocols/{name}") for name in (head["version"], head["digest"])
+    )
+    assert by_version.content == by_digest.content
+    assert by_version.json()["schema"] == "exceptiondrive.protocol/1"
+    assert parse_protocol(packaged_protocol_toml()).digest == head["digest"]
+    etag = by_version.headers["etag"]
+    assert api_on_both.get("/protocols/1.0", headers={"If-None-Match": etag}).status_code == 304
+
+
+def test_an_unknown_protocol_is_404(api: "Api", as_problem: Problem) -> None:
+    as_problem(api.get("/protocols/9.9"), 404, "not_found")
+    as_problem(api.get("/tasks?protocol=9.9"), 404, "not_found")
+
+
+def test_tasks_are_21_in_six_families(api: "Api") -> None:
+    taxonomy = Taxonomy.model_validate_json(api.get("/tasks").content)
+    assert (len(taxonomy.tasks), len(taxonomy.families)) == (21, 6)
+    assert api.get("/tasks?protocol=1.0").json() == api.get("/tasks").json()
+
+
+def test_every_document_has_a_schema_and_an_example(api: "Api") -> None:
+    assert api.get("/schemas").json() == list(DOCUMENT_NAMES)
+    for name in DOCUMENT_NAMES:
+        assert api.get(f"/schemas/{name}").json()["title"]
+        assert api.get(f"/examples/{name}").status_code == 200
+
+
+@pytest.mark.parametrize("name", ["nothing", "__init__", "..%2fproblem", "board.json"])
+def test_an_unknown_document_is_404(api: "Api", as_problem: Problem, name: str) -> None:
+    as_problem(api.get(f"/schemas/{name}"), 404, "not_found")
+    as_problem(api.get(f"/examples/{name}"), 404, "not_found")
+
+
+def test_an_entry_shows_row_and_published_sheet(api: "Api", make_entry: Callable[..., Any]) -> None:
+    own = api.submit("a").json()["id"]
+    api.score(own, 0.75)
+    api.publish(make_entry("Planner", submission_id=own))
+    entry = api.get(f"/entries/{own}").json()
+    assert (entry["phase"], entry["board"], entry["entry"]["rank"]) == ("dev", 1, 1)
+    assert entry["sheet"]["macro_family"]["hcc"] == 0.75
+
+
+def test_what_is_on_no_board_is_not_found_in_the_same_words(
+    api_on_both: "Api", as_problem: Problem, make_entry: Callable[..., Any]
+) -> None:
+    scored, waiting = (api_on_both.submit(content).json()["id"] for content in ("a", "b"))
+    api_on_both.score(scored)
+    api_on_both.publish(make_entry("another", submission_id="x"))
+    details = {
+        as_problem(api_on_both.get(f"/entries/{name}"), 404, "not_found")["detail"].replace(
+            name, "..."
+        )
+        for name in (scored, waiting, "0" * 16, "x")
+    }
+    assert len(details) == 1
+
+
+def test_me_tells_who_the_token_speaks_for(api: "Api") -> None:
+    assert api.get("/me", "alpha").json() == {
+        "team": "Alpha",
+        "token_name": "laptop",
+        "scopes": ["read:own", "submit"],
+        "expires_at": None,
+    }
+    assert api.get("/me", "organizer").json()["team"] is None

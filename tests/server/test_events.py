@@ -1,0 +1,61 @@
+"""GET /submissions/{id}/events."""
+
+import itertools
+import json
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    blocks = [block.splitlines() for block in text.split("\n\n") if "event: submission" in block]
+    return [
+        json.loads(line.removeprefix("data: "))
+        for block in blocks
+        for line in block
+        if line.startswith("data: ")
+    ]
+
+
+def test_a_submission_that_has_ended_is_told_once(api: "Api") -> None:
+    own = api.submit("a").json()["id"]
+    api.score(own)
+    response = api.get(f"/submissions/{own}/events", "alpha")
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/event-stream")
+    assert response.headers["cache-control"] == "no-store"
+    (event,) = events_of(response.text)
+    assert event == api.get(f"/submissions/{own}", "alpha").json()
+
+
+def test_changes_are_told_until_the_end(api_on_both: "Api") -> None:
+    own = api_on_both.submit("a").json()["id"]
+    worker = threading.Timer(0.2, api_on_both.score, (own,))
+    worker.start()
+    events = events_of(api_on_both.get(f"/submissions/{own}/events", "alpha").text)
+    worker.join()
+    statuses = [event["status"] for event in events]
+    assert statuses[0] == "received"
+    assert statuses[-1] == "scored"
+    assert all(one != other for one, other in itertools.pairwise(events))
+
+
+@pytest.mark.parametrize("longest_s", [0.05])
+def test_a_stream_ends_in_time_and_the_follower_connects_again(
+    make_api: Callable[..., "Api"], sqlite_url: str, longest_s: float
+) -> None:
+    api = make_api(sqlite_url, events_longest_s=longest_s)
+    own = api.submit("a").json()["id"]
+    response = api.get(f"/submissions/{own}/events", "alpha")
+    assert [event["status"] for event in events_of(response.text)] == ["received"]
+    assert "retry: 2000" in response.text
+
+
+def test_head_on_a_stream_is_405(api: "Api") -> None:
+    own = api.submit("a").json()["id"]
+    assert api.request("HEAD", f"/submissions/{own}/events", "alpha").status_code == 405

@@ -1,0 +1,133 @@
+"""GET /submissions, GET /submissions/{id}, POST /submissions/{id}/withdraw."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive_schemas.submission import SubmissionPage, SubmissionView
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+Problem = Callable[[Any, int, str], dict[str, Any]]
+
+
+def ids(response: Any) -> list[str]:
+    assert response.status_code == 200, response.text
+    page = SubmissionPage.model_validate_json(response.content)
+    return [submission.id for submission in page.submissions]
+
+
+def submit_all(api: "Api", who: str, *contents: str) -> list[str]:
+    return [api.submit(content, who).json()["id"] for content in contents]
+
+
+def test_a_team_sees_its_own_newest_first(api_on_both: "Api") -> None:
+    own = submit_all(api_on_both, "alpha", "a", "b")
+    submit_all(api_on_both, "beta", "c")
+    assert ids(api_on_both.get("/submissions", "alpha")) == own[::-1]
+
+
+def test_an_organizer_sees_all(api: "Api") -> None:
+    both = submit_all(api, "alpha", "a") + submit_all(api, "beta", "b")
+    assert ids(api.get("/submissions", "organizer")) == both[::-1]
+
+
+def test_pages_continue_where_the_last_one_ended(api: "Api") -> None:
+    own = submit_all(api, "alpha", "a", "b", "c")[::-1]
+    first = api.get("/submissions?limit=2", "alpha").json()
+    assert first["next"] == own[1]
+    rest = api.get(f"/submissions?limit=2&after={first['next']}", "alpha")
+    assert ids(rest) == own[2:]
+    assert rest.json()["next"] is None
+
+
+def test_filters_narrow_the_list(api: "Api") -> None:
+    one, two = submit_all(api, "alpha", "a", "b")
+    api.score(one)
+    assert ids(api.get("/submissions?status=scored", "alpha")) == [one]
+    assert ids(api.get("/submissions?status=received", "alpha")) == [two]
+    assert ids(api.get("/submissions?phase=nowhere", "alpha")) == []
+
+
+@pytest.mark.parametrize("query", ["limit=0", "limit=201", "limit=x", "status=done"])
+def test_a_wrong_filter_is_named(api: "Api", as_problem: Problem, query: str) -> None:
+    problem = as_problem(api.get(f"/submissions?{query}", "alpha"), 400, "bad_request")
+    assert list(problem["fields"]) == [query.split("=")[0]]
+
+
+def test_a_page_after_another_teams_submission_is_404(api: "Api", as_problem: Problem) -> None:
+    (other,) = submit_all(api, "beta", "a")
+    as_problem(api.get(f"/submissions?after={other}", "alpha"), 404, "not_found")
+
+
+def test_a_submission_is_shown_with_its_sheet_once_scored(api: "Api") -> None:
+    (own,) = submit_all(api, "alpha", "a")
+    assert api.get(f"/submissions/{own}", "alpha").json()["sheet"] is None
+    api.score(own, 0.75)
+    shown = SubmissionView.model_validate_json(api.get(f"/submissions/{own}", "alpha").content)
+    assert shown.status == "scored"
+    assert shown.sheet is not None
+    assert shown.sheet.macro_family["hcc"] == 0.75
+    assert shown.queue is None
+
+
+def test_the_rank_is_that_of_the_current_board(api: "Api", make_entry: Callable[..., Any]) -> None:
+    (own,) = submit_all(api, "alpha", "a")
+    api.score(own)
+    api.publish(make_entry("Planner", submission_id=own, rank=7))
+    assert api.get(f"/submissions/{own}", "alpha").json()["rank"] == 7
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [("GET", ""), ("GET", "/events"), ("POST", "/withdraw")],
+)
+def test_another_teams_submission_is_404_in_the_words_for_an_unknown_one(
+    api_on_both: "Api", as_problem: Problem, method: str, path: str
+) -> None:
+    (other,) = submit_all(api_on_both, "beta", "a")
+    unknown = "0" * len(other)
+    answers = [
+        as_problem(
+            api_on_both.request(method, f"/submissions/{name}{path}", "alpha"), 404, "not_found"
+        )
+        for name in (other, unknown)
+    ]
+    for answer, name in zip(answers, (other, unknown), strict=True):
+        del answer["request_id"]
+        answer["detail"] = answer["detail"].replace(name, "...")
+        answer["instance"] = answer["instance"].replace(name, "...")
+    assert answers[0] == answers[1]
+    assert api_on_both.get(f"/submissions/{other}", "beta").json()["status"] == "received"
+
+
+def test_a_withdrawn_submission_is_withdrawn_once_and_its_quota_stays_used(api: "Api") -> None:
+    (own,) = submit_all(api, "alpha", "a")
+    for _ in range(2):
+        response = api.post(f"/submissions/{own}/withdraw", "alpha")
+        assert (response.status_code, response.json()["status"]) == (200, "withdrawn")
+    assert api.get("/phases/dev", "alpha").json()["quota"]["used_today"] == 1
+
+
+def test_a_token_that_may_only_read_cannot_withdraw(api: "Api", as_problem: Problem) -> None:
+    (own,) = submit_all(api, "alpha", "a")
+    body = {"name": "reader", "scopes": ["read:own"]}
+    api.tokens["reader"] = api.post("/organizer/teams/alpha/tokens", "organizer", json=body).json()[
+        "token"
+    ]
+    assert ids(api.get("/submissions", "reader")) == [own]
+    as_problem(api.post(f"/submissions/{own}/withdraw", "reader"), 403, "not_allowed")
+    as_problem(api.submit("b", "reader"), 403, "not_allowed")
+
+
+@pytest.mark.parametrize("path", ["/submissions", "/submissions/x", "/submissions/x/events"])
+def test_without_a_token_it_is_401(api: "Api", as_problem: Problem, path: str) -> None:
+    as_problem(api.get(path), 401, "not_signed_in")
+
+
+@pytest.mark.parametrize("name", ["%00", "x%00y", "%ED%A0%80", "..%2f..", "'--", "x" * 65])
+def test_strange_ids_are_refused_and_break_nothing(api_on_both: "Api", name: str) -> None:
+    assert api_on_both.get(f"/submissions/{name}", "alpha").status_code in (400, 404)
+    assert api_on_both.get(f"/submissions?phase={name}", "alpha").status_code in (200, 400)
