@@ -22,9 +22,9 @@ from exceptiondrive_scoring.interval import (
     percentile_intervals,
     wilson_at_the_ends,
 )
-from exceptiondrive_scoring.scene_sums import SceneSums
+from exceptiondrive_scoring.scene_sums import SceneSums, scene_counts
 
-BLOCK_DRAWS = 8000
+BLOCK_DRAWS = 16_000
 """Draws, of all entries of a block together, that are held at once."""
 FEWEST_SCENES = 2
 """One scene drawn again and again says nothing about another scene."""
@@ -169,52 +169,25 @@ def _means(sums: FloatArray, counts: FloatArray, kind: IntArray) -> Draws:
 def _uncertainty(
     entry: SceneSums, draws: Draws, reading: _Reading, ranking: RankingSection
 ) -> Uncertainty:
-    n_overall = scenes_of(entry)
-    n_families = scenes_of_families(entry)
-    n_macro = effective_scenes(entry)
-    n_headline = {"micro": n_overall, "macro_family": n_macro}[reading.headline]
+    n_scenes = scene_counts(entry)
     primary = reading.primary
 
-    def intervals(values: FloatArray, n_scenes: FloatArray) -> FloatArray:
-        found = percentile_intervals(values, n_scenes, ranking.confidence)
-        wilson = wilson_at_the_ends(found, n_scenes, ranking.confidence)
-        return where_enough(np.where(reading.is_fraction[:, None], wilson, found), n_scenes)
+    def intervals(values: FloatArray, n: FloatArray) -> FloatArray:
+        found = percentile_intervals(values, n, ranking.confidence)
+        wilson = wilson_at_the_ends(found, n, ranking.confidence)
+        return where_enough(np.where(reading.is_fraction[:, None], wilson, found), n)
 
     return Uncertainty(
-        micro=intervals(draws.micro, n_overall),
-        macro_family=intervals(draws.macro_family, n_macro),
-        families=intervals(draws.families, n_families),
+        micro=intervals(draws.micro, n_scenes.micro),
+        macro_family=intervals(draws.macro_family, n_scenes.macro_family),
+        families=intervals(draws.families, n_scenes.families),
         primary_draws=draws.headline(reading.headline)[primary].copy(),
         primary_cut=draws_cut_off(
-            ranking.bootstrap_draws, ranking.confidence, float(n_headline[primary])
+            ranking.bootstrap_draws,
+            ranking.confidence,
+            float(n_scenes.headline(reading.headline)[primary]),
         ),
     )
-
-
-def scenes_of(entry: SceneSums) -> FloatArray:
-    """Scenes with a sample that defines the metric, (M,)."""
-    n_scenes: FloatArray = np.count_nonzero(entry.counts.sum(axis=1), axis=0).astype(np.float64)
-    return n_scenes
-
-
-def scenes_of_families(entry: SceneSums) -> FloatArray:
-    """Scenes with a sample of the family that defines the metric, (F, M)."""
-    n_scenes: FloatArray = np.count_nonzero(entry.counts, axis=0).astype(np.float64)
-    return n_scenes
-
-
-def effective_scenes(entry: SceneSums) -> FloatArray:
-    """Scenes that the unweighted mean of F family means is worth, (M,).
-
-    F^2 / sum(1 / n_f) for independent families; but a scene may lie in several families, so it is
-    never worth more than there are scenes.
-    """
-    n_by_family = scenes_of_families(entry)
-    present = n_by_family > 0
-    harmonic = np.where(present, 1 / np.maximum(n_by_family, 1), 0.0).sum(axis=0)
-    worth = present.sum(axis=0) ** 2 / np.where(harmonic > 0, harmonic, 1.0)
-    effective: FloatArray = np.minimum(worth, scenes_of(entry))
-    return effective
 
 
 def where_enough(intervals: FloatArray, n_scenes: FloatArray) -> FloatArray:

@@ -8,16 +8,10 @@ from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.bootstrap import (
-    effective_scenes,
-    resample,
-    scenes_of,
-    scenes_of_families,
-    where_enough,
-)
+from exceptiondrive_scoring.bootstrap import resample, where_enough
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
-from exceptiondrive_scoring.scene_sums import scene_sums
+from exceptiondrive_scoring.scene_sums import scene_counts, scene_sums
 from exceptiondrive_scoring.sheet import aggregate
 
 Interval = tuple[float, float]
@@ -69,14 +63,13 @@ def compare(
     sums = scene_sums(difference, split, taxonomy)
     ((_, draws),) = resample([sums], protocol.ranking)
     confidence = protocol.ranking.confidence
-    n_families = scenes_of_families(sums)
-    n_overall = {"micro": scenes_of, "macro_family": effective_scenes}[headline](sums)
+    n_scenes = scene_counts(sums)
 
-    def intervals(values: FloatArray, n_scenes: FloatArray) -> FloatArray:
-        return where_enough(percentile_intervals(values, n_scenes, confidence), n_scenes)
+    def intervals(values: FloatArray, n: FloatArray) -> FloatArray:
+        return where_enough(percentile_intervals(values, n, confidence), n)
 
-    overall = intervals(draws.headline(headline), n_overall)
-    by_family = intervals(draws.families, n_families)
+    overall = intervals(draws.headline(headline), n_scenes.headline(headline))
+    by_family = intervals(draws.families, n_scenes.families)
     return Comparison(
         overall=_differences(challenge, means.headline(headline), discordant.micro, overall),
         families={

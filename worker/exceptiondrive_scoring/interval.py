@@ -96,5 +96,7 @@ def wilson_at_the_ends(
     """Replace intervals of fractions that shrank to the point 0 or 1: every draw gave the same."""
     low, high = intervals[..., 0], intervals[..., 1]
     stuck = (low == high) & ((low == 0) | (low == 1))
+    if not stuck.any():
+        return intervals
     fraction = np.where(stuck, low, 0.0)
     return np.where(stuck[..., None], wilson_interval(fraction, n, confidence), intervals)

@@ -43,3 +43,35 @@ def scene_sums(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> 
         sums[..., m] = np.bincount(cell, filled[:, m], n_cells).reshape(shape[:2])
         counts[..., m] = np.bincount(cell, defined[:, m], n_cells).reshape(shape[:2])
     return SceneSums(np.rint(sums / GRID) * GRID, counts)
+
+
+@dataclass(frozen=True)
+class SceneCounts:
+    """Scenes that a mean rests on: those with a sample that defines the metric.
+
+    Attributes:
+        micro: (M,).
+        macro_family: (M,) scenes that the unweighted mean of F family means is worth:
+            F^2 / sum(1 / n_f) for independent families. But a scene may lie in several families, so
+            it is never worth more than there are scenes.
+        families: (F, M).
+    """
+
+    micro: FloatArray
+    macro_family: FloatArray
+    families: FloatArray
+
+    def headline(self, aggregate: str) -> FloatArray:
+        """Scenes of the aggregate with this name, `micro` or `macro_family`."""
+        return {"micro": self.micro, "macro_family": self.macro_family}[aggregate]
+
+
+def scene_counts(entry: SceneSums) -> SceneCounts:
+    """Count the scenes that the means of an entry rest on."""
+    occupied = entry.counts > 0
+    micro = occupied.any(axis=1).sum(axis=0, dtype=np.float64)
+    families = occupied.sum(axis=0, dtype=np.float64)
+    present = families > 0
+    harmonic = np.where(present, 1 / np.maximum(families, 1), 0.0).sum(axis=0)
+    worth = present.sum(axis=0) ** 2 / np.where(harmonic > 0, harmonic, 1.0)
+    return SceneCounts(micro, np.minimum(worth, micro), families)
