@@ -213,6 +213,23 @@ def test_the_keyboard_reaches_everything_and_shows_where_it_is(visit: Visit) -> 
         assert wanted in joined
 
 
+@pytest.mark.parametrize("path", ["/", "/?phase=strategy"])
+def test_every_number_stands_under_its_head_at_any_width(visit: Visit, path: str) -> None:
+    page = visit.open(path)
+    for width in (1920, 1360, 1250, 1100, 950):
+        page.set_viewport_size({"width": width, "height": 900})
+        heads = page.evaluate(RIGHT_EDGES, "#board-rows thead tr:last-child")
+        cells = page.evaluate(RIGHT_EDGES, "#board-rows tr.bh + tr")
+        assert heads == cells, f"{path} at {width} px"
+        assert page.evaluate(FITS), f"{path} at {width} px"
+
+
+RIGHT_EDGES = """(rule) => [...document.querySelector(rule).children].filter((cell) => cell.offsetWidth)
+  .map((cell) => Math.round(cell.getBoundingClientRect().right))"""
+FITS = """(() => { const box = document.querySelector(".scroll.b");
+  return box.scrollWidth <= box.clientWidth; })()"""
+
+
 def test_phone_rows_are_cards_that_keep_the_roles_of_a_table(visit: Visit) -> None:
     page = visit.open("/", width=390)
     row = page.locator("#board-rows tr[id^='e-']").first
