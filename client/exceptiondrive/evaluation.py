@@ -6,7 +6,6 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
@@ -15,18 +14,8 @@ from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive_schemas.check import CheckedDocument, check, inflate
 from exceptiondrive_schemas.check.inflate import UnreadableFileError
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
-from exceptiondrive_schemas.score_sheet import (
-    BreakdownRow,
-    Coverage,
-    Flag,
-    Plausibility,
-    ProtocolRef,
-    ScoreSheet,
-)
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitRef
-
-if TYPE_CHECKING:
-    from exceptiondrive_scoring.sheet import Row
 
 MAX_SPLIT_BYTES = 256 * 1024 * 1024
 
@@ -85,10 +74,9 @@ def read_split(path: str | os.PathLike[str]) -> Split:
 
 def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreSheet:
     """Score what a sound file says: measure, grade, aggregate (PROTOCOL.md 2 and 3)."""
-    from exceptiondrive_scoring import SCORER_VERSION
     from exceptiondrive_scoring.challenge import SCORING
     from exceptiondrive_scoring.document_columns import document_columns
-    from exceptiondrive_scoring.sheet import aggregate
+    from exceptiondrive_scoring.exact_sheet import exact_sheet
     from exceptiondrive_scoring.split_arrays import split_arrays
 
     try:
@@ -97,36 +85,10 @@ def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreS
         raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
     sample_ids = sorted(sample.sample_id for sample in split.samples)
     scoring = SCORING[document.challenge]
-    measurements = scoring.measure(
-        document_columns(document, sample_ids), arrays, protocol.geometry
-    )
-    breakdown = aggregate(scoring.grade(measurements, arrays, protocol), arrays, protocol.taxonomy)
-    coverage = scoring.coverage(measurements)
-    plausibility = scoring.plausibility(measurements, protocol)
-    return ScoreSheet(
-        challenge=document.challenge,
-        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
-        split=SplitRef(name=split.name, revision=split.revision),
-        scorer_version=SCORER_VERSION,
-        n=breakdown.n,
-        coverage=Coverage(edited=coverage["edited"] or 0.0, source=coverage["source"]),
-        micro=breakdown.micro,
-        macro_family=breakdown.macro_family,
-        families=_breakdown_rows(breakdown.families),
-        tasks=_breakdown_rows(breakdown.tasks),
-        plausibility=Plausibility(
-            shares=plausibility.shares,
-            flags=tuple(
-                Flag(code=flag.code, label=flag.label, detail=flag.detail)
-                for flag in plausibility.flags
-            ),
-        ),
-        extra=scoring.extra(measurements, arrays, protocol),
-    )
-
-
-def _breakdown_rows(rows: "dict[str, Row]") -> dict[str, BreakdownRow]:
-    return {key: BreakdownRow.of(row.n, row.metrics) for key, row in rows.items()}
+    answers = document_columns(document, sample_ids)
+    measured = scoring.measure(answers, arrays, protocol.geometry)
+    split_ref = SplitRef(name=split.name, revision=split.revision)
+    return exact_sheet(scoring, measured, arrays, split_ref, protocol)
 
 
 def _require_numpy() -> None:

@@ -129,7 +129,7 @@ def test_evaluating_twice_gives_the_same_bits(planning_file: MakeFile, split_fil
 def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_file: Path) -> None:
     from exceptiondrive_schemas.challenges import PLANNING
     from exceptiondrive_scoring.challenge import SCORING
-    from exceptiondrive_worker.exact_sheet import exact_sheet
+    from exceptiondrive_scoring.exact_sheet import exact_sheet
     from exceptiondrive_worker.split_store import load_split
     from exceptiondrive_worker.upload_reader import read_upload
 
@@ -150,4 +150,6 @@ def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_fi
     assert isinstance(answers, dict)
     scoring = SCORING[PLANNING.id]
     measured = scoring.measure(answers, loaded.arrays, protocol.geometry)
-    assert exact_sheet(scoring, measured, loaded, protocol) == evaluate_file(path, split=split_file)
+    ref = loaded.manifest.ref
+    sheet = exact_sheet(scoring, measured, loaded.arrays, ref, protocol)
+    assert sheet == evaluate_file(path, split=split_file)

@@ -16,7 +16,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_worker.exact_sheet import SCORER_VERSION
+from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.private_store import Shelf
 from exceptiondrive_worker.scoring_run import score_submission

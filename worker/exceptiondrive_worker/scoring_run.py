@@ -10,8 +10,8 @@ from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import Job, Phase, Submission
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.doors import Doors
-from exceptiondrive_worker.exact_sheet import SCORER_VERSION
 from exceptiondrive_worker.failures import Failure, job_boundary
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_faults import SplitRefusedError

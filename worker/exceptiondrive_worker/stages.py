@@ -18,10 +18,11 @@ from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGr
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring
+from exceptiondrive_scoring.exact_sheet import exact_sheet
 from exceptiondrive_scoring.scene_sums import SceneSums, scene_sums
-from exceptiondrive_worker.exact_sheet import SCORER_VERSION, exact_sheet
 from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key, pack_columns
 from exceptiondrive_worker.split_store import LoadedSplit
 
@@ -197,7 +198,10 @@ class Stages:
             return None  # written by another version
 
     def _grade(self, target: Target, measured: Columns) -> ScoreSheet:
-        return exact_sheet(self._scoring_of(target), measured, target.split, target.protocol)
+        split = target.split
+        return exact_sheet(
+            self._scoring_of(target), measured, split.arrays, split.manifest.ref, target.protocol
+        )
 
 
 def _read_key(target: Target) -> str:

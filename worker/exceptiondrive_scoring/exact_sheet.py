@@ -1,6 +1,5 @@
-"""From measurements to the exact score sheet: scoring's numbers in the published form."""
+"""From measurements to the exact score sheet: one assembly for worker and `evaluate`."""
 
-import exceptiondrive_scoring
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -10,27 +9,30 @@ from exceptiondrive_schemas.score_sheet import (
     ProtocolRef,
     ScoreSheet,
 )
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.challenge import ChallengeScoring
 from exceptiondrive_scoring.sheet import Row, aggregate
-from exceptiondrive_worker.split_store import LoadedSplit
-
-SCORER_VERSION = exceptiondrive_scoring.SCORER_VERSION
-"""Part of the key of kept results: those of older code are left."""
 
 
 def exact_sheet(
-    scoring: ChallengeScoring, measured: Columns, split: LoadedSplit, protocol: Protocol
+    scoring: ChallengeScoring,
+    measured: Columns,
+    split: SplitArrays,
+    split_ref: SplitRef,
+    protocol: Protocol,
 ) -> ScoreSheet:
-    """Grade and aggregate measurements; nothing is rounded."""
-    scores = scoring.grade(measured, split.arrays, protocol)
-    breakdown = aggregate(scores, split.arrays, protocol.taxonomy)
+    """Grade and aggregate measurements (PROTOCOL.md section 3); nothing is rounded."""
+    scores = scoring.grade(measured, split, protocol)
+    breakdown = aggregate(scores, split, protocol.taxonomy)
     coverage = scoring.coverage(measured)
     plausibility = scoring.plausibility(measured, protocol)
     return ScoreSheet(
         challenge=scoring.challenge.id.value,
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
-        split=split.manifest.ref,
+        split=split_ref,
         scorer_version=SCORER_VERSION,
         n=breakdown.n,
         coverage=Coverage(edited=coverage["edited"] or 0.0, source=coverage["source"]),
@@ -45,7 +47,7 @@ def exact_sheet(
                 for flag in plausibility.flags
             ),
         ),
-        extra=scoring.extra(measured, split.arrays, protocol),
+        extra=scoring.extra(measured, split, protocol),
     )
 
 
