@@ -7,6 +7,7 @@ Its sections are digested apart, so that a change repeats only the steps that re
 
 import json
 import tomllib
+from collections.abc import Collection
 from importlib import resources
 from typing import Annotated, Literal, Self
 
@@ -58,6 +59,15 @@ class GradingSection(Document):
         if sorted(self.caution) != expected:
             raise ValueError(f"caution must rank exactly the strategies {', '.join(expected)}")
         return self
+
+    def under_warning(self, acceptable: Collection[Strategy]) -> tuple[Strategy, ...]:
+        """Answers that are not acceptable and less cautious than the least cautious that is."""
+        least = min(self.caution[strategy.value] for strategy in acceptable)
+        return tuple(
+            strategy
+            for strategy in Strategy
+            if strategy not in acceptable and self.caution[strategy.value] < least
+        )
 
 
 class RankKey(Document):
@@ -136,6 +146,19 @@ class Protocol(Document):
         _ = self.taxonomy
         return self
 
+    @model_validator(mode="after")
+    def _under_warning_sets_follow_from_caution(self) -> Self:
+        wrong = [
+            f"under_warning of task {task.id} must be {_listed(expected)}, not "
+            f"{_listed(task.under_warning)}"
+            for task in self.tasks
+            if set(expected := self.grading.under_warning(task.acceptable))
+            != set(task.under_warning)
+        ]
+        if wrong:
+            raise ValueError(f"caution and acceptable say otherwise: {'; '.join(wrong)}")
+        return self
+
     @property
     def taxonomy(self) -> Taxonomy:
         """Families and tasks."""
@@ -173,6 +196,10 @@ class Protocol(Document):
         )
 
 
+def _listed(strategies: Collection[Strategy]) -> str:
+    return f"[{', '.join(strategies)}]"
+
+
 class ProtocolError(ValueError):
     """The protocol document cannot be used; each line says where and why."""
 
@@ -191,6 +218,8 @@ def parse_protocol(toml: str) -> Protocol:
         document = json.dumps(tomllib.loads(toml), allow_nan=False)
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError([f"not TOML: {error}"]) from None
+    except RecursionError:
+        raise ProtocolError(["not a protocol: nested too deeply"]) from None
     except (TypeError, ValueError):
         raise ProtocolError(["a protocol holds finite numbers, text and lists only"]) from None
     try:

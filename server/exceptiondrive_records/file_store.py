@@ -79,11 +79,17 @@ class FileStore:
         return data
 
     def holds(self, digest: str) -> bool:
-        """Whether a file with this digest is stored."""
+        """Whether a file with this digest is stored.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
         try:
             obstore.head(self._store, _key(digest))
         except FileNotFoundError:
             return False
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
         return True
 
     def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:

@@ -133,9 +133,11 @@ def test_the_ends_of_the_calendar_are_dates_too(api_on_both: "Api", as_of: str) 
     assert response.status_code == 404
 
 
-@pytest.mark.parametrize("as_of", ["yesterday", "2026-13-01", "2026-11-21;"])
+@pytest.mark.parametrize(
+    "as_of", ["yesterday", "2026-13-01", "2026-11-21;", "1", "9999-12-31T23:00:00-09:00"]
+)
 def test_a_date_that_is_none_is_named(lively: "Api", as_problem: Problem, as_of: str) -> None:
-    problem = as_problem(lively.get(f"/leaderboard?as_of={as_of}"), 400, "bad_request")
+    problem = as_problem(lively.get("/leaderboard", params={"as_of": as_of}), 400, "bad_request")
     assert all(name.startswith("as_of") for name in problem["fields"])
     assert as_of not in problem["detail"]
 

@@ -1,19 +1,19 @@
 """Which board is asked for: of a phase, under a protocol, of a date; else the current one."""
 
-import re
 from datetime import UTC, date, datetime, time
 from typing import Annotated
 
 from fastapi import Depends, Query
-from pydantic import BaseModel, BeforeValidator
+from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import board_at, current_board, latest_board
+from exceptiondrive_records.boards import board_at, current_board, latest_public_board
 from exceptiondrive_records.errors import InvalidRecord, NotFound
 from exceptiondrive_records.phases import find_phase, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardRow, Phase
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_server.api.times import Moment
 
 SORTS = tuple(
     f"{sign}{key}"
@@ -21,24 +21,6 @@ SORTS = tuple(
     for challenge in CHALLENGES.values()
     for key in challenge.metric_keys
 )
-
-
-_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
-
-
-def _date_or_time(value: object) -> object:
-    """Keep a bare date a date: pydantic would take it for its own midnight, or a number for one."""
-    if not isinstance(value, str):
-        return value
-    if _DATE.match(value) is None:
-        raise ValueError("must be a date or time such as 2026-11-21 or 2026-11-21T12:00:00Z")
-    try:
-        return date.fromisoformat(value)
-    except ValueError:
-        return value
-
-
-Moment = Annotated[datetime | date, BeforeValidator(_date_or_time)]
 
 
 class BoardChoice(BaseModel):
@@ -93,7 +75,7 @@ def find_chosen(session: Session, choice: BoardChoice) -> BoardRow:
     if choice.as_of is not None:
         row = board_at(session, phase.id, _moment(choice.as_of))
     elif choice.protocol is not None:
-        row = latest_board(session, phase.id, find_protocol(session, choice.protocol).digest)
+        row = latest_public_board(session, phase.id, find_protocol(session, choice.protocol).digest)
     else:
         row = current_board(session, phase.id)
     if row is None:
@@ -115,6 +97,4 @@ def _phase(session: Session, choice: BoardChoice) -> Phase:
 
 
 def _moment(as_of: datetime | date) -> datetime:
-    if isinstance(as_of, datetime):
-        return as_of if as_of.tzinfo else as_of.replace(tzinfo=UTC)
-    return datetime.combine(as_of, time.max, UTC)
+    return as_of if isinstance(as_of, datetime) else datetime.combine(as_of, time.max, UTC)

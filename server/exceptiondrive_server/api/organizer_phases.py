@@ -9,7 +9,8 @@ from exceptiondrive_records.phases import create_phase, phase_view
 from exceptiondrive_records.splits import list_splits
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.submission import PhaseView
-from exceptiondrive_server.api.organizer_forms import Form, Time
+from exceptiondrive_server.api.organizer_forms import Form
+from exceptiondrive_server.api.times import Time
 from exceptiondrive_server.auth import Organizer, ServicesOf
 
 router = APIRouter()

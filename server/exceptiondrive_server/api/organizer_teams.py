@@ -15,7 +15,8 @@ from exceptiondrive_records.tokens import (
     list_tokens,
     revoke_token,
 )
-from exceptiondrive_server.api.organizer_forms import Form, Time
+from exceptiondrive_server.api.organizer_forms import Form
+from exceptiondrive_server.api.times import Time
 from exceptiondrive_server.auth import Organizer, ServicesOf
 
 router = APIRouter()

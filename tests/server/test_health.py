@@ -1,0 +1,117 @@
+"""GET /healthz, /readyz, /metrics."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from exceptiondrive_records.heartbeats import beat
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+MakeApi = Callable[..., "Api"]
+
+
+def test_a_server_that_answers_is_alive(api: "Api") -> None:
+    response = api.get("/healthz")
+    assert (response.status_code, response.json()) == (200, {"status": "alive"})
+
+
+def test_with_database_store_broker_and_worker_all_is_well(
+    make_api: MakeApi, database_url: str, broker_url: str
+) -> None:
+    api = make_api(database_url, broker_url=broker_url)
+    with api.database.write() as session:
+        beat(session, "worker-1")
+    response = api.get("/readyz")
+    assert response.status_code == 200
+    ready = response.json()
+    assert all(ready[part] for part in ("is_ready", "database", "file_store", "broker"))
+    assert (ready["live_workers"], ready["note"]) == (1, "")
+
+
+def test_without_broker_and_worker_uploads_are_still_taken(api: "Api") -> None:
+    response = api.get("/readyz")
+    assert response.status_code == 200
+    ready = response.json()
+    assert ready["is_ready"]
+    assert not ready["broker"]
+    assert ready["live_workers"] == 0
+    assert "delayed" in ready["note"]
+    assert api.submit("a").status_code == 202
+
+
+def test_without_the_database_it_is_not_ready(api: "Api", tmp_path: Path) -> None:
+    break_database(api, tmp_path)
+    response = api.get("/readyz")
+    assert response.status_code == 503
+    assert (response.json()["is_ready"], response.json()["database"]) == (False, False)
+
+
+def test_without_the_file_store_it_is_not_ready(
+    make_api: MakeApi, sqlite_url: str, tmp_path: Path
+) -> None:
+    api = make_api(sqlite_url)
+    break_store(tmp_path)
+    response = api.get("/readyz")
+    assert response.status_code == 503
+    assert (response.json()["database"], response.json()["file_store"]) == (True, False)
+
+
+def test_without_the_database_every_answer_is_503_and_says_when_to_come_back(
+    api: "Api", as_problem: Callable[[Any, int, str], dict[str, Any]], tmp_path: Path
+) -> None:
+    break_database(api, tmp_path)
+    for response in (api.get("/phases"), api.get("/leaderboard"), api.get("/me", "alpha")):
+        as_problem(response, 503, "store_unavailable")
+        assert int(response.headers["retry-after"]) > 0
+    assert "sqlite" not in api.get("/phases").text.lower()
+
+
+def test_without_the_file_store_an_upload_is_503_and_costs_no_quota(
+    api: "Api", as_problem: Callable[[Any, int, str], dict[str, Any]], tmp_path: Path
+) -> None:
+    break_store(tmp_path)
+    response = api.submit("a")
+    as_problem(response, 503, "store_unavailable")
+    assert int(response.headers["retry-after"]) > 0
+    assert api.get("/phases/dev", "alpha").json()["quota"]["used_today"] == 0
+
+
+def test_metrics_tell_queue_submissions_workers_and_requests(api_on_both: "Api") -> None:
+    api_on_both.submit("a")
+    own = api_on_both.submit("b").json()["id"]
+    api_on_both.score(own)
+    with api_on_both.database.write() as session:
+        beat(session, "worker-1")
+    api_on_both.get(f"/entries/{own}")
+    api_on_both.request("BREW", "/coffee")
+    response = api_on_both.get("/metrics")
+    assert response.headers["content-type"].startswith("text/plain; version=0.0.4")
+    lines = dict(
+        line.rsplit(" ", 1) for line in response.text.splitlines() if not line.startswith("#")
+    )
+    assert lines['exceptiondrive_jobs{lane="live",state="queued"}'] == "1.0"
+    assert lines['exceptiondrive_submissions{status="scored"}'] == "1.0"
+    assert 0 <= float(lines['exceptiondrive_oldest_queued_seconds{lane="live"}']) < 600
+    assert 0 <= float(lines['exceptiondrive_worker_heartbeat_age_seconds{worker="worker-1"}']) < 600
+    name = "exceptiondrive_request_seconds_count"
+    route = "/api/v1/entries/{submission_id}"
+    assert lines[f'{name}{{method="GET",route="{route}",status="404"}}'] == "1.0"
+    assert lines[f'{name}{{method="other",route="unmatched",status="404"}}'] == "1.0"
+    assert own not in response.text
+
+
+def break_database(api: "Api", tmp_path: Path) -> None:
+    """Put a folder where the database was."""
+    api.database.dispose()
+    for path in tmp_path.glob("records.sqlite3*"):
+        path.unlink()
+    (tmp_path / "records.sqlite3").mkdir()
+
+
+def break_store(tmp_path: Path) -> None:
+    """Put a file where the folder of uploads was."""
+    folder = tmp_path / "uploads"
+    folder.rmdir()
+    folder.write_text("not a folder")
