@@ -3,6 +3,8 @@
 from datetime import datetime
 from typing import Literal
 
+from pydantic import Field
+
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -29,6 +31,26 @@ class FamilyCell(BreakdownRow):
     intervals: dict[str, Interval | None] = {}
 
 
+class PairedDifference(Document):
+    """With the reminder minus without it, in one metric, sample by sample.
+
+    `discordant` is the share of the samples in which the two answers differ in this metric.
+    """
+
+    difference: float | None
+    interval: Interval | None
+    discordant: float | None
+    verdict: str
+
+
+class ReminderEffect(Document):
+    """What the reminder changed: an entry against the linked submission without reminder."""
+
+    without: str
+    without_method: str
+    differences: dict[str, PairedDifference]
+
+
 class BoardEntry(Document):
     """One row of a board. Only scored entries carry a rank."""
 
@@ -51,6 +73,8 @@ class BoardEntry(Document):
     coverage: dict[str, float | None] = {}
     flags: tuple[Flag, ...] = ()
     cite: str | None = None
+    reminder_effect: ReminderEffect | None = Field(default=None, exclude_if=lambda it: it is None)
+    """Left out where there is none: such an entry reads as it did before there were links."""
 
 
 class FamilyHead(Document):

@@ -38,6 +38,8 @@ class Challenge(Document):
     title: str
     file_schema: str
     metrics: tuple[Metric, ...]
+    counterpart: str | None = None
+    """What a submission may be linked to, and is then compared with; None: links are refused."""
 
     @property
     def metric_keys(self) -> tuple[str, ...]:
@@ -125,6 +127,7 @@ STRATEGY = Challenge(
     id=ChallengeId.STRATEGY,
     title="Strategy",
     file_schema="exceptiondrive.strategy/1",
+    counterpart="the same agent without reminder",
     metrics=(
         Metric(
             key="accuracy",

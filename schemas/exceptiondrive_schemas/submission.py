@@ -65,6 +65,7 @@ class SubmissionView(Document):
     method: str
     description: str
     links: Links
+    linked_to: str | None = None
     file_digest: str
     size_bytes: int
     status: SubmissionStatus
@@ -97,6 +98,10 @@ class Quota(Document):
     resets_at: datetime
     rejected_per_day: int
     rejected_today: int
+    concurrent: int | None = None
+    """How many may wait for their score at once."""
+    waiting: int = 0
+    """How many of them wait now."""
 
 
 class PhaseView(Document):
@@ -117,6 +122,7 @@ class PhaseView(Document):
     is_open: bool
     quota_per_day: int
     quota_total: int | None
+    quota_concurrent: int | None = None
     max_upload_bytes: int
     quota: Quota | None = None
     """The asking team's own, when a token was sent."""

@@ -62,6 +62,8 @@ class Task(Document):
     hazard: str
     region: RegionKind
     acceptable: Annotated[tuple[Strategy, ...], Field(min_length=1)]
+    under_warning: tuple[Strategy, ...]
+    """Which answers warn too little: what the protocol's caution ranks make of `acceptable`."""
     d_safe_m: Annotated[float, Field(gt=0, le=20)]
 
 

@@ -1,6 +1,7 @@
 """The strategy challenge (PROTOCOL.md section 6), by hand."""
 
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.reminder import reminder_scores
+from exceptiondrive_scoring.split_arrays import STRATEGIES
 from exceptiondrive_scoring.strategy import (
     StrategyAnswers,
     confusion,
@@ -134,3 +136,16 @@ def test_without_reminders_nothing_about_them_is_defined(
     scores = reminder_scores(_answers("CC"), split([SE1, SE1]), protocol.taxonomy)
     assert scores.pop("given") == 0.0
     assert set(scores.values()) == {None}
+
+
+def test_scoring_agrees_with_the_sets_that_the_protocol_stores(protocol: Protocol) -> None:
+    sets = [
+        [strategy for strategy, taken in zip(STRATEGIES, bits, strict=True) if taken]
+        for bits in product((False, True), repeat=len(STRATEGIES))
+        if any(bits)
+    ]
+    table = np.array([[strategy in chosen for strategy in STRATEGIES] for chosen in sets])
+    under = under_warning_sets(table, protocol.grading)
+    assert [tuple(s for s, bad in zip(STRATEGIES, row, strict=True) if bad) for row in under] == [
+        protocol.grading.under_warning(chosen) for chosen in sets
+    ]
