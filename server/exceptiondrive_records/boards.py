@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import func, or_, select, update
+from sqlalchemy import ColumnElement, Select, exists, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
@@ -25,6 +25,16 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 @dataclass(frozen=True)
+class LinkedRecord:
+    """The scored counterpart of an entry, whether or not it is an entry itself."""
+
+    submission_id: str
+    method: str
+    file_digest: str
+    measurement_key: str
+
+
+@dataclass(frozen=True)
 class EntryRecord:
     """What a board needs to know of one entry."""
 
@@ -41,6 +51,7 @@ class EntryRecord:
     measurement_key: str
     exact_digest: str
     scorer_version: str
+    linked: LinkedRecord | None = None
 
 
 @dataclass(frozen=True)
@@ -49,15 +60,18 @@ class BoardClaim:
 
     phase_id: str
     protocol_digest: str
+    split_revision: str
     wanted: int
     fence: int
     claimed_at: datetime
 
 
-def entries_for_board(session: Session, phase_id: str, protocol_digest: str) -> list[EntryRecord]:
+def entries_for_board(
+    session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
+) -> list[EntryRecord]:
     """Return the latest scored submission of each (team, method), in order of submission.
 
-    A method whose latest submission was withdrawn falls back to the one before it.
+    Without `split_revision`, against the one that the phase shows. A method whose latest submission was withdrawn falls back to the one before it.
 
     Raises:
         NotFound: No such phase.
@@ -73,26 +87,36 @@ def entries_for_board(session: Session, phase_id: str, protocol_digest: str) -> 
             Submission.phase_id == phase_id,
             Submission.status == SubmissionStatus.SCORED,
             ScoreSheetRow.protocol_digest == protocol_digest,
-            ScoreSheetRow.split_revision == phase.split_revision,
+            ScoreSheetRow.split_revision == (split_revision or phase.split_revision),
         )
         .order_by(Submission.received_at, Submission.id)
     )
     latest: dict[tuple[int, str], EntryRecord] = {}
+    scored: dict[str, LinkedRecord] = {}
     for submission, team, sheet in session.execute(query):
-        latest[team.id, submission.method] = _entry(submission, team, sheet)
+        linked = scored.get(submission.linked_to or "")
+        latest[team.id, submission.method] = _entry(submission, team, sheet, linked)
+        scored[submission.id] = _linked(submission, sheet)
     return sorted(latest.values(), key=lambda entry: (entry.submitted_at, entry.submission_id))
 
 
 def claim_board(
-    session: Session, phase_id: str, protocol_digest: str, lease_s: float
+    session: Session,
+    phase_id: str,
+    protocol_digest: str,
+    lease_s: float,
+    split_revision: str | None = None,
 ) -> BoardClaim | None:
     """Lease the building of a board if one is wanted and nobody builds it."""
     now = database_now(session)
+    if split_revision is None:
+        split_revision = session.get_one(Phase, phase_id).split_revision
     taken = session.execute(
         update(BoardRequest)
         .where(
             BoardRequest.phase_id == phase_id,
             BoardRequest.protocol_digest == protocol_digest,
+            BoardRequest.split_revision == split_revision,
             BoardRequest.wanted > BoardRequest.built,
             or_(BoardRequest.lease_until.is_(None), BoardRequest.lease_until < now),
         )
@@ -106,7 +130,7 @@ def claim_board(
     ).first()
     if taken is None:
         return None
-    return BoardClaim(phase_id, protocol_digest, taken.wanted, taken.fence, now)
+    return BoardClaim(phase_id, protocol_digest, split_revision, taken.wanted, taken.fence, now)
 
 
 def release_board(session: Session, claim: BoardClaim) -> None:
@@ -116,6 +140,7 @@ def release_board(session: Session, claim: BoardClaim) -> None:
         .where(
             BoardRequest.phase_id == claim.phase_id,
             BoardRequest.protocol_digest == claim.protocol_digest,
+            BoardRequest.split_revision == claim.split_revision,
             BoardRequest.fence == claim.fence,
         )
         .values(lease_until=None)
@@ -123,7 +148,7 @@ def release_board(session: Session, claim: BoardClaim) -> None:
 
 
 def publish_board(session: Session, claim: BoardClaim, board: Board) -> BoardRow | None:
-    """Append a board and, under the phase's own protocol, make it the current one.
+    """Append a board and, under the phase's own protocol and split, make it the current one.
 
     Number and date are given here. A board that says what the latest one of this protocol says
     is not appended again.
@@ -133,7 +158,7 @@ def publish_board(session: Session, claim: BoardClaim, board: Board) -> BoardRow
     """
     request = session.get(
         BoardRequest,
-        (claim.phase_id, claim.protocol_digest),
+        (claim.phase_id, claim.protocol_digest, claim.split_revision),
         with_for_update=True,
         populate_existing=True,
     )
@@ -147,22 +172,34 @@ def publish_board(session: Session, claim: BoardClaim, board: Board) -> BoardRow
     row = _latest(session, claim)
     if row is None or row.digest != board.content_digest:
         row = _append(session, claim, board)
-    if phase.protocol_digest == claim.protocol_digest:
+    shown = (phase.protocol_digest, phase.split_revision)
+    if shown == (claim.protocol_digest, claim.split_revision):
         flip_board(session, phase, row)
     return row
 
 
-def flip_board(session: Session, phase: Phase, row: BoardRow) -> None:
-    """Point the phase at a board; the caller holds the lock of the phase."""
+def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | None:
+    """Point the phase at a board; the caller holds the lock of the phase.
+
+    Returns:
+        The flip; None when the phase showed this board already.
+    """
     if phase.current_board_id == row.id:
-        return
+        return None
     phase.current_board_id = row.id
-    session.add(BoardFlip(phase_id=phase.id, board_id=row.id, at=database_now(session)))
+    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=database_now(session))
+    session.add(flip)
+    session.flush()
+    return flip
 
 
-def is_board_wanted(session: Session, phase_id: str, protocol_digest: str) -> bool:
+def is_board_wanted(
+    session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
+) -> bool:
     """Whether a newer board is wanted than was built."""
-    request = session.get(BoardRequest, (phase_id, protocol_digest))
+    if split_revision is None:
+        split_revision = session.get_one(Phase, phase_id).split_revision
+    request = session.get(BoardRequest, (phase_id, protocol_digest, split_revision))
     return request is not None and request.wanted > request.built
 
 
@@ -188,24 +225,43 @@ def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | Non
     return session.scalars(query).first()
 
 
-def latest_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
-    """Return the newest board of a phase under a protocol."""
-    query = (
-        select(BoardRow)
-        .where(BoardRow.phase_id == phase_id, BoardRow.protocol_digest == protocol_digest)
-        .order_by(BoardRow.number.desc())
-        .limit(1)
-    )
+def latest_board(
+    session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
+) -> BoardRow | None:
+    """Return the newest board of a phase under a protocol (and split revision), drafts too."""
+    return session.scalars(_newest_first(phase_id, protocol_digest, split_revision)).first()
+
+
+def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
+    """Return the newest board of a phase under a protocol that was ever shown."""
+    query = _newest_first(phase_id, protocol_digest, None).where(_was_shown())
     return session.scalars(query).first()
+
+
+def _newest_first(
+    phase_id: str, protocol_digest: str, split_revision: str | None
+) -> Select[BoardRow]:
+    query = select(BoardRow).where(
+        BoardRow.phase_id == phase_id, BoardRow.protocol_digest == protocol_digest
+    )
+    if split_revision is not None:
+        query = query.where(BoardRow.split_revision == split_revision)
+    return query.order_by(BoardRow.number.desc()).limit(1)
+
+
+def _was_shown() -> ColumnElement[bool]:
+    return exists().where(BoardFlip.board_id == BoardRow.id)
 
 
 def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
     """Return a board by its permanent number.
 
     Raises:
-        NotFound: There is none.
+        NotFound: There is none, or it was never shown: drafts are for organizers alone.
     """
-    query = select(BoardRow).where(BoardRow.phase_id == phase_id, BoardRow.number == number)
+    query = select(BoardRow).where(
+        BoardRow.phase_id == phase_id, BoardRow.number == number, _was_shown()
+    )
     row = session.scalars(query).first()
     if row is None:
         raise NotFound("board", f"{phase_id}/{number}")
@@ -219,7 +275,7 @@ def list_boards(session: Session, phase_id: str) -> list[BoardRow]:
 
 
 def _latest(session: Session, claim: BoardClaim) -> BoardRow | None:
-    return latest_board(session, claim.phase_id, claim.protocol_digest)
+    return latest_board(session, claim.phase_id, claim.protocol_digest, claim.split_revision)
 
 
 def _append(session: Session, claim: BoardClaim, board: Board) -> BoardRow:
@@ -244,7 +300,18 @@ def _append(session: Session, claim: BoardClaim, board: Board) -> BoardRow:
     return row
 
 
-def _entry(submission: Submission, team: Team, row: ScoreSheetRow) -> EntryRecord:
+def _linked(submission: Submission, row: ScoreSheetRow) -> LinkedRecord:
+    return LinkedRecord(
+        submission_id=submission.id,
+        method=submission.method,
+        file_digest=submission.file_digest,
+        measurement_key=row.measurement_key,
+    )
+
+
+def _entry(
+    submission: Submission, team: Team, row: ScoreSheetRow, linked: LinkedRecord | None
+) -> EntryRecord:
     return EntryRecord(
         submission_id=submission.id,
         team=team.name,
@@ -259,4 +326,5 @@ def _entry(submission: Submission, team: Team, row: ScoreSheetRow) -> EntryRecor
         measurement_key=row.measurement_key,
         exact_digest=row.exact_digest,
         scorer_version=row.scorer_version,
+        linked=linked,
     )

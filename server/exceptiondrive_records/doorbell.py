@@ -44,9 +44,21 @@ class Doorbell:
         """Call a worker of a lane for a job; return whether the broker took the message."""
         return self._ring(JobName.SCORE, (job_id,), lane)
 
-    def ring_board(self, phase_id: str, protocol_digest: str, lane: Lane = Lane.LIVE) -> bool:
+    def ring_board(
+        self,
+        phase_id: str,
+        protocol_digest: str,
+        lane: Lane = Lane.LIVE,
+        *,
+        split_revision: str | None = None,
+    ) -> bool:
         """Call a worker to build a board; return whether the broker took the message."""
-        return self._ring(JobName.BUILD_BOARD, (phase_id, protocol_digest), lane)
+        ids = (phase_id, protocol_digest, *((split_revision,) if split_revision else ()))
+        return self._ring(JobName.BUILD_BOARD, ids, lane)
+
+    def ring_verification(self, item_id: str) -> bool:
+        """Call a worker to recompute a sheet; return whether the broker took the message."""
+        return self._ring(JobName.VERIFY, (item_id,), Lane.RESCORE)
 
     def close(self) -> None:
         """Close all connections."""

@@ -102,7 +102,8 @@ def finish_scored(
         )
     if claim.is_first:
         _set_status(session, claim.submission_id, SubmissionStatus.SCORED)
-    want_board(session, claim.phase_id, claim.protocol_digest)
+    if claim.is_first:  # boards of a rescoring are asked for once, when all its sheets are there
+        want_board(session, claim.phase_id, claim.protocol_digest, claim.split_revision)
     detail = {"protocol": claim.protocol_digest, "exact_digest": exact_digest}
     audit(session, _ACTOR, "submission scored", claim.submission_id, detail)
     return Finish.RECORDED

@@ -121,16 +121,18 @@ def _ring_jobs(
 def _ring_boards(database: Database, doorbell: Doorbell, settings: RecordsSettings) -> int:
     with database.read() as session:
         wanted = _wanted_boards(session, settings.ring_again_after_s)
-    rung = [key for key in wanted if doorbell.ring_board(*key)]
+    rung = [key for key in wanted if doorbell.ring_board(*key[:2], split_revision=key[2])]
     if rung:
         with database.write() as session:
             _mark_boards_rung(session, rung)
     return len(rung)
 
 
-def _wanted_boards(session: Session, ring_again_after_s: float) -> list[tuple[str, str]]:
+def _wanted_boards(session: Session, ring_again_after_s: float) -> list[tuple[str, str, str]]:
     now = database_now(session)
-    query = select(BoardRequest.phase_id, BoardRequest.protocol_digest).where(
+    query = select(
+        BoardRequest.phase_id, BoardRequest.protocol_digest, BoardRequest.split_revision
+    ).where(
         BoardRequest.wanted > BoardRequest.built,
         or_(BoardRequest.lease_until.is_(None), BoardRequest.lease_until < now),
         or_(
@@ -138,15 +140,19 @@ def _wanted_boards(session: Session, ring_again_after_s: float) -> list[tuple[st
             BoardRequest.rung_at < now - timedelta(seconds=ring_again_after_s),
         ),
     )
-    return [(phase_id, digest) for phase_id, digest in session.execute(query)]
+    return [(phase_id, digest, revision) for phase_id, digest, revision in session.execute(query)]
 
 
-def _mark_boards_rung(session: Session, keys: list[tuple[str, str]]) -> None:
+def _mark_boards_rung(session: Session, keys: list[tuple[str, str, str]]) -> None:
     now = database_now(session)
-    for phase_id, digest in keys:
+    for phase_id, digest, revision in keys:
         session.execute(
             update(BoardRequest)
-            .where(BoardRequest.phase_id == phase_id, BoardRequest.protocol_digest == digest)
+            .where(
+                BoardRequest.phase_id == phase_id,
+                BoardRequest.protocol_digest == digest,
+                BoardRequest.split_revision == revision,
+            )
             .values(rung_at=now)
             .execution_options(synchronize_session=False)
         )

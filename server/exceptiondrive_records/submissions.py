@@ -11,6 +11,7 @@ from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, NotFound, PhaseClosed
 from exceptiondrive_records.identifiers import checked_link, checked_text, random_id
+from exceptiondrive_records.links import checked_counterpart, require_same_link
 from exceptiondrive_records.phases import find_phase, is_open
 from exceptiondrive_records.quotas import require_quota
 from exceptiondrive_records.tables import Job, JobState, Phase, ScoreSheetRow, Submission, Team
@@ -39,6 +40,7 @@ def accept(
     method: str,
     description: str = "",
     links: Links = Links(),  # noqa: B008 - immutable
+    linked_to: str | None = None,
     file_digest: str,
     size_bytes: int,
 ) -> Accepted:
@@ -53,24 +55,29 @@ def accept(
         method: Name of the method, part of the identity of its board entry.
         description: Free text.
         links: Where the method is described.
+        linked_to: The team's submission of the same agent without reminder, in this phase.
         file_digest: Of the stored file, `sha256:` and 64 hex digits.
         size_bytes: Of the stored file.
 
     Raises:
-        NotFound: No such phase or team.
+        NotFound: No such phase or team, or the team has no submission to link to.
         InvalidRecord: A text or link cannot be used.
+        Conflict: The counterpart has no score, or the same bytes are there with another link.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
         RejectedCapExceeded: Too many files were rejected today.
+        ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
     phase = find_phase(session, phase_id)
     _lock_team(session, team_id)
     first = _same_bytes(session, team_id, phase, file_digest)
     if first is not None:
+        require_same_link(first, linked_to)
         return Accepted(first, is_duplicate=True, job_id=None)
     now = database_now(session)
     _require_open(phase, now)
     require_quota(session, team_id, phase)
+    counterpart = checked_counterpart(session, team_id, phase, linked_to)
     submission = Submission(
         id=random_id(),
         phase_id=phase.id,
@@ -81,6 +88,7 @@ def accept(
         ),
         paper_url=checked_link("paper", links.paper),
         code_url=checked_link("code", links.code),
+        linked_to=counterpart,
         file_digest=file_digest,
         size_bytes=size_bytes,
         status=SubmissionStatus.RECEIVED,
@@ -142,8 +150,8 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     submission.status = SubmissionStatus.WITHDRAWN
     submission.status_at = submission.withdrawn_at = now
     _cancel_jobs(session, submission_id, now)
-    for protocol_digest in _scored_protocols(session, submission_id):
-        want_board(session, submission.phase_id, protocol_digest)
+    for protocol_digest, split_revision in _scored_under(session, submission_id):
+        want_board(session, submission.phase_id, protocol_digest, split_revision)
     audit(session, actor, "submission withdrawn", submission_id, {"was": before})
     return submission
 
@@ -234,8 +242,8 @@ def _cancel_jobs(session: Session, submission_id: str, now: datetime) -> None:
     )
 
 
-def _scored_protocols(session: Session, submission_id: str) -> list[str]:
-    query = select(ScoreSheetRow.protocol_digest).where(
+def _scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+    query = select(ScoreSheetRow.protocol_digest, ScoreSheetRow.split_revision).where(
         ScoreSheetRow.submission_id == submission_id
     )
-    return sorted(set(session.scalars(query)))
+    return sorted((digest, revision) for digest, revision in session.execute(query))

@@ -119,6 +119,8 @@ class Phase(Base):
     closes_at: Mapped[datetime | None]
     quota_per_day: Mapped[int]
     quota_total: Mapped[int | None]
+    quota_concurrent: Mapped[int | None]
+    """How many of a team may wait for their score at once."""
     rejected_per_day: Mapped[int]
     current_board_id: Mapped[int | None]
     shows_reported: Mapped[bool]
@@ -157,6 +159,8 @@ class Submission(Base):
     received_at: Mapped[datetime]
     status_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]
+    linked_to: Mapped[str | None] = mapped_column(ForeignKey("submissions.id"))
+    """The counterpart that its board entry is compared with."""
 
 
 class Job(Base):
@@ -208,6 +212,7 @@ class BoardRequest(Base):
     __tablename__ = "board_requests"
     phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
     protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
+    split_revision: Mapped[str] = mapped_column(primary_key=True)
     wanted: Mapped[int]
     built: Mapped[int]
     fence: Mapped[int]
@@ -268,6 +273,15 @@ class WorkerHeartbeat(Base):
     slots: Mapped[int]
 
 
+class ReceiptKeyRow(Base):
+    """The public half of a key that has signed receipts. It is kept for ever."""
+
+    __tablename__ = "receipt_keys"
+    key_id: Mapped[str] = mapped_column(primary_key=True)
+    public_key: Mapped[str]
+    first_used_at: Mapped[datetime]
+
+
 class Leader(Base):
     """Who may do what only one process may do."""
 
@@ -275,3 +289,6 @@ class Leader(Base):
     name: Mapped[str] = mapped_column(primary_key=True)
     holder: Mapped[str]
     lease_until: Mapped[datetime]
+
+
+from exceptiondrive_records import tables_rescoring  # noqa: F401 - one metadata

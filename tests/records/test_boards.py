@@ -9,6 +9,7 @@ from sqlalchemy.exc import DatabaseError
 
 from exceptiondrive_records import boards
 from exceptiondrive_records.audit import count_audit_lines
+from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import BoardClaim
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.submissions import withdraw
@@ -160,7 +161,7 @@ def test_a_board_under_another_protocol_is_kept_but_not_shown(world: World) -> N
             text("INSERT INTO protocols VALUES (:digest, '9.9', '', CURRENT_TIMESTAMP)"),
             {"digest": OTHER},
         )
-        session.add(BoardRequest(phase_id="dev", protocol_digest=OTHER, wanted=1, built=0, fence=0))
+        want_board(session, "dev", OTHER)
     with world.database.write() as session:
         claim = boards.claim_board(session, "dev", OTHER, 120)
         assert claim is not None

@@ -11,6 +11,8 @@ from exceptiondrive_records.tables import BoardRequest, Job, JobState, ScoreShee
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.submission import SubmissionStatus
 
+REVISION = "sha256:" + "5" * 64
+
 LEASE_S = 120
 World = Any
 
@@ -67,7 +69,7 @@ def test_scoring_leaves_sheet_status_audit_line_and_board_request_together(world
     with world.database.read() as session:
         key = (claim.submission_id, claim.protocol_digest, claim.split_revision)
         assert session.get(ScoreSheetRow, key).sheet == world.sheet()
-        assert session.get(BoardRequest, ("dev", world.protocol_digest)).wanted == 2
+        assert session.get(BoardRequest, ("dev", world.protocol_digest, REVISION)).wanted == 2
         assert count_audit_lines(session, "submission scored") == 1
         assert verify_audit(session).is_whole
 

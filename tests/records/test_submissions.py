@@ -22,6 +22,8 @@ from exceptiondrive_records.teams import create_team
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.submission import SubmissionStatus
 
+REVISION = "sha256:" + "5" * 64
+
 World = Any
 
 
@@ -140,11 +142,13 @@ def test_withdrawing_a_waiting_submission_ends_its_job_and_a_late_answer_is_refu
 def test_withdrawing_a_scored_submission_asks_for_a_new_board(world: World) -> None:
     submission_id = scored(world, "file")
     with world.database.write() as session:
-        before = session.get(BoardRequest, ("dev", world.protocol_digest)).wanted
+        before = session.get(BoardRequest, ("dev", world.protocol_digest, REVISION)).wanted
         withdraw(session, submission_id, actor="test")
         withdraw(session, submission_id, actor="test")  # twice does nothing
     with world.database.read() as session:
-        assert session.get(BoardRequest, ("dev", world.protocol_digest)).wanted == before + 1
+        assert (
+            session.get(BoardRequest, ("dev", world.protocol_digest, REVISION)).wanted == before + 1
+        )
         assert count_audit_lines(session, "submission withdrawn") == 1
 
 

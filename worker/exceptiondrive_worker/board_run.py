@@ -30,14 +30,17 @@ from exceptiondrive_worker.stages import Target
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
-def build_board(doors: Doors, phase_id: str, protocol_digest: str) -> None:
+def build_board(
+    doors: Doors, phase_id: str, protocol_digest: str, split_revision: str | None = None
+) -> None:
     """Build and publish the board of a phase under a protocol, if one is wanted.
 
     Does nothing, quietly, when none is wanted or another worker builds it. A build that ends in an
     error keeps its lease, and is tried again when that runs out.
     """
     with doors.database.write() as session:
-        claimed = claim_board(session, phase_id, protocol_digest, doors.settings.board_lease_s)
+        lease_s = doors.settings.board_lease_s
+        claimed = claim_board(session, phase_id, protocol_digest, lease_s, split_revision)
     if claimed is None:
         return
     try:
@@ -79,16 +82,16 @@ def _board(doors: Doors, claimed: BoardClaim) -> Board:
     with doors.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
-        records = entries_for_board(session, phase.id, protocol.digest)
+        records = entries_for_board(session, phase.id, protocol.digest, claimed.split_revision)
         boards = [
             None if row is None else Board.model_validate_json(row.body)
             for row in (
-                latest_board(session, phase.id, protocol.digest),
+                latest_board(session, phase.id, protocol.digest, claimed.split_revision),
                 current_board(session, phase.id),
             )
         ]
     challenge = CHALLENGES[ChallengeId(phase.challenge)]
-    split = doors.splits.find(phase.split_name, phase.split_revision, protocol)
+    split = doors.splits.find(phase.split_name, claimed.split_revision, protocol)
     entries = board_entries(
         _scored(doors, records, challenge, split, protocol), challenge, protocol
     )

@@ -90,8 +90,13 @@ def _score(doors: Doors, claimed: Claim, protocol: Protocol) -> None:
             scorer_version=SCORER_VERSION,
         )
     _log.info("scored", job=claimed.job_id, outcome=outcome.value)
-    if outcome is Finish.RECORDED:
-        doors.doorbell.ring_board(claimed.phase_id, claimed.protocol_digest, claimed.lane)
+    if outcome is Finish.RECORDED and claimed.is_first:
+        doors.doorbell.ring_board(
+            claimed.phase_id,
+            claimed.protocol_digest,
+            claimed.lane,
+            split_revision=claimed.split_revision,
+        )
 
 
 def _record_failure(doors: Doors, claimed: Claim, failure: Failure) -> None:

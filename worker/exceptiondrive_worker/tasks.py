@@ -25,9 +25,9 @@ def register_jobs(app: Celery, doors: Callable[[], Doors]) -> None:
             score_submission(doors(), job_id)
 
     @app.task(name=JobName.BUILD_BOARD.value)
-    def board(phase_id: str, protocol_digest: str) -> None:
+    def board(phase_id: str, protocol_digest: str, split_revision: str | None = None) -> None:
         with job_boundary(f"board:{phase_id}", _left_to_the_reconciler):
-            build_board(doors(), phase_id, protocol_digest)
+            build_board(doors(), phase_id, protocol_digest, split_revision)
 
 
 def _left_to_the_reconciler(failure: Failure) -> None:

@@ -6,7 +6,7 @@ from functools import lru_cache
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import board_at, current_board, find_board, latest_board
+from exceptiondrive_records.boards import board_at, current_board, find_board, latest_public_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phases import is_open, list_phases
@@ -99,7 +99,7 @@ def _board_row(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | 
         return find_board(session, phase.id, query.board)
     if query.protocol is not None:
         digest = find_protocol(session, query.protocol).digest
-        row = latest_board(session, phase.id, digest)
+        row = latest_public_board(session, phase.id, digest)
         if row is None:
             raise NotFound("board of this phase under protocol", query.protocol)
         return row

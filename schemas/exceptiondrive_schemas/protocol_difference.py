@@ -1,0 +1,175 @@
+"""What changes from one protocol to another, in plain words, and which stages must repeat.
+
+Pure: two documents in, sentences out. The stages are those of the protocol's own digests: the
+geometry is measured, grading, plausibility and taxonomy are graded, ranking is ranked, and the
+publication section decides digits alone.
+"""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import Any
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+
+
+class Stage(StrEnum):
+    """The work that a change repeats; each includes what stands below it."""
+
+    MEASURE = "measure"
+    GRADE = "grade"
+    RANK = "rank"
+    PUBLICATION = "publication"
+    NONE = "none"
+
+
+_HEAVIEST_FIRST = tuple(Stage)
+_WORK = {
+    Stage.MEASURE: "measure, grade and rank again",
+    Stage.GRADE: "regrade only",
+    Stage.RANK: "rank again only",
+    Stage.PUBLICATION: "round again only",
+    Stage.NONE: "nothing to repeat",
+}
+_STAGE_OF_SECTION = {
+    "geometry": Stage.MEASURE,
+    "grading": Stage.GRADE,
+    "plausibility": Stage.GRADE,
+    "families": Stage.GRADE,
+    "tasks": Stage.GRADE,
+    "ranking": Stage.RANK,
+    "publication": Stage.PUBLICATION,
+}
+_SELF_DESCRIPTION = ("schema", "version", "title", "changes")
+_UNITS = {"_m": "m", "_s": "s", "_deg": "degrees", "_mps2": "m/s²", "_m2": "m²"}
+
+
+class Change(Document):
+    """One change: a sentence, and the heaviest stage it repeats."""
+
+    sentence: str
+    stage: Stage
+
+
+class Difference(Document):
+    """All changes between two protocols, and two split revisions."""
+
+    changes: tuple[Change, ...]
+    stage: Stage
+    n_sheets: int
+    sentence: str
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The changes in words."""
+        return tuple(change.sentence for change in self.changes)
+
+
+def protocol_difference(
+    old: Protocol, new: Protocol, n_sheets: int, *, split: tuple[Change, ...] = ()
+) -> Difference:
+    """Return every change from `old` to `new` in plain words.
+
+    Args:
+        old: In force.
+        new: To come.
+        n_sheets: Score sheets that stand to be made again.
+        split: Changes of the split revision, from `split_changes`.
+    """
+    changes = (*split, *_protocol_changes(old, new))
+    stages = {change.stage for change in changes} or {Stage.NONE}
+    stage = next(stage for stage in _HEAVIEST_FIRST if stage in stages)
+    n_repeated = 0 if stage is Stage.NONE else n_sheets
+    noun = "sheet" if n_repeated == 1 else "sheets"
+    sentence = f"{_WORK[stage]}, {n_repeated:,} {noun}"
+    return Difference(changes=changes, stage=stage, n_sheets=n_repeated, sentence=sentence)
+
+
+def split_changes(old: Manifest, new: Manifest) -> tuple[Change, ...]:
+    """Return the changes from one revision of a split to another, as far as they may be known."""
+    if old.revision == new.revision:
+        return ()
+    before, after = set(old.sample_ids), set(new.sample_ids)
+    sentences = []
+    if after - before:
+        sentences.append(f"the split gains {len(after - before):,} samples")
+    if before - after:
+        sentences.append(f"the split loses {len(before - after):,} samples")
+    if not sentences:
+        sentences.append(
+            f"the split's {len(after):,} samples stay; their regions, tasks or scenes change"
+        )
+    return tuple(Change(sentence=text, stage=Stage.MEASURE) for text in sentences)
+
+
+def _protocol_changes(old: Protocol, new: Protocol) -> Iterator[Change]:
+    before, after = _document(old), _document(new)
+    for section, stage in _STAGE_OF_SECTION.items():
+        if section in ("families", "tasks"):
+            yield from _item_changes(section, stage, before[section], after[section])
+            continue
+        for name in sorted(before[section] | after[section]):
+            pair = before[section].get(name), after[section].get(name)
+            if pair[0] != pair[1]:
+                yield Change(sentence=_value_sentence(_words(name), name, *pair), stage=stage)
+
+
+def _item_changes(
+    section: str, stage: Stage, before: dict[str, Any], after: dict[str, Any]
+) -> Iterator[Change]:
+    noun = {"families": "family", "tasks": "task"}[section]
+    for key in (key for key in after if key not in before):
+        yield Change(sentence=f"{noun} {key} is new", stage=stage)
+    for key in (key for key in before if key not in after):
+        yield Change(sentence=f"{noun} {key} is gone", stage=stage)
+    for key in (key for key in before if key in after and before[key] != after[key]):
+        old, new = before[key], after[key]
+        for name in (name for name in new if old.get(name) != new.get(name)):
+            title = new.get("name") or new.get("title") or key
+            label = f"{_words(name)} of {noun} {key} ({str(title).replace('_', ' ')})"
+            yield Change(
+                sentence=_value_sentence(label, name, old.get(name), new.get(name)), stage=stage
+            )
+    common = [key for key in after if key in before]
+    if common != [key for key in before if key in after]:
+        yield Change(sentence=f"the order of the {section} changes", stage=stage)
+
+
+def _document(protocol: Protocol) -> dict[str, Any]:
+    document = protocol.model_dump(mode="json", by_alias=True)
+    for name in _SELF_DESCRIPTION:
+        del document[name]
+    for name in ("families", "tasks"):
+        document[name] = {item["id"]: item for item in document[name]}
+    return document
+
+
+def _words(name: str) -> str:
+    if name == "d_safe_m":
+        return "required clearance"
+    suffix = _suffix(name)
+    return (name.removesuffix(suffix) if suffix else name).replace("_", " ")
+
+
+def _suffix(name: str) -> str | None:
+    found = [suffix for suffix in _UNITS if name.endswith(suffix)]
+    return max(found, key=len) if found else None
+
+
+def _value_sentence(label: str, name: str, old: Any, new: Any) -> str:
+    suffix = _suffix(name)
+    unit = f" {_UNITS[suffix]}" if suffix else ""
+    return f"{label} {_text(old)} -> {_text(new)}{unit}"
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, list):
+        return "[" + ", ".join(_text(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} {_text(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return str(value)

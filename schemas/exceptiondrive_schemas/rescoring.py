@@ -1,0 +1,226 @@
+"""Protocol updates as the API shows them: runs, previews, history, and what teams are told."""
+
+from datetime import datetime
+from enum import StrEnum
+from typing import Literal
+
+from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_schemas.score_sheet import MetricRow, ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
+
+
+class RunState(StrEnum):
+    """Where a rescoring run stands."""
+
+    DRAFT = "draft"
+    SCORING = "scoring"
+    PAUSED = "paused"
+    READY = "ready"
+    """Every sheet is there and the new board is built: it may be applied."""
+    APPLIED = "applied"
+    """The new board is public; fresh submissions are scored both ways, so that it can go back."""
+    CLOSED = "closed"
+    """Applied for good: only the new protocol is scored."""
+    ROLLED_BACK = "rolled_back"
+    CANCELLED = "cancelled"
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the run has ended."""
+        return self in (RunState.CLOSED, RunState.ROLLED_BACK, RunState.CANCELLED)
+
+
+class VerifyState(StrEnum):
+    """What a recomputation of one sheet came to."""
+
+    WAITING = "waiting"
+    EQUAL = "equal"
+    DIFFERS = "differs"
+    FAILED = "failed"
+
+
+class Progress(Document):
+    """How far scoring is; `failed` pairs need an organizer."""
+
+    done: int
+    total: int
+    failed: int
+    sheets_per_s: float | None = None
+    remaining_s: float | None = None
+
+
+class RunView(Document):
+    """A rescoring run as organizers see it."""
+
+    id: str
+    phase: str
+    state: RunState
+    reason: str
+    actor: str
+    from_protocol: ProtocolRef
+    to_protocol: ProtocolRef
+    from_split: SplitRef
+    to_split: SplitRef
+    created_at: datetime
+    started_at: datetime | None
+    applied_at: datetime | None
+    ended_at: datetime | None
+    progress: Progress
+    blockers: tuple[str, ...]
+    """Why it cannot be applied now (or, once applied, rolled back); empty: it can."""
+    difference: Difference
+    old_board: int | None = None
+    new_board: int | None = None
+    preview: str | None = None
+    """Digest of the comparison that `apply` would make true."""
+
+
+class Standing(Document):
+    """One entry on one board."""
+
+    rank: int | None
+    rank_interval: tuple[int, int] | None
+    unranked_because: str | None
+    metrics: MetricRow
+    families: dict[str, MetricRow]
+
+
+class EntryChange(Document):
+    """One entry before and after."""
+
+    submission_id: str
+    method: str
+    team: str
+    change: Literal["none", "numbers", "rank_only", "appears", "disappears"]
+    newly_failing: bool
+    old: Standing | None
+    new: Standing | None
+    rank_shift: int | None
+    """Places won: positive is better."""
+    metric_shifts: MetricRow
+    family_shifts: dict[str, MetricRow]
+
+
+class Comparison(Document):
+    """What readers would see change: two boards side by side."""
+
+    phase: str
+    challenge: str
+    from_protocol: ProtocolRef
+    to_protocol: ProtocolRef
+    from_split: SplitRef
+    to_split: SplitRef
+    old_board: int
+    new_board: int
+    n_entries: int
+    n_numbers_changed: int
+    n_ranks_changed: int
+    n_newly_failing: int
+    worst_movers: tuple[str, ...]
+    """Submission ids: those that lose most places first, then those that lose most score."""
+    entries: tuple[EntryChange, ...]
+
+    @property
+    def digest(self) -> str:
+        """Digest of everything it says: what an organizer saw is what is applied."""
+        return content_digest(self)
+
+
+class PreviewView(Document):
+    """The comparison, whether it is fresh, and what stands in the way of applying it."""
+
+    run: str
+    digest: str
+    is_stale: bool
+    blockers: tuple[str, ...]
+    comparison: Comparison
+
+
+class PublicRun(Document):
+    """An applied run, as every reader may see it."""
+
+    id: str
+    phase: str
+    state: RunState
+    applied_at: datetime
+    ended_at: datetime | None
+    from_protocol: ProtocolRef
+    to_protocol: ProtocolRef
+    from_split: SplitRef
+    to_split: SplitRef
+    changes: str
+    """What the protocol document itself says has changed."""
+    difference: Difference
+    comparison: Comparison
+
+
+class BoardHistoryLine(Document):
+    """A stretch of time in which one board was public."""
+
+    board: int
+    address: str
+    protocol: ProtocolRef
+    split: SplitRef
+    shown_from: datetime
+    shown_until: datetime | None
+    what_changed: tuple[str, ...]
+    """Sentences; empty where only submissions came."""
+    comparison: str | None
+    """Address of the run that made it current, by applying it or by rolling back."""
+
+
+class VerifyItemView(Document):
+    """One recomputed sheet."""
+
+    submission_id: str
+    state: VerifyState
+    expected_digest: str
+    found_digest: str | None
+    note: str | None
+
+
+class VerificationView(Document):
+    """A recomputation of sheets from the uploads."""
+
+    id: str
+    phase: str
+    protocol: ProtocolRef
+    split: SplitRef
+    reason: str
+    actor: str
+    created_at: datetime
+    finished_at: datetime | None
+    n_sheets: int
+    n_equal: int
+    n_different: int
+    n_failed: int
+    problems: tuple[VerifyItemView, ...]
+    """Every sheet that did not come again, bit for bit."""
+
+
+class ToldEntry(Document):
+    """One entry of a team, before and after."""
+
+    submission_id: str
+    method: str
+    old: Standing | None
+    new: Standing | None
+
+
+class NotificationView(Document):
+    """A message to a team."""
+
+    id: str
+    kind: Literal["protocol_applied", "protocol_rolled_back"]
+    team: str
+    phase: str
+    created_at: datetime
+    read_at: datetime | None = None
+    title: str
+    from_protocol: ProtocolRef
+    to_protocol: ProtocolRef
+    what_changed: tuple[str, ...]
+    entries: tuple[ToldEntry, ...]
+    comparison: str
+    """Address of the public comparison, below the server's own."""

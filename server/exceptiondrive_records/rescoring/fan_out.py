@@ -1,0 +1,118 @@
+"""What the reconciler does for runs: jobs for missing pairs, the draft board, the next state.
+
+Everything is decided anew from what is recorded, so that any crash is made good by the next pass.
+"""
+
+from sqlalchemy import func, select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.rescoring.draft_board import fresh_board, want_fresh_board
+from exceptiondrive_records.rescoring.keys import (
+    HELD,
+    ScoringKey,
+    new_key,
+    old_key,
+    other_key,
+)
+from exceptiondrive_records.rescoring.pairs import count_pairs, missing_pairs, open_jobs
+from exceptiondrive_records.submissions import new_job
+from exceptiondrive_records.tables import Job, JobState, Submission
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.rescoring import RunState
+
+BATCH = 200
+"""At most so many jobs of a run wait at a time: a run never floods the queue."""
+_ACTOR = "reconciler"
+_TENDED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
+
+
+def tend_runs(database: Database) -> int:
+    """Bring every open run one step further; return how many jobs were made."""
+    with database.read() as session:
+        query = select(func.count()).where(RescoringRun.state.in_(_TENDED))
+        if not session.scalar(query):
+            return 0
+    with database.write() as session:
+        states = RescoringRun.state.in_(_TENDED)
+        runs = session.scalars(select(RescoringRun).where(states).with_for_update())
+        return sum(_tend(session, run) for run in runs)
+
+
+def _tend(session: Session, run: RescoringRun) -> int:
+    if run.state is RunState.PAUSED:
+        hold_jobs(session, run)
+        return 0
+    made = sum(_insert_missing(session, run, key) for key in (new_key(run), old_key(run)))
+    key = other_key(run)
+    counts = count_pairs(session, run.phase_id, key)
+    if counts.missing:
+        return made
+    want_fresh_board(session, run.phase_id, key)
+    is_ready = run.state is RunState.SCORING and fresh_board(session, run.phase_id, key) is not None
+    if is_ready:
+        run.state = RunState.READY
+        run.state_at = database_now(session)
+        detail = {"phase": run.phase_id, "sheets": counts.done}
+        audit(session, _ACTOR, "rescoring ready", run.id, detail)
+    return made
+
+
+def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
+    room = BATCH - open_jobs(session, run.phase_id, key)
+    if room <= 0:
+        return 0
+    now = database_now(session)
+    missing = list(session.scalars(missing_pairs(run.phase_id, key, room)))
+    for submission in missing:
+        digest, revision = key.protocol_digest, key.split_revision
+        session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now))
+    return len(missing)
+
+
+def hold_jobs(session: Session, run: RescoringRun) -> None:
+    """Let no waiting job of a run begin; what is being scored ends in peace."""
+    _move_jobs(session, run, available_at=HELD)
+
+
+def release_jobs(session: Session, run: RescoringRun) -> None:
+    """Let the waiting jobs of a run begin again."""
+    _move_jobs(session, run, available_at=database_now(session))
+
+
+def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> int:
+    """Take back the jobs of a key that nobody has begun; they can be made again."""
+    query = select(Job).where(
+        Job.id.in_(_waiting(run, key)),
+    )
+    waiting = list(session.scalars(query))
+    for job in waiting:
+        session.delete(job)
+    return len(waiting)
+
+
+def _move_jobs(session: Session, run: RescoringRun, **values: object) -> None:
+    session.execute(
+        update(Job)
+        .where(Job.id.in_(_waiting(run, other_key(run))))
+        .values(rung_at=None, rings=0, **values)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _waiting(run: RescoringRun, key: ScoringKey):  # type: ignore[no-untyped-def]
+    return (
+        select(Job.id)
+        .join(Submission, Submission.id == Job.submission_id)
+        .where(
+            Submission.phase_id == run.phase_id,
+            Job.protocol_digest == key.protocol_digest,
+            Job.split_revision == key.split_revision,
+            Job.lane == Lane.RESCORE,
+            Job.is_first.is_(False),
+            Job.state == JobState.QUEUED,
+        )
+    )

@@ -1,0 +1,78 @@
+"""What sheets are kept under, and which runs ask for fresh submissions to be scored twice."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.rescoring import RunState
+
+HELD = datetime(9999, 12, 31, tzinfo=UTC)
+"""`Job.available_at` of a job that waits for its run to go on."""
+UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
+"""Runs whose target every fresh submission is scored under besides."""
+OPEN = (RunState.DRAFT, *UNFINISHED, RunState.APPLIED)
+
+
+@dataclass(frozen=True)
+class ScoringKey:
+    """A protocol and a split revision: with a submission it names one sheet."""
+
+    protocol_digest: str
+    split_revision: str
+
+
+def key_of_phase(phase: Phase) -> ScoringKey:
+    """Return what the phase shows."""
+    return ScoringKey(phase.protocol_digest, phase.split_revision)
+
+
+def old_key(run: RescoringRun) -> ScoringKey:
+    """Return what the run leaves."""
+    return ScoringKey(run.from_protocol_digest, run.from_split_revision)
+
+
+def new_key(run: RescoringRun) -> ScoringKey:
+    """Return what the run leads to."""
+    return ScoringKey(run.to_protocol_digest, run.to_split_revision)
+
+
+def other_key(run: RescoringRun) -> ScoringKey:
+    """Return the side that the public board does not show: it is scored in the background."""
+    return old_key(run) if run.state is RunState.APPLIED else new_key(run)
+
+
+def companion_key(session: Session, phase_id: str) -> tuple[ScoringKey, bool] | None:
+    """Return what a fresh submission is scored under besides, and whether that is held now."""
+    states = (*UNFINISHED, RunState.APPLIED)
+    query = select(RescoringRun).where(
+        RescoringRun.phase_id == phase_id, RescoringRun.state.in_(states)
+    )
+    run = session.scalars(query).first()
+    if run is None:
+        return None
+    return other_key(run), run.state is RunState.PAUSED
+
+
+def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringRun:
+    """Return a run.
+
+    Raises:
+        NotFound: There is none.
+    """
+    run = session.get(RescoringRun, run_id, with_for_update=lock, populate_existing=lock)
+    if run is None:
+        raise NotFound("rescoring run", run_id)
+    return run
+
+
+def list_runs(session: Session, phase_id: str | None = None) -> list[RescoringRun]:
+    """Return runs, newest first."""
+    query = select(RescoringRun).order_by(RescoringRun.created_at.desc(), RescoringRun.id)
+    if phase_id is not None:
+        query = query.where(RescoringRun.phase_id == phase_id)
+    return list(session.scalars(query))

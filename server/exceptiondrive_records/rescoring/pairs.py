@@ -1,0 +1,131 @@
+"""Which sheets a run still lacks, which failed, and how fast it goes."""
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import ColumnElement, Select, and_, exists, func, not_, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.rescoring.keys import ScoringKey
+from exceptiondrive_records.tables import Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.rescoring import Progress, RunState
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+_OPEN_JOBS = (JobState.QUEUED, JobState.LEASED)
+_RATE_WINDOW = timedelta(seconds=30)
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How the scored submissions of a phase stand under one key."""
+
+    total: int
+    done: int
+    failed: int
+
+    @property
+    def missing(self) -> int:
+        """Pairs without a sheet, the failed ones included."""
+        return self.total - self.done
+
+
+def count_pairs(session: Session, phase_id: str, key: ScoringKey) -> Counts:
+    """Count the scored submissions of a phase, those with a sheet, and those that failed."""
+    total = session.scalar(select(func.count()).select_from(_scored(phase_id).subquery())) or 0
+    done_query = _scored(phase_id).where(_has_sheet(key)).subquery()
+    done = session.scalar(select(func.count()).select_from(done_query)) or 0
+    failed_query = failed_pairs(phase_id, key).subquery()
+    failed = session.scalar(select(func.count()).select_from(failed_query)) or 0
+    return Counts(total, done, failed)
+
+
+def missing_pairs(phase_id: str, key: ScoringKey, limit: int) -> Select[Submission]:
+    """Select scored submissions without sheet and without job: nobody will score them yet."""
+    return (
+        _scored(phase_id)
+        .where(not_(_has_sheet(key)), not_(exists().where(_job_of(key))))
+        .order_by(Submission.received_at, Submission.id)
+        .limit(limit)
+    )
+
+
+def failed_pairs(phase_id: str, key: ScoringKey) -> Select[Submission]:
+    """Select scored submissions whose job has ended without a sheet."""
+    ended = exists().where(_job_of(key), Job.state.not_in(_OPEN_JOBS))
+    return _scored(phase_id).where(not_(_has_sheet(key)), ended)
+
+
+def open_jobs(session: Session, phase_id: str, key: ScoringKey) -> int:
+    """Return how many jobs of this key wait or run."""
+    query = (
+        select(func.count())
+        .select_from(Job)
+        .join(Submission, Submission.id == Job.submission_id)
+        .where(
+            Submission.phase_id == phase_id,
+            Job.protocol_digest == key.protocol_digest,
+            Job.split_revision == key.split_revision,
+            Job.state.in_(_OPEN_JOBS),
+        )
+    )
+    return session.scalar(query) or 0
+
+
+def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progress:
+    """Return done, total and failed, and while scoring the measured rate and remaining time."""
+    counts = count_pairs(session, run.phase_id, key)
+    rate = _rate(session, run, key) if run.state is RunState.SCORING else None
+    waiting = counts.missing - counts.failed
+    return Progress(
+        done=counts.done,
+        total=counts.total,
+        failed=counts.failed,
+        sheets_per_s=None if rate is None else round(rate, 2),
+        remaining_s=round(waiting / rate, 1) if rate else None,
+    )
+
+
+def _rate(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
+    """Sheets per second over the last half minute, or since scoring went on."""
+    if run.resumed_at is None:
+        return None
+    now = database_now(session)
+    since: datetime = max(run.resumed_at, now - _RATE_WINDOW)
+    query = (
+        select(func.count())
+        .select_from(ScoreSheetRow)
+        .join(Submission, Submission.id == ScoreSheetRow.submission_id)
+        .where(
+            Submission.phase_id == run.phase_id,
+            ScoreSheetRow.protocol_digest == key.protocol_digest,
+            ScoreSheetRow.split_revision == key.split_revision,
+            ScoreSheetRow.created_at >= since,
+        )
+    )
+    made = session.scalar(query) or 0
+    elapsed_s = (now - since).total_seconds()
+    return made / elapsed_s if made and elapsed_s > 0 else None
+
+
+def _scored(phase_id: str) -> Select[Submission]:
+    return select(Submission).where(
+        Submission.phase_id == phase_id, Submission.status == SubmissionStatus.SCORED
+    )
+
+
+def _has_sheet(key: ScoringKey) -> ColumnElement[bool]:
+    return exists().where(
+        ScoreSheetRow.submission_id == Submission.id,
+        ScoreSheetRow.protocol_digest == key.protocol_digest,
+        ScoreSheetRow.split_revision == key.split_revision,
+    )
+
+
+def _job_of(key: ScoringKey) -> ColumnElement[bool]:
+    return and_(
+        Job.submission_id == Submission.id,
+        Job.protocol_digest == key.protocol_digest,
+        Job.split_revision == key.split_revision,
+    )
