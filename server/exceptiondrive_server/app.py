@@ -32,6 +32,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         lifespan=_lifespan,
+        redirect_slashes=False,  # such a redirect repeats the Host header
     )
     services = Services.open(settings)
     app.state.services = services

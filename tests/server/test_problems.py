@@ -1,0 +1,127 @@
+"""Every error is an RFC 9457 problem with an id, the security headers, and nothing of the request."""
+
+import json
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from fastapi import Request
+
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_schemas.problems import Problem as ProblemDocument
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.problem_vocabulary import STATUS_OF, TITLE_OF
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+Problem = Callable[[Any, int, str], dict[str, Any]]
+SECRET = "48.858370N-2.294481E"
+
+
+def test_every_code_has_a_status_and_a_title() -> None:
+    assert set(STATUS_OF) == set(TITLE_OF) == set(ProblemCode)
+
+
+def test_an_unknown_address_is_404(api: "Api", as_problem: Problem) -> None:
+    problem = as_problem(api.get("/nothing/here"), 404, "not_found")
+    assert ProblemDocument.model_validate_json(json.dumps(problem)).code == "not_found"
+
+
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH", "OPTIONS", "BREW"])
+def test_another_method_is_405_and_names_those_that_are_taken(
+    api: "Api", as_problem: Problem, method: str
+) -> None:
+    response = api.request(method, "/phases")
+    as_problem(response, 405, "method_not_allowed")
+    assert response.headers["allow"] == "GET"
+    assert method not in response.json()["detail"]
+
+
+def test_every_answer_carries_the_security_headers(api: "Api") -> None:
+    answers = [api.get(path) for path in ("/phases", "/nothing", "/me", "/healthz", "/metrics")]
+    for response in answers:
+        policy = response.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "unsafe" not in policy
+        assert response.headers["x-content-type-options"] == "nosniff"
+        assert response.headers["referrer-policy"] == "no-referrer"
+        assert response.headers["cache-control"]
+
+
+def test_a_personal_answer_is_kept_by_no_cache(api: "Api") -> None:
+    for path in ("/me", "/phases", "/submissions"):
+        assert api.get(path, "alpha").headers["cache-control"] == "no-store"
+
+
+def test_a_plain_request_id_is_taken_over_and_a_strange_one_replaced(api: "Api") -> None:
+    def answered(offered: str) -> str:
+        response = api.get("/phases", headers={"X-Request-ID": offered})
+        return str(response.headers["x-request-id"])
+
+    assert answered("proxy-2026.11.21_1") == "proxy-2026.11.21_1"
+    for strange in ("short", "x" * 65, "<script>alert(1)</script>", "a b c d e f", ""):
+        assert answered(strange) != strange
+
+
+def test_our_own_error_is_500_with_an_id_and_nothing_else(
+    api: "Api", as_problem: Problem, logs: list[Any]
+) -> None:
+    @api.app.get("/api/v1/broken")
+    def broken() -> None:
+        raise ZeroDivisionError(SECRET)
+
+    response = api.get("/broken")
+    problem = as_problem(response, 500, "internal")
+    assert problem["request_id"] in problem["detail"]
+    assert SECRET not in response.text
+    assert "ZeroDivision" not in response.text
+    assert "frame-ancestors 'none'" in response.headers["content-security-policy"]
+    assert SECRET not in repr(logs)
+    assert [line["status"] for line in logs if line["event"] == "request"] == [500]
+
+
+def test_an_error_of_the_records_without_a_status_of_its_own_is_400(
+    api: "Api", as_problem: Problem
+) -> None:
+    @api.app.get("/api/v1/refused")
+    def refused(request: Request) -> None:
+        raise RecordsError("A sentence for the reader.")
+
+    problem = as_problem(api.get("/refused"), 400, "bad_request")
+    assert problem["detail"] == "A sentence for the reader."
+
+
+def test_an_answer_to_an_invalid_request_is_short_and_repeats_nothing(
+    api: "Api", as_problem: Problem
+) -> None:
+    body = {f"{SECRET}-{number}": SECRET for number in range(5_000)}
+    response = api.post("/organizer/teams", "organizer", json=body)
+    problem = as_problem(response, 400, "bad_request")
+    assert len(response.content) < 16_000
+    assert len(problem["fields"]) <= 20
+    assert SECRET not in response.text
+
+
+def test_an_invalid_value_is_not_repeated(api: "Api", as_problem: Problem) -> None:
+    for query in (f"limit={SECRET}", f"status={SECRET}"):
+        response = api.get(f"/submissions?{query}", "alpha")
+        as_problem(response, 400, "bad_request")
+        assert SECRET not in response.text
+    response = api.get(f"/leaderboard?as_of={SECRET}&challenge={SECRET}")
+    as_problem(response, 400, "bad_request")
+    assert SECRET not in response.text
+
+
+def test_addresses_stay_out_of_the_log(api: "Api", logs: list[Any]) -> None:
+    api.get(f"/entries/{SECRET}", params={"token": SECRET})
+    api.get(f"/{SECRET}")
+    assert [line["route"] for line in logs] == ["/api/v1/entries/{submission_id}", "unmatched"]
+    assert SECRET not in repr(logs)
+
+
+def test_nothing_is_redirected_to_another_host(api: "Api") -> None:
+    response = api.get("/phases/", headers={"Host": "evil.example"}, follow_redirects=False)
+    assert response.status_code == 404
+    assert "evil" not in repr(response.headers)
