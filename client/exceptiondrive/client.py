@@ -111,6 +111,7 @@ class Client:
         description: str = "",
         paper: str | None = None,
         code: str | None = None,
+        without_reminder: str | None = None,
         on_progress: Progress | None = None,
     ) -> Submission:
         """Check a file on this machine, then upload it.
@@ -122,6 +123,8 @@ class Client:
             description: One or two sentences about it.
             paper: https link.
             code: https link.
+            without_reminder: Id of your submission of the same agent without reminder, in this
+                strategy phase: the board then shows what the reminder changed.
             on_progress: Called with bytes sent and bytes in all.
 
         Returns:
@@ -142,6 +145,7 @@ class Client:
             "description": description,
             "paper_url": paper,
             "code_url": code,
+            "linked_to": without_reminder,
         }
         body = UploadBody(Path(file).name, read_file(file), fields, on_progress)
         content = self._transport.post("/submissions", body).content

@@ -47,6 +47,7 @@ def view(
         method=submission.method,
         description=submission.description,
         links=Links(paper=submission.paper_url, code=submission.code_url),
+        linked_to=submission.linked_to,
         file_digest=submission.file_digest,
         size_bytes=submission.size_bytes,
         status=submission.status,

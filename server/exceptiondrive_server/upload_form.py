@@ -29,6 +29,9 @@ class UploadFields(BaseModel):
     description: Annotated[str, Field(max_length=2000)] = ""
     paper_url: Link = ""
     code_url: Link = ""
+    linked_to: Annotated[
+        str, Field(max_length=64, description="your submission of the same agent without reminder")
+    ] = ""
 
     @property
     def links(self) -> Links:

@@ -27,6 +27,14 @@ def submit(
     code: Annotated[
         str | None, typer.Option("--code", metavar="URL", help="https link to the code.")
     ] = None,
+    without_reminder: Annotated[
+        str | None,
+        typer.Option(
+            "--without-reminder",
+            metavar="SUBMISSION_ID",
+            help="Strategy phases: your submission of the same agent without reminder.",
+        ),
+    ] = None,
     wait: Annotated[
         bool, typer.Option("--wait", help="Wait for score and rank, and show them.")
     ] = False,
@@ -55,6 +63,7 @@ def submit(
                 description=description,
                 paper=paper,
                 code=code,
+                without_reminder=without_reminder,
                 on_progress=bar,
             )
         if wait:

@@ -86,6 +86,7 @@ def _take(services: Services, team_id: int, upload: Upload) -> tuple[SubmissionV
             method=fields.method,
             description=fields.description,
             links=fields.links,
+            linked_to=fields.linked_to or None,
             file_digest=file_digest,
             size_bytes=size_bytes,
         )

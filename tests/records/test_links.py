@@ -1,0 +1,170 @@
+"""Linked submissions: with and without reminder, of one team in one phase."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from exceptiondrive_records.boards import LinkedRecord, entries_for_board
+from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.phases import create_phase
+from exceptiondrive_records.submissions import Accepted, accept, withdraw
+from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.views import view
+
+PHASE = "reasoning"
+
+
+@pytest.fixture
+def strategy_world(world: Any) -> Any:
+    """A world whose phase is of the strategy challenge."""
+    make_phase(world, PHASE)
+    world.phase_id = PHASE
+    return world
+
+
+def make_phase(world: Any, phase_id: str, challenge: str = "strategy") -> None:
+    with world.database.write() as session:
+        create_phase(
+            session,
+            phase_id,
+            challenge=challenge,
+            title=phase_id,
+            description="",
+            split_name="sample",
+            protocol=world.protocol_digest,
+            quota_per_day=50,
+            actor="test",
+        )
+
+
+def link(world: Any, content: str, linked_to: str | None, **changed: Any) -> Accepted:
+    wanted: dict[str, Any] = {
+        "team_id": world.team_id,
+        "phase_id": world.phase_id,
+        "method": f"method {content}",
+        "file_digest": "sha256:" + content.encode().hex().ljust(64, "0"),
+        "size_bytes": len(content),
+        "linked_to": linked_to,
+    }
+    with world.database.write() as session:
+        return accept(session, **wanted | changed)
+
+
+def linked_of(world: Any) -> dict[str, LinkedRecord | None]:
+    with world.database.read() as session:
+        entries = entries_for_board(session, world.phase_id, world.protocol_digest)
+        return {entry.method: entry.linked for entry in entries}
+
+
+def test_a_link_is_kept_and_shown_to_the_team(strategy_world: Any) -> None:
+    plain = link(strategy_world, "plain", None)
+    reminded = link(strategy_world, "reminded", plain.submission.id)
+    with strategy_world.database.read() as session:
+        assert view(session, reminded.submission).linked_to == plain.submission.id
+        assert view(session, plain.submission).linked_to is None
+
+
+def test_an_entry_brings_its_counterpart_once_both_are_scored(strategy_world: Any) -> None:
+    plain = link(strategy_world, "plain", None)
+    reminded = link(strategy_world, "reminded", plain.submission.id)
+    strategy_world.score(reminded.job_id)
+    assert linked_of(strategy_world) == {"method reminded": None}
+    strategy_world.score(plain.job_id)
+    counterpart = linked_of(strategy_world)["method reminded"]
+    assert counterpart is not None
+    assert counterpart.submission_id == plain.submission.id
+    assert counterpart.method == "method plain"
+    assert linked_of(strategy_world)["method plain"] is None
+
+
+def test_a_counterpart_that_a_newer_submission_replaced_still_counts(strategy_world: Any) -> None:
+    plain = link(strategy_world, "plain", None, method="Agent")
+    reminded = link(strategy_world, "reminded", plain.submission.id, method="Agent")
+    strategy_world.score(plain.job_id)
+    strategy_world.score(reminded.job_id)
+    (found,) = linked_of(strategy_world).values()
+    assert found is not None
+    assert found.submission_id == plain.submission.id
+
+
+def test_a_withdrawn_counterpart_ends_the_comparison(strategy_world: Any) -> None:
+    plain = link(strategy_world, "plain", None)
+    reminded = link(strategy_world, "reminded", plain.submission.id)
+    strategy_world.score(plain.job_id)
+    strategy_world.score(reminded.job_id)
+    with strategy_world.database.write() as session:
+        withdraw(session, plain.submission.id, actor="test")
+    assert linked_of(strategy_world) == {"method reminded": None}
+
+
+def test_a_submission_of_another_team_is_not_found(strategy_world: Any) -> None:
+    with strategy_world.database.write() as session:
+        other = create_team(session, "others", "Others", actor="test").id
+    plain = link(strategy_world, "plain", None, team_id=other)
+    with pytest.raises(NotFound, match="submission of your team"):
+        link(strategy_world, "reminded", plain.submission.id)
+
+
+def test_a_submission_that_does_not_exist_is_not_found(strategy_world: Any) -> None:
+    with pytest.raises(NotFound):
+        link(strategy_world, "reminded", "nothing")
+
+
+def test_a_submission_of_another_phase_is_refused(strategy_world: Any) -> None:
+    make_phase(strategy_world, "elsewhere")
+    plain = link(strategy_world, "plain", None, phase_id="elsewhere")
+    with pytest.raises(InvalidRecord, match="is of the phase 'elsewhere'"):
+        link(strategy_world, "reminded", plain.submission.id)
+
+
+def test_a_challenge_without_reminder_takes_no_links(world: Any) -> None:
+    plain = link(world, "plain", None)
+    with pytest.raises(InvalidRecord, match="planning challenge are not linked"):
+        link(world, "reminded", plain.submission.id)
+
+
+def test_a_withdrawn_submission_is_no_counterpart(strategy_world: Any) -> None:
+    plain = link(strategy_world, "plain", None)
+    with strategy_world.database.write() as session:
+        withdraw(session, plain.submission.id, actor="test")
+    with pytest.raises(Conflict, match="was withdrawn"):
+        link(strategy_world, "reminded", plain.submission.id)
+
+
+def test_the_same_bytes_with_another_link_are_refused_and_with_the_same_are_a_duplicate(
+    strategy_world: Any,
+) -> None:
+    plain = link(strategy_world, "plain", None)
+    other = link(strategy_world, "other", None)
+    reminded = link(strategy_world, "reminded", plain.submission.id)
+    assert link(strategy_world, "reminded", plain.submission.id).is_duplicate
+    assert link(strategy_world, "reminded", None).is_duplicate
+    with pytest.raises(Conflict, match=f"submitted as '{reminded.submission.id}', linked to"):
+        link(strategy_world, "reminded", other.submission.id)
+    with pytest.raises(Conflict, match="without a link"):
+        link(strategy_world, "plain", other.submission.id)
+
+
+def test_a_refused_link_leaves_nothing(
+    strategy_world: Any, world_counts: Callable[..., Any]
+) -> None:
+    before = world_counts(strategy_world)
+    with pytest.raises(NotFound):
+        link(strategy_world, "reminded", "nothing")
+    assert world_counts(strategy_world) == before
+
+
+@pytest.fixture
+def world_counts() -> Callable[[Any], tuple[int, int]]:
+    from sqlalchemy import func, select
+
+    from exceptiondrive_records.tables import AuditLine, Submission
+
+    def count(world: Any) -> tuple[int, int]:
+        with world.database.read() as session:
+            submissions = session.scalar(select(func.count()).select_from(Submission))
+            lines = session.scalar(select(func.count()).select_from(AuditLine))
+            return submissions or 0, lines or 0
+
+    return count
