@@ -2,6 +2,7 @@
 
 # ruff: noqa: N818 - these names say what happened
 
+import math
 from datetime import datetime
 
 from exceptiondrive_schemas.problems import ProblemCode
@@ -32,6 +33,24 @@ class Conflict(RecordsError):
     """The request contradicts what is recorded."""
 
     code = ProblemCode.CONFLICT
+
+
+class NotAllowed(RecordsError):
+    """The asker may not do this."""
+
+    code = ProblemCode.NOT_ALLOWED
+
+
+class TooManyAttempts(RecordsError):
+    """Sign-in was tried too often."""
+
+    code = ProblemCode.TOO_MANY_REQUESTS
+
+    def __init__(self, resets_at: datetime, now: datetime) -> None:
+        self.resets_at = resets_at
+        minutes = max(1, math.ceil((resets_at - now).total_seconds() / 60))
+        plural = "" if minutes == 1 else "s"
+        super().__init__(f"Too many attempts to sign in; try again in {minutes} minute{plural}.")
 
 
 class PhaseClosed(RecordsError):
@@ -82,6 +101,20 @@ class RejectedCapExceeded(RecordsError):
             f"{limit} files of your team were rejected today, which is the limit. Run "
             "`exceptiondrive check FILE` before you submit; "
             f"the next day begins at {resets_at:%Y-%m-%d %H:%M} UTC."
+        )
+
+
+class ConcurrentQuotaExceeded(RecordsError):
+    """Too many submissions of the team still wait; the next scored one makes room."""
+
+    code = ProblemCode.TOO_MANY_REQUESTS
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        noun = "submission waits" if limit == 1 else "submissions wait"
+        super().__init__(
+            f"{limit} {noun} for a score, and a team may have no more waiting in this phase. "
+            "Try again when one of them is scored; nothing was counted."
         )
 
 

@@ -291,4 +291,4 @@ class Leader(Base):
     lease_until: Mapped[datetime]
 
 
-from exceptiondrive_records import tables_rescoring  # noqa: F401 - one metadata
+from exceptiondrive_records import tables_access, tables_rescoring  # noqa: F401 - one metadata

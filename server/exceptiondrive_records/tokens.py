@@ -33,10 +33,14 @@ class Scope(StrEnum):
 
     SUBMIT = "submit"
     READ_OWN = "read:own"
+    TOKENS = "tokens"
+    """List, issue, rotate and revoke the tokens of its own team."""
     ORGANIZE = "organizer"
 
 
 PARTICIPANT_SCOPES = (Scope.SUBMIT, Scope.READ_OWN)
+TEAM_SCOPES = (*PARTICIPANT_SCOPES, Scope.TOKENS)
+"""What organizers hand to a team, so that it can look after its own tokens."""
 ORGANIZER_SCOPES = (Scope.SUBMIT, Scope.READ_OWN, Scope.ORGANIZE)
 
 
@@ -119,8 +123,19 @@ def verify_token(session: Session, text: str) -> Principal | None:
     expected = token.secret_digest if token is not None else _UNKNOWN
     is_right = hmac.compare_digest(_digest(text), expected)
     now = database_now(session)
-    if token is None or not is_right or not _is_live(token, now):
+    if token is None or not is_right or not is_live(token, now):
         return None
+    return _principal(token, team, now)
+
+
+def principal_of(session: Session, token: Token) -> Principal | None:
+    """Return who a token speaks for that is known to be right; None when it has ended."""
+    now = database_now(session)
+    team = None if token.team_id is None else session.get(Team, token.team_id)
+    return _principal(token, team, now) if is_live(token, now) else None
+
+
+def _principal(token: Token, team: Team | None, now: datetime) -> Principal:
     used_at = token.last_used_at
     return Principal(
         token_id=token.id,
@@ -195,5 +210,6 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _is_live(token: Token, now: datetime) -> bool:
+def is_live(token: Token, now: datetime) -> bool:
+    """Whether a token is neither revoked nor expired."""
     return token.revoked_at is None and (token.expires_at is None or token.expires_at > now)
