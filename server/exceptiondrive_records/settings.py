@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 PREFIX = "EXCEPTIONDRIVE_"
+SECRETS_VARIABLE = "EXCEPTIONDRIVE_SECRETS_DIR"
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 
@@ -65,12 +66,17 @@ Settings = TypeVar("Settings", bound=RecordsSettings)
 def load_settings(kind: type[Settings], **given: str) -> Settings:
     """Read settings of this kind from the environment; values given here go first.
 
+    A value that the environment does not give may stand in a file of its variable's name, in small
+    letters, under /run/secrets (or the folder that EXCEPTIONDRIVE_SECRETS_DIR names).
+
     Raises:
         SettingsError: A value is malformed, or a variable looks like a misspelt one.
     """
     _refuse_misspelt(set(kind.model_fields))
+    folder = Path(os.environ.get(SECRETS_VARIABLE, "/run/secrets"))
+    secrets = {"_secrets_dir": folder} if folder.is_dir() else {}
     try:
-        return kind(**given)  # type: ignore[arg-type]
+        return kind(**given, **secrets)  # type: ignore[arg-type]
     except ValidationError as error:
         lines = [
             f"{PREFIX}{'.'.join(str(part) for part in item['loc']).upper()}: {item['msg']}"
@@ -80,7 +86,7 @@ def load_settings(kind: type[Settings], **given: str) -> Settings:
 
 
 def _refuse_misspelt(names: set[str]) -> None:
-    known = {PREFIX + name.upper() for name in names}
+    known = {SECRETS_VARIABLE, *(PREFIX + name.upper() for name in names)}
     for variable in sorted(os.environ):
         if not variable.startswith(PREFIX) or variable in known:
             continue

@@ -1,5 +1,7 @@
 """Settings: malformed or misspelt ones stop the start with one clear sentence."""
 
+from pathlib import Path
+
 import pytest
 
 from exceptiondrive_records.settings import RecordsSettings, SettingsError, load_settings
@@ -40,3 +42,34 @@ def test_variables_of_other_parts_are_left_alone(monkeypatch: pytest.MonkeyPatch
     for name in ("TOKEN", "SERVER", "PRIVATE_DIR", "MAX_UPLOAD_BYTES", "MAX_INFLATED_BYTES"):
         monkeypatch.setenv(f"EXCEPTIONDRIVE_{name}", "x")
     assert load_settings(RecordsSettings).max_attempts == 4
+
+
+def test_a_secret_may_stand_in_a_file_of_its_name(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "exceptiondrive_database_url").write_text("postgresql+psycopg://u:p@db/x\n")
+    (tmp_path / "exceptiondrive_broker_url").write_text("redis://:p@broker/0")
+    monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path))
+    monkeypatch.delenv("EXCEPTIONDRIVE_DATABASE_URL", raising=False)
+    settings = load_settings(RecordsSettings)
+    assert settings.database_url == "postgresql+psycopg://u:p@db/x"
+    assert settings.broker_url == "redis://:p@broker/0"
+
+
+def test_the_environment_goes_before_a_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "exceptiondrive_lease_s").write_text("7")
+    monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path))
+    monkeypatch.setenv("EXCEPTIONDRIVE_LEASE_S", "9")
+    assert load_settings(RecordsSettings).lease_s == 9
+
+
+def test_a_malformed_secret_is_named_but_not_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "exceptiondrive_broker_url").write_text("amqp://user:hush@x")
+    monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path))
+    with pytest.raises(SettingsError, match="EXCEPTIONDRIVE_BROKER_URL") as refused:
+        load_settings(RecordsSettings)
+    assert "hush" not in str(refused.value)

@@ -1,0 +1,147 @@
+"""Participants and readers: real HTTP, retries as the client's, everything noted."""
+
+import hashlib
+import json
+import random
+import threading
+import time
+from collections.abc import Sequence
+
+import httpx
+from tests.chaos.history import BoardSeen, Call, History, Sighting
+from tests.chaos.topology import PHASE, TEAMS, Topology
+
+_TIMEOUT_S = 20.0
+_PAUSE_S = 0.5
+_GIVE_UP_AFTER_S = 90.0
+
+
+def planning_file(sample_ids: Sequence[str], speed_mps: float) -> bytes:
+    """Everybody drives straight ahead; the speed makes the file its own."""
+
+    def straight(mps: float) -> list[list[float]]:
+        return [[round(mps * step * 0.5, 4), 0.0] for step in range(1, 7)]
+
+    source, edited = straight(5.0), straight(speed_mps)
+    predictions = [
+        {"sample_id": sample_id, "source": source, "edited": edited} for sample_id in sample_ids
+    ]
+    document = {"schema": "exceptiondrive.planning/1", "split": "sample"}
+    return json.dumps({**document, "predictions": predictions}).encode()
+
+
+def digest_of(data: bytes) -> str:
+    return "sha256:" + hashlib.sha256(data).hexdigest()
+
+
+class Clients:
+    """A stream of uploads, and readers that look at submissions and board all the while."""
+
+    def __init__(self, topology: Topology, history: History, seed: int = 1) -> None:
+        self.topology = topology
+        self.history = history
+        self._random = random.Random(seed)
+        self._http = httpx.Client(base_url=f"{topology.url}/api/v1", timeout=_TIMEOUT_S)
+        self._number = 0
+        self._streams: list[threading.Thread] = []
+        self._seen: dict[str, tuple[str, float | None]] = {}
+        self._stopped = threading.Event()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def new_file(self) -> bytes:
+        self._number += 1
+        speed_mps = round(1 + self._number * 0.01 + self._random.random() / 1000, 6)
+        return planning_file(self.topology.sample_ids, speed_mps)
+
+    def stream(self, n: int, every_s: float = 0.15) -> None:
+        """Submit `n` files of all teams in turn, in the background."""
+        thread = threading.Thread(target=self._stream, args=(n, every_s))
+        self._streams.append(thread)
+        thread.start()
+
+    def join(self) -> None:
+        """Wait until every stream has had an answer to everything."""
+        for thread in self._streams:
+            thread.join()
+        self._streams.clear()
+
+    def submit(self, data: bytes, team: str, *, patient: bool = True) -> Call:
+        """Upload as the client does: what was not answered, or with 5xx, is sent again."""
+        started = time.monotonic()
+        while True:
+            call = self._post(data, team)
+            self.history.note(call)
+            is_final = call.is_accepted or call.is_refused
+            if is_final or not patient or time.monotonic() > started + _GIVE_UP_AFTER_S:
+                return call
+            time.sleep(_PAUSE_S)
+
+    def withdraw(self, call: Call) -> int:
+        """Take a submission back; return the status of the answer."""
+        path = f"/submissions/{call.submission_id}/withdraw"
+        return self._http.post(path, headers=self._headers(call.team)).status_code
+
+    def close(self) -> None:
+        self.join()
+        self._stopped.set()
+        self._reader.join()
+        self._http.close()
+
+    def _stream(self, n: int, every_s: float) -> None:
+        for index in range(n):
+            self.submit(self.new_file(), TEAMS[index % len(TEAMS)])
+            time.sleep(every_s)
+
+    def _post(self, data: bytes, team: str) -> Call:
+        began_s, digest = self.history.now_s(), digest_of(data)
+        method = f"m{int(digest[-6:], 16) % 40}"
+        status, submission_id, wait = None, None, None
+        try:
+            answer = self._http.post(
+                "/submissions",
+                data={"phase": PHASE, "method": method},
+                files={"file": ("f.json", data)},
+                headers=self._headers(team),
+            )
+            status, wait = answer.status_code, answer.headers.get("Retry-After")
+            if status in (200, 202):
+                submission_id = answer.json()["id"]
+        except httpx.HTTPError:
+            pass
+        took_s = self.history.now_s() - began_s
+        return Call(team, digest, method, began_s, took_s, status, submission_id, wait)
+
+    def _headers(self, team: str) -> dict[str, str]:
+        return {"Authorization": f"Bearer {self.topology.tokens[team]}"}
+
+    def _read(self) -> None:
+        """Look at every team's submissions and at the board, in turn, until closed."""
+        with httpx.Client(base_url=f"{self.topology.url}/api/v1", timeout=_TIMEOUT_S) as http:
+            turn = 0
+            while not self._stopped.wait(0.1):
+                turn += 1
+                try:
+                    self._look_at_board(http)
+                    self._look_at_submissions(http, TEAMS[turn % len(TEAMS)])
+                except httpx.HTTPError:
+                    self.history.unanswered_reads += 1
+
+    def _look_at_board(self, http: httpx.Client) -> None:
+        began_s = self.history.now_s()
+        answer = http.get("/leaderboard", params={"phase": PHASE})
+        took_s = self.history.now_s() - began_s
+        if answer.status_code == 200:
+            self.history.note(BoardSeen(began_s, took_s, answer.headers["ETag"], answer.content))
+
+    def _look_at_submissions(self, http: httpx.Client, team: str) -> None:
+        at_s = self.history.now_s()
+        answer = http.get("/submissions", params={"limit": 200}, headers=self._headers(team))
+        if answer.status_code != 200:
+            return
+        for row in answer.json()["submissions"]:
+            sheet = row.get("sheet")
+            hcc = None if sheet is None else sheet["macro_family"]["hcc"]
+            if self._seen.get(row["id"]) != (row["status"], hcc):
+                self._seen[row["id"]] = row["status"], hcc
+                self.history.note(Sighting(at_s, row["id"], row["status"], hcc))

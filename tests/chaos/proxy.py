@@ -1,0 +1,75 @@
+"""A small TCP proxy before the broker: slow, cutting, or silent, as a bad network is."""
+
+import contextlib
+import random
+import socket
+import threading
+import time
+from pathlib import Path
+
+_CHUNK_BYTES = 65536
+
+
+class Proxy:
+    """Forwards a TCP port to a unix socket; a fault holds until `heal`."""
+
+    def __init__(self, target: Path) -> None:
+        self._target = target
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        self._random = random.Random(7)
+        self._open: set[socket.socket] = set()
+        self.delay_s = 0.0
+        self.reset_share = 0.0
+        self.is_silent = False
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def heal(self) -> None:
+        """Forward faithfully again; what was half open stays so until somebody notices."""
+        self.delay_s, self.reset_share, self.is_silent = 0.0, 0.0, False
+
+    def cut(self) -> None:
+        """End every connection."""
+        for end in list(self._open):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self._listener.close()
+        self.cut()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                near, _ = self._listener.accept()
+            except OSError:
+                return
+            far = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                far.connect(str(self._target))
+            except OSError:
+                near.close()
+                far.close()
+                continue
+            self._open |= {near, far}
+            doomed = threading.Event()  # once a byte was swallowed, the stream cannot go on
+            for source, sink in ((near, far), (far, near)):
+                arguments = (source, sink, doomed)
+                threading.Thread(target=self._forward, args=arguments, daemon=True).start()
+
+    def _forward(self, source: socket.socket, sink: socket.socket, doomed: threading.Event) -> None:
+        with contextlib.suppress(OSError):
+            while data := source.recv(_CHUNK_BYTES):
+                if self.is_silent or doomed.is_set():
+                    doomed.set()
+                    continue
+                if self.reset_share and self._random.random() < self.reset_share:
+                    break
+                if self.delay_s:
+                    time.sleep(self.delay_s)
+                sink.sendall(data)
+        for end in (source, sink):
+            self._open.discard(end)
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()

@@ -1,0 +1,95 @@
+"""Runs one of our commands with faults inside: what no signal from outside can hit in time.
+
+`python -m tests.chaos.saboteur server|worker ARGUMENTS`; orders are files in the folder that
+CHAOS_ORDERS names. Everything but the sabotaged call is the product's own code.
+"""
+
+import hashlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ORDERS = "CHAOS_ORDERS"
+
+
+def _orders() -> Path:
+    return Path(os.environ[ORDERS])
+
+
+def _obey(order: str) -> None:
+    match order:
+        case "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        case "loop":
+            while True:
+                pass
+        case "loop-in-c":  # holds no bytecode boundary at which a signal could be heard
+            hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
+        case "allocate":
+            bytearray(10 * 2**30)
+        case _:
+            time.sleep(float(order))
+
+
+def _once(name: str) -> bool:
+    """Whether an order was given, which is then used up."""
+    try:
+        (_orders() / name).unlink()
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def _sabotage_worker() -> Callable[[], None]:
+    from exceptiondrive_worker import operator_cli
+    from exceptiondrive_worker.stages import Stages
+
+    score = Stages.score
+
+    def sabotaged(self: Stages, target: Any) -> Any:
+        for name in (target.file_digest.removeprefix("sha256:"), "every-score"):
+            order = _orders() / name
+            if order.exists():
+                _obey(order.read_text())
+        return score(self, target)
+
+    Stages.score = sabotaged  # type: ignore[method-assign]
+    return operator_cli.main
+
+
+def _sabotage_server() -> Callable[[], None]:
+    from exceptiondrive_server import operator_cli
+    from exceptiondrive_server.api import submissions as module
+
+    submissions: Any = module
+
+    accept, ring = submissions.accept, submissions._ring
+
+    def sabotaged_accept(*arguments: Any, **named: Any) -> Any:
+        if _once("kill-before-commit"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return accept(*arguments, **named)
+
+    def sabotaged_ring(*arguments: Any) -> None:
+        if _once("kill-after-commit"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        ring(*arguments)
+
+    submissions.accept = sabotaged_accept
+    submissions._ring = sabotaged_ring
+    return operator_cli.main
+
+
+def main() -> None:
+    which = sys.argv.pop(1)
+    command = {"worker": _sabotage_worker, "server": _sabotage_server}[which]()
+    sys.argv[0] = f"exceptiondrive-{which}"
+    command()
+
+
+if __name__ == "__main__":
+    main()

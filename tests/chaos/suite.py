@@ -1,0 +1,152 @@
+"""The fault suite: which faults there are, what each needs, and how one is run."""
+
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from tests.chaos import faults_alone as alone
+from tests.chaos import faults_broker as broker
+from tests.chaos import faults_server as server
+from tests.chaos import faults_worker as worker
+from tests.chaos.run import Run
+from tests.chaos.topology import Topology
+
+
+class On(Enum):
+    """What a fault is injected into; faults of one kind share a running topology."""
+
+    SQLITE = "SQLite"
+    POSTGRES = "PostgreSQL"
+    SMALL_DISK = "SQLite on 6 MB"
+    ALONE = "alone"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One row of the table that ends research/reliability.md."""
+
+    id: str
+    injection: str
+    inject: Callable[[Run], str] | Callable[[], str]
+    on: On = On.SQLITE
+    is_short: bool = False
+    """Part of the short form that `make test` runs."""
+
+
+FAULTS = (
+    Fault(
+        "F01", "SIGKILL worker children in mid-score, 3 times", worker.kill_children, is_short=True
+    ),
+    Fault("F02", "SIGKILL worker parent", worker.kill_parent),
+    Fault("F02b", "SIGKILL the worker's whole group", worker.kill_group),
+    Fault("F02c", "SIGKILL everything but the database", worker.kill_everything, is_short=True),
+    Fault("F03", "SIGTERM worker with a running job", worker.terminate),
+    Fault("F04", "SIGQUIT worker", worker.quit_at_once),
+    Fault("F05", "SIGSTOP worker past its lease, SIGCONT", worker.freeze_past_the_lease),
+    Fault("F06", "SIGKILL broker, back empty", broker.comes_back_empty, is_short=True),
+    Fault("F07", "broker down while 6 files are submitted", broker.down_at_submit),
+    Fault("F08", "FLUSHALL", broker.flush, is_short=True),
+    Fault("F09", "broker down and up 4 times", broker.flap),
+    Fault("F10", "SIGSTOP broker during 6 uploads", broker.freeze),
+    Fault("F11", "broker out of memory (noeviction)", broker.out_of_memory),
+    Fault("F12", "broker evicts (allkeys-lru)", broker.evicts),
+    Fault("F13", "LPUSH junk into the queue", broker.junk),
+    Fault("F14", "deliver one job 20 times more", broker.deliver_again, is_short=True),
+    Fault("F15", "job outlasts the visibility timeout", worker.running_job_holds_no_message),
+    Fault("F16", "a file whose scoring kills its process", worker.poison),
+    Fault("F17", "scoring never ends, in Python and in C", worker.endless_loop),
+    Fault("F18", "scoring allocates 10 GB", worker.too_much_memory),
+    Fault("F19", "connections to the broker fall silent", broker.silence),
+    Fault("F20", "200 ms and 5 % resets on the way to the broker", broker.bad_network),
+    Fault("F21", "SIGKILL API after the file, before the row", server.kill_api_before_commit),
+    Fault(
+        "F22",
+        "SIGKILL API after the row, before the answer",
+        server.kill_api_after_commit,
+        is_short=True,
+    ),
+    Fault("F22b", "SIGKILL API under a stream", server.kill_api),
+    Fault("F23", "SIGKILL the leading reconciler of two", server.kill_leader),
+    Fault(
+        "F24", "SIGKILL PostgreSQL in mid-score, start it again", server.kill_postgres, On.POSTGRES
+    ),
+    Fault("F24b", "end every database connection, 4 times", server.cut_postgres, On.POSTGRES),
+    Fault("F24c", "SIGKILL worker children, on PostgreSQL", worker.kill_children, On.POSTGRES),
+    Fault("F24d", "SIGKILL everything but PostgreSQL", worker.kill_everything, On.POSTGRES),
+    Fault("F25", "disk of the records full", server.full_disk, On.SMALL_DISK),
+    Fault("F26", "file store gone", server.store_gone),
+    Fault("F26b", "file store read-only", server.read_only_store),
+    Fault("F27", "one bit of a stored upload flips", server.flipped_bit, is_short=True),
+    Fault("F28", "split missing, then changed", server.split_missing),
+    Fault("F29", "workers' clocks 1 h ahead and behind", server.wrong_clock, On.POSTGRES),
+    Fault("F30", "6 processes write to SQLite", alone.six_writers, On.ALONE),
+    Fault("F31", "120 rescoring jobs while teams submit", server.rescore_while_submitting),
+    Fault("F32", "SIGKILL everything in mid-rescore", server.kill_in_mid_rescore),
+    Fault("F34", "a protocol edited in place", server.edited_protocol),
+    Fault("F35", "withdrawn while it is scored", server.withdrawn),
+    Fault("F37", "restore from a backup", alone.restore_from_backup, On.ALONE),
+    Fault("F38", "SIGKILL in the middle of a migration", alone.kill_migration, On.ALONE),
+)
+NOT_INJECTED = {
+    "F33": "one scorer version exists; every sheet records which one made it",
+    "F36": "asked of every board after every fault: a row without a score never ranks",
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one fault."""
+
+    fault: Fault
+    is_survived: bool
+    text: str
+    seconds: float
+
+
+def run_fault(fault: Fault, run: Run | None) -> Outcome:
+    """Inject a fault, wait until everything has settled, and ask the checker."""
+    began = time.monotonic()
+    try:
+        text = fault.inject(run) if run is not None else fault.inject()  # type: ignore[call-arg]
+        broken = run.violations() if run is not None else []
+    except (AssertionError, TimeoutError) as error:
+        return Outcome(fault, False, f"{error}", time.monotonic() - began)
+    seconds = time.monotonic() - began
+    if broken:
+        return Outcome(fault, False, "; ".join(map(str, broken[:5])), seconds)
+    return Outcome(fault, True, text, seconds)
+
+
+@contextmanager
+def running(on: On) -> Iterator[Run | None]:
+    """Start what a kind of faults is injected into."""
+    if on is On.ALONE:
+        yield None
+        return
+    disk = Path(tempfile.mkdtemp(prefix="ed-disk-")) if on is On.SMALL_DISK else None
+    if disk is not None:
+        mount = ["mount", "-t", "tmpfs", "-o", "size=6m,mode=755", "tmpfs", str(disk)]
+        subprocess.run(mount, check=True)
+    run = None
+    try:
+        run = Run(Topology(uses_postgres=on is On.POSTGRES, data=disk))
+        yield run
+    finally:
+        if run is not None:
+            run.close()
+        if disk is not None:
+            subprocess.run(["umount", "-l", str(disk)], check=True)
+            shutil.rmtree(disk, ignore_errors=True)
+
+
+def why_not(on: On) -> str | None:
+    """Return why a kind of faults cannot be injected here."""
+    if on is On.SMALL_DISK and not server.can_mount():
+        return "needs root, to mount a small file system"
+    return None

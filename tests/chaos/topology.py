@@ -1,0 +1,229 @@
+"""The real topology as processes: API, two reconcilers, workers, broker behind a proxy, database."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import redis
+from tests.chaos.postgres import Postgres
+from tests.chaos.processes import Process, Supervisor
+from tests.chaos.proxy import Proxy
+from tests.chaos.saboteur import ORDERS
+
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.phases import create_phase
+from exceptiondrive_records.preparation import prepare
+from exceptiondrive_records.splits import manifest_of
+from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
+from exceptiondrive_worker.sample.files import write_sample_split
+
+ROOT = Path(__file__).parents[2]
+PHASE = "chaos"
+TEAMS = ("alpha", "beta", "gamma", "delta")
+LEASE_S = 5.0
+SHORT = {
+    "SOFT_TIME_LIMIT_S": "3.5",
+    "TIME_LIMIT_S": "4",
+    "LEASE_S": f"{LEASE_S:g}",
+    "BOARD_LEASE_S": "4",
+    "MAX_ATTEMPTS": "5",
+    "RETRY_BACKOFF_S": "0.2",
+    "RECONCILE_EVERY_S": "0.3",
+    "RING_AGAIN_AFTER_S": "1.5",
+    "HEARTBEAT_EVERY_S": "1",
+    "HEARTBEAT_TTL_S": "5",
+    "LEADER_LEASE_S": "2",
+}
+
+
+class Broker:
+    """A private broker that keeps nothing on disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(mode=0o700)
+        self._command = broker_command(find_broker_binary().path, folder)
+        self.start()
+
+    def start(self) -> None:
+        self.process = subprocess.Popen(self._command, stdout=subprocess.DEVNULL)
+        deadline = time.monotonic() + 20
+        while True:
+            try:
+                with self.client() as client:
+                    client.ping()
+                return
+            except redis.exceptions.ConnectionError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.02)
+
+    def client(self) -> redis.Redis:
+        return redis.Redis(unix_socket_path=str(socket_path(self.folder)), socket_timeout=20)
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        socket_path(self.folder).unlink(missing_ok=True)
+
+
+class Topology:
+    """Everything running on one folder; `close` ends all of it."""
+
+    def __init__(
+        self, *, uses_postgres: bool = False, data: Path | None = None, n_workers: int = 1
+    ) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
+        self.data = data or self.folder
+        self.orders = self.folder / "orders"
+        self.splits = self.folder / "splits"
+        self.uploads = self.folder / "uploads"
+        self.orders.mkdir()
+        self.postgres = Postgres() if uses_postgres else None
+        self.broker = Broker(self.folder / "broker")
+        self.proxy = Proxy(socket_path(self.broker.folder))
+        self.supervisor = Supervisor()
+        self.url = f"http://127.0.0.1:{_free_port()}"
+        self.environment = self._environment()
+        self.database = Database(self.database_url)
+        self.files = FileStore(self.uploads.as_uri())
+        self.tokens = self._prepare()
+        self.server = self._add("server", "server", "serve", "--port", self.url.rpartition(":")[2])
+        self.reconcilers = [self._add(f"reconciler-{n}", "server", "reconcile") for n in (1, 2)]
+        self.workers = [
+            self._add(f"worker-{n + 1}", "worker", "run", "--concurrency", "2")
+            for n in range(n_workers)
+        ]
+        self.wait_until(lambda: self.readiness().get("live_workers", 0) >= 2 * n_workers, "a start")
+
+    @property
+    def worker(self) -> Process:
+        return self.workers[0]
+
+    @property
+    def database_url(self) -> str:
+        if self.postgres is not None:
+            return self.postgres.url
+        return f"sqlite:///{self.data / 'records.sqlite3'}"
+
+    def add_worker(self, *, environment: dict[str, str] | None = None) -> Process:
+        """Start one worker more."""
+        name = f"worker-{len(self.workers) + 1}"
+        worker = self._add(name, "worker", "run", "--concurrency", "2", **(environment or {}))
+        self.workers.append(worker)
+        return worker
+
+    def remove_worker(self, worker: Process) -> None:
+        worker.hold_down()
+        self.workers.remove(worker)
+        self.supervisor.processes.remove(worker)
+
+    def order(self, name: str, what: str = "") -> Path:
+        """Give the saboteur an order."""
+        path = self.orders / name
+        path.write_text(what)
+        return path
+
+    def readiness(self) -> dict[str, Any]:
+        try:
+            with urllib.request.urlopen(f"{self.url}/readyz", timeout=5) as answer:
+                found: dict[str, Any] = json.load(answer)
+                return found
+        except (urllib.error.URLError, TimeoutError, ConnectionError):
+            return {}
+
+    def wait_until(
+        self, question: Callable[[], object], what: str, timeout_s: float = 90.0
+    ) -> float:
+        """Wait for something, and say how long it took; raise when it never comes."""
+        started = time.monotonic()
+        while not question():
+            if time.monotonic() > started + timeout_s:
+                raise TimeoutError(f"waited {timeout_s:g} s in vain for {what}; {self.folder}")
+            time.sleep(0.05)
+        return time.monotonic() - started
+
+    def close(self, *, keep: bool = False) -> None:
+        self.supervisor.close()
+        self.proxy.close()
+        self.broker.kill()
+        self.database.dispose()
+        if self.postgres is not None:
+            self.postgres.close()
+        if not keep:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _add(self, name: str, which: str, *arguments: str, **environment: str) -> Process:
+        command = [sys.executable, "-m", "tests.chaos.saboteur", which, *arguments]
+        log = self.folder / f"{name}.log"
+        process = Process(name, command, {**self.environment, **environment}, log)
+        process.start()
+        self.supervisor.processes.append(process)
+        return process
+
+    def _environment(self) -> dict[str, str]:
+        kept = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
+        values = {
+            **SHORT,
+            "DATABASE_URL": self.database_url,
+            "BROKER_URL": f"redis://127.0.0.1:{self.proxy.port}/0",
+            "FILE_STORE_URL": self.uploads.as_uri(),
+            "SPLITS_DIR": str(self.splits),
+            "PRIVATE_DIR": str(self.folder / "private"),
+        }
+        kept.pop("PYTHONDONTWRITEBYTECODE", None)
+        return {
+            **kept,
+            **{f"EXCEPTIONDRIVE_{name}": value for name, value in values.items()},
+            ORDERS: str(self.orders),
+            "PYTHONPATH": os.pathsep.join([str(ROOT), kept.get("PYTHONPATH", "")]),
+            "PYTHONPYCACHEPREFIX": f"{tempfile.gettempdir()}/exceptiondrive-tests-pycache",
+        }
+
+    def _prepare(self) -> dict[str, str]:
+        """Schema, split, phase, teams; return a token for each team."""
+        prepare(self.database_url)
+        write_sample_split(self.splits)
+        subprocess.run(
+            [sys.executable, "-m", "tests.chaos.saboteur", "worker", "register-splits"],
+            env=self.environment,
+            check=True,
+            capture_output=True,
+        )
+        tokens = {}
+        with self.database.write() as session:
+            self.sample_ids = manifest_of(session, "sample").sample_ids
+            create_phase(
+                session,
+                PHASE,
+                challenge="planning",
+                title="Chaos",
+                split_name="sample",
+                protocol="1.0",
+                quota_per_day=1000,
+                actor="chaos",
+            )
+            for team in TEAMS:
+                row = create_team(session, team, team.title(), actor="chaos")
+                tokens[team], _ = issue_token(session, row.id, "chaos", actor="chaos")
+        return tokens
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port

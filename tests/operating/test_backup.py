@@ -1,0 +1,115 @@
+"""Backup and restore: what was accepted, scored and said comes back, on either database."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tests.operating.conftest import Lived
+
+from exceptiondrive_records.audit import verify_audit
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.dump import dump_rows, dumped_tables
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.invariants import damaged_uploads, violations
+from exceptiondrive_records.submissions import accept
+from exceptiondrive_records.tables import BoardRow, Submission
+from exceptiondrive_server.backup import BackupError, restore_backup, write_backup
+
+
+def all_rows(database: Database) -> dict[str, list[str]]:
+    with database.read() as session:
+        return {table.name: list(dump_rows(session, table)) for table in dumped_tables()}
+
+
+def test_a_restored_backup_holds_every_row_and_every_file(
+    lived: Lived, empty_database_url: str, tmp_path: Path
+) -> None:
+    """From SQLite to SQLite, and from SQLite to PostgreSQL: the way from one machine to many."""
+    head = write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    files = FileStore((tmp_path / "restored").as_uri())
+    restore_backup(tmp_path / "backup.tar", empty_database_url, files)
+    restored = Database(empty_database_url)
+    assert all_rows(restored) == all_rows(lived.database)
+    with restored.read() as session:
+        assert violations(session) == []
+        assert damaged_uploads(session, files, limit_bytes=2**20) == []
+        verdict = verify_audit(session)
+        assert (verdict.n_lines, verdict.head) == (head.audit_lines, head.audit_head)
+        assert verdict.n_lines > 5
+    restored.dispose()
+
+
+def test_the_restored_records_go_on(
+    lived: Lived, empty_database_url: str, tmp_path: Path, add_board: Callable[[Database], int]
+) -> None:
+    """Numbers go on after the last one, on both databases."""
+    write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    files = FileStore((tmp_path / "restored").as_uri())
+    restore_backup(tmp_path / "backup.tar", empty_database_url, files)
+    restored = Database(empty_database_url)
+    with restored.write() as session:
+        taken = accept(
+            session,
+            team_id=1,
+            phase_id="dev",
+            method="later",
+            file_digest="sha256:" + "a" * 64,
+            size_bytes=1,
+        )
+        assert taken.job_id is not None
+    number = add_board(restored)
+    with restored.read() as session:
+        assert session.get_one(BoardRow, number).id == number
+        assert verify_audit(session).is_whole
+    restored.dispose()
+
+
+def test_a_backup_is_of_one_moment_and_for_its_owner_alone(lived: Lived, tmp_path: Path) -> None:
+    path = tmp_path / "backup.tar"
+    write_backup(lived.database, lived.files, path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert [entry.name for entry in tmp_path.glob(".backup*")] == []
+
+
+def test_it_is_not_restored_over_records_that_hold_something(lived: Lived, tmp_path: Path) -> None:
+    write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    with pytest.raises(BackupError, match="not empty"):
+        restore_backup(tmp_path / "backup.tar", lived.url, lived.files)
+
+
+def test_a_damaged_upload_is_not_backed_up_as_if_it_were_whole(
+    lived: Lived, tmp_path: Path
+) -> None:
+    path = next(path for path in lived.uploads.rglob("*") if path.is_file())
+    path.write_bytes(b"other")
+    with pytest.raises(Exception, match="damaged"):
+        write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    assert not (tmp_path / "backup.tar").exists()
+
+
+def test_a_backup_cut_short_restores_nothing(lived: Lived, sqlite_path: Path) -> None:
+    path = sqlite_path.parent / "backup.tar"
+    write_backup(lived.database, lived.files, path)
+    path.write_bytes(path.read_bytes()[:-12_000])
+    files = FileStore((sqlite_path.parent / "restored").as_uri())
+    with pytest.raises(BackupError):
+        restore_backup(path, f"sqlite:///{sqlite_path}", files)
+    with Database(f"sqlite:///{sqlite_path}").read() as session:
+        assert session.query(Submission).count() == 0
+
+
+def test_a_changed_row_in_the_backup_is_found(lived: Lived, sqlite_path: Path) -> None:
+    """Somebody edits the audit log inside the file."""
+    path = sqlite_path.parent / "backup.tar"
+    write_backup(lived.database, lived.files, path)
+    path.write_bytes(path.read_bytes().replace(b"submission received", b"submission recEived", 1))
+    files = FileStore((sqlite_path.parent / "restored").as_uri())
+    with pytest.raises(BackupError, match="audit chain"):
+        restore_backup(path, f"sqlite:///{sqlite_path}", files)
+
+
+def test_what_is_no_backup_is_refused(sqlite_path: Path) -> None:
+    path = sqlite_path.parent / "notes.txt"
+    path.write_text("hello")
+    with pytest.raises(BackupError, match="not a whole backup"):
+        restore_backup(path, f"sqlite:///{sqlite_path}", FileStore("memory://"))
