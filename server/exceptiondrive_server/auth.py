@@ -1,7 +1,7 @@
 """Who asks: bearer tokens to principals, and what a route demands of them."""
 
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
@@ -39,6 +39,8 @@ def principal_or_none(services: ServicesOf, credentials: Credentials) -> Princip
     return principal
 
 
+TOKEN_IS_OPTIONAL: dict[str, Any] = {"security": [{}]}
+"""For `openapi_extra`: FastAPI adds it to the schemes, as the choice to send none."""
 MaybePrincipal = Annotated[Principal | None, Depends(principal_or_none)]
 
 

@@ -12,13 +12,15 @@ from exceptiondrive_server.problems import problem_responses
 
 router = APIRouter(tags=["documents"])
 DocumentName = Annotated[str, Path(max_length=64, json_schema_extra={"enum": list(DOCUMENT_NAMES)})]
-_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {
-        "content": {"application/json": {"schema": {"type": "object"}}},
-        "description": "The document.",
-    },
-    **problem_responses(ProblemCode.NOT_FOUND),
-}
+SCHEMA_MEDIA_TYPE = "application/schema+json"
+
+
+def _responses(media_type: str) -> dict[int | str, dict[str, Any]]:
+    content = {media_type: {"schema": {"type": "object"}}}
+    return {
+        200: {"content": content, "description": "The document."},
+        **problem_responses(ProblemCode.NOT_FOUND),
+    }
 
 
 @router.get("/schemas", operation_id="listSchemas", responses=problem_responses())
@@ -28,15 +30,21 @@ def get_schemas() -> list[str]:
 
 
 @router.get(
-    "/schemas/{name}", operation_id="showSchema", response_class=Response, responses=_RESPONSES
+    "/schemas/{name}",
+    operation_id="showSchema",
+    response_class=Response,
+    responses=_responses(SCHEMA_MEDIA_TYPE),
 )
 def get_schema(name: DocumentName) -> Response:
     """Give the JSON Schema of a document."""
-    return Response(schema_text(_known(name)), media_type="application/schema+json")
+    return Response(schema_text(_known(name)), media_type=SCHEMA_MEDIA_TYPE)
 
 
 @router.get(
-    "/examples/{name}", operation_id="showExample", response_class=Response, responses=_RESPONSES
+    "/examples/{name}",
+    operation_id="showExample",
+    response_class=Response,
+    responses=_responses("application/json"),
 )
 def get_example(name: DocumentName) -> Response:
     """Give a small valid example of a document."""

@@ -10,14 +10,19 @@ from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import PhaseView
-from exceptiondrive_server.auth import MaybePrincipal, ServicesOf
+from exceptiondrive_server.auth import TOKEN_IS_OPTIONAL, MaybePrincipal, ServicesOf
 from exceptiondrive_server.problems import problem_responses
 
 router = APIRouter(prefix="/phases", tags=["phases"])
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 
 
-@router.get("", operation_id="listPhases", responses=problem_responses(ProblemCode.NOT_SIGNED_IN))
+@router.get(
+    "",
+    operation_id="listPhases",
+    openapi_extra=TOKEN_IS_OPTIONAL,
+    responses=problem_responses(ProblemCode.NOT_SIGNED_IN),
+)
 def get_phases(
     services: ServicesOf, principal: MaybePrincipal, challenge: ChallengeId | None = None
 ) -> list[PhaseView]:
@@ -34,6 +39,7 @@ def get_phases(
 @router.get(
     "/{phase_id}",
     operation_id="showPhase",
+    openapi_extra=TOKEN_IS_OPTIONAL,
     responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
 )
 def get_phase(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId) -> PhaseView:
