@@ -11,7 +11,7 @@ from collections.abc import Collection
 from importlib import resources
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -19,6 +19,7 @@ from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
 PositiveMetres = Annotated[float, Field(gt=0, le=1000)]
 Share = Annotated[float, Field(ge=0, le=1)]
+ClearanceFactor = Annotated[float, Field(gt=0, le=10)]
 
 
 class GeometrySection(Document):
@@ -51,7 +52,15 @@ class GradingSection(Document):
 
     headline: Literal["micro", "macro_family"]
     d_safe_scale: Annotated[float, Field(gt=0, le=10)] = 1.0
+    sensitivity_factors: Annotated[tuple[ClearanceFactor, ...], Field(max_length=8)] = ()
     caution: dict[str, Annotated[int, Field(ge=0, le=100)]]
+
+    @field_validator("sensitivity_factors")
+    @classmethod
+    def _each_factor_stands_once(cls, factors: tuple[float, ...]) -> tuple[float, ...]:
+        if len(set(factors)) < len(factors):
+            raise ValueError("sensitivity_factors must differ from one another")
+        return factors
 
     @model_validator(mode="after")
     def _every_strategy_has_a_caution_rank(self) -> Self:

@@ -20,6 +20,7 @@ from exceptiondrive_scoring.grade import SampleScores, grade
 from exceptiondrive_scoring.measure import Measurements, measure
 from exceptiondrive_scoring.plausibility import Plausibility, plausibility
 from exceptiondrive_scoring.reminder import reminder_scores
+from exceptiondrive_scoring.sensitivity import clearance_sensitivity
 from exceptiondrive_scoring.strategy import (
     NO_ANSWER,
     StrategyAnswers,
@@ -91,8 +92,8 @@ class PlanningScoring:
     def extra(
         self, measurements: Columns, split: SplitArrays, protocol: ScoringProtocol
     ) -> NamedRows:
-        """Nothing further."""
-        return {}
+        """HCC with other required clearances."""
+        return clearance_sensitivity(Measurements.from_columns(measurements), split, protocol)
 
 
 class StrategyScoring:

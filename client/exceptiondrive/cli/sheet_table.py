@@ -36,6 +36,7 @@ def sheet_view(
     )
     yield _coverage(sheet)
     yield _table(sheet, protocol, with_tasks)
+    yield from _sensitivity(sheet, protocol)
     yield from _plausibility(sheet)
 
 
@@ -99,6 +100,18 @@ def _family_titles(protocol: Protocol | None) -> dict[str, str]:
 
 def _task_titles(protocol: Protocol | None) -> dict[str, str]:
     return {task.id: f"{task.id} {task.name}" for task in protocol.tasks} if protocol else {}
+
+
+def _sensitivity(sheet: ScoreSheet, protocol: Protocol | None) -> Iterator[Text]:
+    """One line for each other required clearance that the protocol asks about."""
+    hcc = next((m for m in challenge_of(sheet.challenge).metrics if m.key == "hcc"), None)
+    digits = protocol.publication if protocol else None
+    for name, row in sheet.extra.items():
+        if hcc is not None and name.startswith("d_safe_x"):
+            averages = ("hcc_macro_family", "macro_family"), ("hcc_micro", "micro")
+            parts = [f"{title} {metric_text(hcc, row.get(k), digits)}" for k, title in averages]
+            factor = name.removeprefix("d_safe_x")
+            yield Text(f"HCC % at {factor} times d_safe: {', '.join(parts)}", style="dim")
 
 
 def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:

@@ -40,6 +40,7 @@ BY_TASK = {
     "LB1": _row(1.0, 0.0, 0.5071, 4.0, 4.0, 0.0),
     "BG1": _row(0.0, 1.0, 0.0, 0.69, 0.0, 0.69),
 }
+SENSITIVITY = {0.5: 0.3333, 2.0: 0.3333}
 FREEZE_TOTAL = _row(1.0, 0.0, 0.1038, 9.0, 9.0, 0.0)
 FREEZE_BY_TASK = {
     "SE1": _row(1.0, 0.0, 0.1214, 9.0, 9.0, 0.0),
@@ -75,6 +76,10 @@ def example_score_sheet() -> ScoreSheet:
         families={FAMILY_OF_TASK[task]: row for task, row in tasks.items()},
         tasks=tasks,
         plausibility=Plausibility(shares=dict.fromkeys(shares, 0.0)),
+        extra={
+            f"d_safe_x{factor:g}": {"hcc_micro": hcc, "hcc_macro_family": hcc}
+            for factor, hcc in SENSITIVITY.items()
+        },
     )
 
 

@@ -16,6 +16,7 @@ from exceptiondrive_server.pages.entry_facts import (
     entry_key,
     interval_of,
 )
+from exceptiondrive_server.pages.extra_tables import ExtraTable, extra_tables
 from exceptiondrive_server.pages.numbers import Digits, fixed, unit_of
 from exceptiondrive_server.pages.plausibility_words import PlausibilityLine, plausibility_lines
 
@@ -74,15 +75,6 @@ class StripMark:
 
 
 @dataclass(frozen=True)
-class ExtraTable:
-    """Further rows of the score sheet, such as a confusion matrix."""
-
-    title: str
-    heads: tuple[str, ...]
-    lines: tuple[tuple[str, tuple[str, ...]], ...]
-
-
-@dataclass(frozen=True)
 class EntryPage:
     """Everything that `entry.html` needs."""
 
@@ -128,7 +120,7 @@ def entry_page(reading: EntryReading) -> EntryPage:
         past=tuple(
             (past, _headline_texts(past, board, challenge, digits)) for past in reading.past
         ),
-        extra=_extra(sheet) if sheet else (),
+        extra=extra_tables(sheet, reading.protocol, digits) if sheet else (),
         neighbours=_neighbours(board, entry),
         key=entry_key(entry),
     )
@@ -165,31 +157,6 @@ def _headline_texts(
 ) -> tuple[str | None, ...]:
     values = past.sheet.micro if board.headline == "micro" else past.sheet.macro_family
     return tuple(digits.text(metric, values.get(metric.key)) for metric in challenge.metrics[:2])
-
-
-def _extra(sheet: ScoreSheet) -> tuple[ExtraTable, ...]:
-    """Confusion rows as one table, every other named row as its own line in a second."""
-    confusion = {
-        k.removeprefix("confusion_"): v for k, v in sheet.extra.items() if "confusion_" in k
-    }
-    others = {key: row for key, row in sheet.extra.items() if "confusion_" not in key}
-    tables = []
-    for title, rows in (("Answers by acceptable set", confusion), ("Further rows", others)):
-        if not rows:
-            continue
-        heads = tuple(dict.fromkeys(key for row in rows.values() for key in row))
-        lines = tuple(
-            (name.replace("_", " "), tuple(_extra_text(row.get(head)) for head in heads))
-            for name, row in rows.items()
-        )
-        tables.append(ExtraTable(title, tuple(head.replace("_", " ") for head in heads), lines))
-    return tuple(tables)
-
-
-def _extra_text(value: float | None) -> str:
-    if value is None:
-        return ""
-    return str(int(value)) if value == int(value) and abs(value) > 1 else fixed(value * 100, 1)
 
 
 def _neighbours(board: Board, entry: BoardEntry) -> tuple[tuple[str, str, str], ...]:

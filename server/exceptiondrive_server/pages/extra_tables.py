@@ -1,0 +1,83 @@
+"""Further rows of a score sheet as tables: sensitivity, confusion, and whatever else is named."""
+
+from dataclasses import dataclass
+
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
+from exceptiondrive_server.pages.numbers import Digits, fixed
+
+CONFUSION, SENSITIVITY = "confusion_", "d_safe_x"
+
+
+@dataclass(frozen=True)
+class ExtraTable:
+    """Named rows of the score sheet, and what they mean."""
+
+    title: str
+    heads: tuple[str, ...]
+    lines: tuple[tuple[str, tuple[str, ...]], ...]
+    note: str = ""
+
+
+def extra_tables(sheet: ScoreSheet, protocol: Protocol, digits: Digits) -> tuple[ExtraTable, ...]:
+    """Return a table of each kind of row that the sheet has."""
+    kinds = (CONFUSION, SENSITIVITY)
+    others = {key: row for key, row in sheet.extra.items() if not key.startswith(kinds)}
+    tables = (
+        _sensitivity(sheet, _of_kind(sheet, SENSITIVITY), protocol, digits),
+        _plain("Answers by acceptable set", _of_kind(sheet, CONFUSION)),
+        _plain("Further rows", others),
+    )
+    return tuple(table for table in tables if table.lines)
+
+
+def _of_kind(sheet: ScoreSheet, kind: str) -> dict[str, MetricRow]:
+    return {k.removeprefix(kind): row for k, row in sheet.extra.items() if k.startswith(kind)}
+
+
+def _sensitivity(
+    sheet: ScoreSheet, rows: dict[str, MetricRow], protocol: Protocol, digits: Digits
+) -> ExtraTable:
+    """HCC with other required clearances, the one that ranks among them, from small to large."""
+    by_factor = {float(factor): row for factor, row in rows.items()}
+    if rows:
+        macro, micro = sheet.macro_family.get("hcc"), sheet.micro.get("hcc")
+        by_factor[1.0] = {"hcc_macro_family": macro, "hcc_micro": micro}
+    order = ["hcc_macro_family", "hcc_micro"]
+    heads = {"hcc_macro_family": "HCC % over families", "hcc_micro": "HCC % over samples"}
+    if protocol.grading.headline == "micro":
+        order.reverse()
+    return ExtraTable(
+        title="Sensitivity to the required clearance",
+        heads=tuple(heads[key] for key in order),
+        lines=tuple(
+            (_factor_words(factor), tuple(_share(row.get(key), digits) for key in order))
+            for factor, row in sorted(by_factor.items())
+        ),
+        note="The same trajectories, had every task asked for less or more clearance. "
+        "Only the unchanged row ranks.",
+    )
+
+
+def _factor_words(factor: float) -> str:
+    words = {0.5: "half of d_safe", 1.0: "d_safe as it ranks", 2.0: "twice d_safe"}
+    return words.get(factor, f"{factor:g} times d_safe")
+
+
+def _share(value: float | None, digits: Digits) -> str:
+    return "" if value is None else digits.fraction(value)
+
+
+def _plain(title: str, rows: dict[str, MetricRow]) -> ExtraTable:
+    heads = tuple(dict.fromkeys(key for row in rows.values() for key in row))
+    lines = tuple(
+        (name.replace("_", " "), tuple(_text(row.get(head)) for head in heads))
+        for name, row in rows.items()
+    )
+    return ExtraTable(title, tuple(head.replace("_", " ") for head in heads), lines)
+
+
+def _text(value: float | None) -> str:
+    if value is None:
+        return ""
+    return str(int(value)) if value == int(value) and abs(value) > 1 else fixed(value * 100, 1)

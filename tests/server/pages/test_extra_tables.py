@@ -1,0 +1,45 @@
+"""Further rows of a score sheet as tables."""
+
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.publish.example_scores import example_score_sheet
+from exceptiondrive_server.pages.extra_tables import extra_tables
+from exceptiondrive_server.pages.numbers import Digits
+
+PROTOCOL = packaged_protocol()
+ROWS = {
+    "d_safe_x2": {"hcc_micro": 0.2, "hcc_macro_family": 0.25},
+    "d_safe_x0.5": {"hcc_micro": 0.4, "hcc_macro_family": None},
+}
+
+
+def test_sensitivity_stands_around_the_row_that_ranks_from_less_to_more_clearance() -> None:
+    sheet = example_score_sheet().model_copy(update={"extra": ROWS})
+    (table,) = extra_tables(sheet, PROTOCOL, Digits())
+    assert table.heads == ("HCC % over families", "HCC % over samples")
+    assert table.lines == (
+        ("half of d_safe", ("", "40.00")),
+        ("d_safe as it ranks", ("33.33", "33.33")),
+        ("twice d_safe", ("25.00", "20.00")),
+    )
+
+
+def test_the_average_that_ranks_stands_first() -> None:
+    grading = PROTOCOL.grading.model_copy(update={"headline": "micro"})
+    protocol = PROTOCOL.model_copy(update={"grading": grading})
+    sheet = example_score_sheet().model_copy(update={"extra": ROWS})
+    (table,) = extra_tables(sheet, protocol, Digits())
+    assert table.heads[0] == "HCC % over samples"
+
+
+def test_confusion_and_other_rows_have_tables_of_their_own() -> None:
+    extra = {"confusion_CD": {"A": 0.25, "missing": 3.0}, "reminder": {"hazard_present": 0.5}}
+    sheet = example_score_sheet().model_copy(update={"extra": extra})
+    confusion, other = extra_tables(sheet, PROTOCOL, Digits())
+    assert confusion.lines == (("CD", ("25.0", "3")),)
+    assert other.lines == (("reminder", ("50.0",)),)
+    assert other.heads == ("hazard present",)
+
+
+def test_a_sheet_without_further_rows_has_no_table() -> None:
+    sheet = example_score_sheet().model_copy(update={"extra": {}})
+    assert extra_tables(sheet, PROTOCOL, Digits()) == ()
