@@ -13,7 +13,13 @@ from typing import Any, ClassVar
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    rule,
+    run_state_machine_as_test,
+)
 from sqlalchemy import func, select
 
 from exceptiondrive_records import jobs
@@ -31,11 +37,16 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-MAX_ATTEMPTS = 3
-WINDOW = 4
+MAX_ATTEMPTS = 2
+WINDOW = 2
 REPORT = CheckReport(
     challenge=None, split=None, n_predictions=None, digest="sha256:x", size_bytes=1
 )
+STEPS = [
+    *("submit", "deliver", "deliver again", "withdraw", "reconcile", "an hour passes"),
+    *("the broker loses everything", "crash", "freeze", "freeze"),
+    *("scored", "scored", "rejected", "retry", "failed"),
+]
 ANY = st.integers(min_value=0, max_value=1_000)
 
 
@@ -57,9 +68,44 @@ class Lifecycle(RuleBasedStateMachine):
         self.jobs: list[str] = []
         self.ended: dict[str, SubmissionStatus] = {}
 
-    @rule(content=ANY, is_rung=st.booleans())
-    def submit(self, content: int, is_rung: bool) -> None:
-        accepted = self.world.submit(f"file {content % 8}", method=f"m{content % 3}")
+    @initialize()
+    def begin_with_work(self) -> None:
+        for content in range(3):
+            self.submit(content, is_rung=True)
+        self.take(self.jobs[0])
+
+    @rule(what=st.sampled_from(STEPS), which=ANY, flag=st.booleans())
+    def step(self, what: str, which: int, flag: bool) -> None:
+        """Do one thing; a single rule, so that every run mixes all of them."""
+        if what == "submit":
+            self.submit(which, is_rung=flag)
+        elif what == "deliver":
+            self.deliver_a_message()
+        elif what == "deliver again":
+            self.take(self.jobs[which % len(self.jobs)])
+        elif what == "withdraw":
+            self.the_team_withdraws(which)
+        elif what == "reconcile":
+            self.reconcile()
+        elif what == "an hour passes":
+            self.an_hour_passes()
+        elif what == "the broker loses everything":
+            self.client.flushall()
+        elif self.held:
+            self.something_happens_to_a_worker(what, which, flag)
+
+    def something_happens_to_a_worker(self, what: str, which: int, flag: bool) -> None:
+        claim = self.held[which % len(self.held)]
+        if what == "crash":
+            self.held.remove(claim)
+        elif what == "freeze":  # so long that another comes
+            self.an_hour_passes()
+            self.take(claim.job_id)
+        else:
+            self.answer(claim, what, keeps=flag)
+
+    def submit(self, content: int, *, is_rung: bool) -> None:
+        accepted = self.world.submit(f"file {content % 5}", method=f"m{content % 3}")
         if accepted.job_id is None:
             assert accepted.is_duplicate
             return
@@ -67,7 +113,6 @@ class Lifecycle(RuleBasedStateMachine):
         if is_rung:
             ring_job(self.database, self.bell, accepted.job_id, self.settings)
 
-    @rule()
     def deliver_a_message(self) -> None:
         message = self.client.rpop("ed:live")
         if message is None:
@@ -76,11 +121,6 @@ class Lifecycle(RuleBasedStateMachine):
         if not rest:  # one id: a job; two: a board
             self.take(job_id)
 
-    @rule(which=ANY)
-    def deliver_a_duplicate(self, which: int) -> None:
-        if self.jobs:
-            self.take(self.jobs[which % len(self.jobs)])
-
     def take(self, job_id: str) -> None:
         with self.database.write() as session:
             claim = jobs.claim(session, job_id, 120, MAX_ATTEMPTS)
@@ -88,19 +128,14 @@ class Lifecycle(RuleBasedStateMachine):
             assert claim.attempts <= MAX_ATTEMPTS
             self.held.append(claim)
 
-    @rule(
-        which=ANY,
-        answer=st.sampled_from(["scored", "rejected", "retry", "failed"]),
-        keeps=st.booleans(),
-    )
-    def answer(self, which: int, answer: str, keeps: bool) -> None:
+    def answer(self, claim: Claim, answer: str, *, keeps: bool) -> None:
         """A worker answers; one that `keeps` its claim answers a second time some day."""
-        if not self.held:
-            return
-        claim = self.held[which % len(self.held)]
         if not keeps:
             self.held.remove(claim)
-        self.finish(claim, answer)
+        with self.database.read() as session:
+            job = session.get_one(Job, claim.job_id)
+            holds_the_lease = job.state is JobState.LEASED and job.fence == claim.fence
+        assert (self.finish(claim, answer) is not Finish.LEASE_LOST) is holds_the_lease
 
     def finish(self, claim: Claim, answer: str) -> Finish:
         if answer == "scored":
@@ -112,12 +147,6 @@ class Lifecycle(RuleBasedStateMachine):
             retry = answer == "retry"
             return jobs.finish_failed(session, claim, "internal", "We failed.", retry=retry)
 
-    @rule(which=ANY)
-    def a_worker_crashes(self, which: int) -> None:
-        if self.held:
-            self.held.pop(which % len(self.held))
-
-    @rule()
     def an_hour_passes(self) -> None:
         hour = timedelta(hours=1)
         with self.database.write() as session:
@@ -126,16 +155,9 @@ class Lifecycle(RuleBasedStateMachine):
                 job.lease_until = job.lease_until and job.lease_until - hour
                 job.rung_at = job.rung_at and job.rung_at - hour
 
-    @rule()
-    def the_broker_loses_everything(self) -> None:
-        self.client.flushall()
-
-    @rule(which=ANY)
     def the_team_withdraws(self, which: int) -> None:
         with self.database.write() as session:
             ids = list(session.scalars(select(Submission.id).order_by(Submission.id)))
-            if not ids:
-                return
             submission_id = ids[which % len(ids)]
             try:
                 withdraw(session, submission_id, actor="test")
@@ -143,7 +165,6 @@ class Lifecycle(RuleBasedStateMachine):
                 return
             self.ended[submission_id] = SubmissionStatus.WITHDRAWN
 
-    @rule()
     def reconcile(self) -> None:
         reconcile_once(self.database, self.bell, self.settings)
 
@@ -220,7 +241,7 @@ def run(machine: type[Lifecycle], n_examples: int) -> None:
         machine,
         settings=settings(
             max_examples=n_examples,
-            stateful_step_count=40,
+            stateful_step_count=50,
             deadline=None,
             derandomize=True,
             suppress_health_check=list(HealthCheck),
@@ -239,7 +260,7 @@ def test_every_interleaving_ends_every_submission_once_on_sqlite(
         return world_on(f"sqlite:///{path}")
 
     lifecycle.new_world = staticmethod(new_world)
-    run(lifecycle, 12)
+    run(lifecycle, 25)
 
 
 @pytest.mark.postgres
@@ -254,7 +275,7 @@ def test_every_interleaving_ends_every_submission_once_on_postgres(
 
     lifecycle.new_world = staticmethod(new_world)
     try:
-        run(lifecycle, 4)
+        run(lifecycle, 6)
     finally:
         for name in names:
             postgres.drop(name)
