@@ -150,7 +150,12 @@ class World:
             )
 
     def submit(
-        self, data: bytes, method: str = "method", team: str = "alpha", phase_id: str = "dev"
+        self,
+        data: bytes,
+        method: str = "method",
+        team: str = "alpha",
+        phase_id: str = "dev",
+        linked_to: str | None = None,
     ) -> tuple[str, str]:
         """Accept an upload as the server does; return ids of submission and job."""
         digest, size = self.files.put_stream([data], limit_bytes=2**24)
@@ -163,6 +168,7 @@ class World:
                 team_id=find_team(session, team).id,
                 phase_id=phase_id,
                 method=method,
+                linked_to=linked_to,
                 file_digest=digest,
                 size_bytes=size,
             )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exceptiondrive_records.boards import EntryRecord
-from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead
+from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
@@ -24,6 +24,7 @@ class ScoredEntry:
 
     record: EntryRecord
     uncertainty: Uncertainty
+    effect: ReminderEffect | None = None
 
 
 def board_entries(
@@ -114,6 +115,7 @@ class _Rows:
             },
             coverage={"edited": sheet.coverage.edited, "source": sheet.coverage.source},
             flags=sheet.plausibility.flags,
+            reminder_effect=entry.effect,
         )
 
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:

@@ -24,6 +24,7 @@ from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
 from exceptiondrive_worker.doors import Doors
 from exceptiondrive_worker.entry_uncertainty import entry_uncertainties
+from exceptiondrive_worker.reminder_effects import reminder_effects
 from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
 from exceptiondrive_worker.stages import Target
 
@@ -108,12 +109,12 @@ def _scored(
     split: LoadedSplit,
     protocol: Protocol,
 ) -> list[ScoredEntry]:
-    targets = [
-        (Target(record.file_digest, challenge, split, protocol), record.measurement_key)
-        for record in records
-    ]
-    uncertainties = entry_uncertainties(doors.private, doors.stages, targets)
-    return [ScoredEntry(*pair) for pair in zip(records, uncertainties, strict=True)]
+    targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
+    measured = [(t, record.measurement_key) for t, record in zip(targets, records, strict=True)]
+    uncertainties = entry_uncertainties(doors.private, doors.stages, measured)
+    pairs = list(zip(targets, records, strict=True))
+    effects = reminder_effects(doors.private, doors.stages, pairs)
+    return [ScoredEntry(*parts) for parts in zip(records, uncertainties, effects, strict=True)]
 
 
 def _document(

@@ -39,6 +39,8 @@ class Shelf(StrEnum):
     """Sums per scene, for the bootstrap. Key: as the sheet, and the scenes of the split."""
     INTERVALS = "intervals"
     """Intervals and draws of one entry. Key: as the sums, and ranking."""
+    EFFECTS = "effects"
+    """An entry against its linked counterpart. Key: the sums of both, and ranking."""
 
 
 def content_key(*parts: str) -> str:

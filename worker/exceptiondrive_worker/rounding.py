@@ -40,6 +40,13 @@ class Rounding:
         """Round a row of metrics."""
         return {key: self.metric(key, value) for key, value in metrics.items()}
 
+    def counted_row(self, row: MetricRow) -> MetricRow:
+        """Round a further row; one that counts too few samples is withheld but for its `n`."""
+        n = row.get("n")
+        if n is not None and n < self._least_samples:
+            return dict.fromkeys(row) | {"n": n}
+        return self.row(row)
+
     def interval(self, key: str, interval: Interval | None) -> Interval | None:
         """Round both ends of an interval of a metric."""
         if interval is None:
@@ -70,7 +77,7 @@ class Rounding:
                     shares={key: self.fraction(v) for key, v in plausibility.shares.items()},
                     flags=plausibility.flags,
                 ),
-                "extra": {key: self.row(row) for key, row in sheet.extra.items()},
+                "extra": {key: self.counted_row(row) for key, row in sheet.extra.items()},
             }
         )
 

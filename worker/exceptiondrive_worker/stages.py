@@ -22,6 +22,7 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring
 from exceptiondrive_scoring.exact_sheet import exact_sheet
+from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.scene_sums import SceneSums, scene_sums
 from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key, pack_columns
 from exceptiondrive_worker.split_store import LoadedSplit
@@ -148,13 +149,20 @@ class Stages:
         kept = self._private.read_columns(Shelf.SUMS, key)
         if kept is not None:
             return SceneSums(sums=kept["sums"], counts=kept["counts"])
-        kept = self._private.read_columns(Shelf.MEASUREMENTS, measurement_key)
-        measured = kept or self.measurements(target)
-        split, protocol = target.split.arrays, target.protocol
-        scores = self._scoring_of(target).grade(measured, split, protocol)
-        sums = scene_sums(scores, split, protocol.taxonomy)
+        scores = self.sample_scores(target, measurement_key)
+        sums = scene_sums(scores, target.split.arrays, target.protocol.taxonomy)
         self._private.write_columns(Shelf.SUMS, key, {"sums": sums.sums, "counts": sums.counts})
         return sums
+
+    def sample_scores(self, target: Target, measurement_key: str) -> SampleScores:
+        """Return the metric values of each sample: withheld, never to leave the worker.
+
+        Raises:
+            RejectedUpload: The measurements are not kept any more, and the upload now has faults.
+        """
+        kept = self._private.read_columns(Shelf.MEASUREMENTS, measurement_key)
+        measured = kept or self.measurements(target)
+        return self._scoring_of(target).grade(measured, target.split.arrays, target.protocol)
 
     def _scoring_of(self, target: Target) -> ChallengeScoring:
         return self._scoring[target.challenge.id]

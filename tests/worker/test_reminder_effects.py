@@ -1,0 +1,225 @@
+"""The paired effect of a reminder on a board, against a computation that shares no code with it."""
+
+import json
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.submissions import withdraw
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_scoring.interval import draws_cut_off
+from exceptiondrive_worker import reminder_effects as reminder_effects_module
+from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.private_store import Shelf
+
+World = Any
+N_SCENES, N_SAMPLES = 30, 120
+ACCEPTABLE = {"SE1": "CD", "LB1": "C", "BG1": "BCE", "RS1": "CE"}
+UNDER = {"SE1": "ABE", "LB1": "ABDE", "BG1": "A", "RS1": "AB"}
+FAMILY = {"SE1": "sudden", "LB1": "lane", "BG1": "gap", "RS1": "road"}
+
+
+@pytest.fixture(scope="module")
+def scenes(make_split: Callable[..., Split]) -> Split:
+    """Samples of four families, unevenly spread over scenes."""
+    rng = Random(5)
+    return make_split(
+        {
+            f"s{number:03d}": {
+                "scene_id": f"scene-{int(rng.random() ** 2 * N_SCENES):02d}",
+                "task": rng.choice(["SE1", "SE1", "SE1", "LB1", "BG1", "RS1"]),
+            }
+            for number in range(N_SAMPLES)
+        }
+    )
+
+
+def answers(split: Split, seed: int, skill: float) -> dict[str, str]:
+    rng = Random(seed)
+    return {
+        sample.sample_id: rng.choice(ACCEPTABLE[sample.task])
+        if rng.random() < skill
+        else rng.choice("ABCDE")
+        for sample in split.samples
+    }
+
+
+def file_of(split: Split, strategies: dict[str, str]) -> bytes:
+    return json.dumps(
+        {
+            "schema": "exceptiondrive.strategy/1",
+            "split": split.name,
+            "predictions": [{"sample_id": k, "strategy": v} for k, v in strategies.items()],
+        }
+    ).encode()
+
+
+def naive_effect(
+    split: Split, with_it: dict[str, str], without: dict[str, str], protocol: Protocol
+) -> dict[str, tuple[float, tuple[float, float], float]]:
+    """Sample by sample, draw by draw, in plain Python."""
+    hits: dict[str, Callable[[str, str], bool]] = {
+        "accuracy": lambda task, letter: letter in ACCEPTABLE[task],
+        "under_warning": lambda task, letter: letter in UNDER[task],
+    }
+    names = sorted({sample.scene_id for sample in split.samples})
+    rng = np.random.Generator(np.random.PCG64(protocol.ranking.bootstrap_seed))
+    draws = [
+        Counter(names[place] for place in rng.integers(0, len(names), size=len(names)))
+        for _ in range(protocol.ranking.bootstrap_draws)
+    ]
+    found = {}
+    for metric, hit in hits.items():
+        rows = [
+            (
+                s.scene_id,
+                FAMILY[s.task],
+                hit(s.task, with_it[s.sample_id]) - hit(s.task, without[s.sample_id]),
+            )
+            for s in split.samples
+        ]
+        means = sorted(macro(rows, taken) for taken in draws)
+        cut = draws_cut_off(len(means), protocol.ranking.confidence, len(names))
+        interval = (means[cut], means[len(means) - 1 - cut])
+        discordant = sum(row[2] != 0 for row in rows) / len(rows)
+        found[metric] = (macro(rows, Counter(names)), interval, discordant)
+    return found
+
+
+def macro(rows: list[tuple[str, str, int]], taken: Counter[str]) -> float:
+    """Mean of the family means, every sample as often as its scene was taken."""
+    sums: defaultdict[str, int] = defaultdict(int)
+    counts: defaultdict[str, int] = defaultdict(int)
+    for scene, family, value in rows:
+        sums[family] += taken[scene] * value
+        counts[family] += taken[scene]
+    means = [sums[family] / n for family, n in counts.items() if n]
+    return math.fsum(means) / len(means)
+
+
+def build(world: World) -> Board:
+    with world.database.write() as session:
+        digest = session.get_one(Phase, "dev").protocol_digest
+        want_board(session, "dev", digest)
+    build_board(world.doors, "dev", digest)
+    with world.database.read() as session:
+        row = current_board(session, "dev")
+    assert row is not None
+    return Board.model_validate_json(row.body)
+
+
+def entry_of(board: Board, method: str) -> BoardEntry:
+    (row,) = [row for row in board.entries if row.method == method]
+    return row
+
+
+def effect_of(board: Board, method: str) -> ReminderEffect:
+    effect = entry_of(board, method).reminder_effect
+    assert effect is not None
+    return effect
+
+
+@pytest.fixture
+def pair(world: World, scenes: Split) -> tuple[World, str, str]:
+    """Two linked submissions, scored: ids without and with reminder."""
+    world.add_phase(scenes, challenge="strategy")
+    plain = world.score(file_of(scenes, answers(scenes, 1, 0.3)), method="plain")
+    reminded = world.score(
+        file_of(scenes, answers(scenes, 2, 0.7)), method="reminded", linked_to=plain
+    )
+    return world, plain, reminded
+
+
+def test_the_effect_is_what_a_naive_paired_bootstrap_finds(
+    pair: tuple[World, str, str], scenes: Split, protocol: Protocol
+) -> None:
+    world, plain, _ = pair
+    effect = effect_of(build(world), "reminded")
+    assert (effect.without, effect.without_method) == (plain, "plain")
+    naive = naive_effect(scenes, answers(scenes, 2, 0.7), answers(scenes, 1, 0.3), protocol)
+    for metric, (difference, interval, discordant) in naive.items():
+        published = effect.differences[metric]
+        assert published.difference == round(difference, 4)
+        assert published.interval == pytest.approx(interval, abs=0.00005 + 1e-9)
+        assert published.discordant == round(discordant, 4)
+    assert effect.differences["accuracy"].verdict == "better with the reminder"
+    assert effect.differences["under_warning"].verdict == "better with the reminder"
+
+
+def test_the_sign_turns_with_the_direction_of_the_link(world: World, scenes: Split) -> None:
+    world.add_phase(scenes, challenge="strategy")
+    good = world.score(file_of(scenes, answers(scenes, 2, 0.7)), method="good")
+    world.score(file_of(scenes, answers(scenes, 1, 0.3)), method="bad", linked_to=good)
+    accuracy = effect_of(build(world), "bad").differences["accuracy"]
+    assert accuracy.difference is not None
+    assert accuracy.difference < 0
+    assert accuracy.verdict == "worse with the reminder"
+
+
+def test_the_same_answers_have_no_effect(world: World, scenes: Split) -> None:
+    world.add_phase(scenes, challenge="strategy")
+    same = answers(scenes, 1, 0.3)
+    plain = world.score(file_of(scenes, same), method="plain")
+    again = file_of(scenes, dict(reversed(same.items())))
+    world.score(again, method="again", linked_to=plain)
+    accuracy = effect_of(build(world), "again").differences["accuracy"]
+    assert (accuracy.difference, accuracy.discordant) == (0.0, 0.0)
+    assert accuracy.verdict == "not separable on this split"
+
+
+def test_an_entry_without_a_link_says_nothing_of_an_effect(pair: tuple[World, str, str]) -> None:
+    world, _, _ = pair
+    board = build(world)
+    assert entry_of(board, "plain").reminder_effect is None
+    document = json.loads(board.model_dump_json())
+    (plain,) = [row for row in document["entries"] if row["method"] == "plain"]
+    assert "reminder_effect" not in plain
+
+
+def test_a_withdrawn_counterpart_takes_the_effect_off_the_board(
+    pair: tuple[World, str, str],
+) -> None:
+    world, plain, _ = pair
+    assert entry_of(build(world), "reminded").reminder_effect is not None
+    with world.database.write() as session:
+        withdraw(session, plain, actor="test")
+    assert entry_of(build(world), "reminded").reminder_effect is None
+
+
+def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_to_the_same(
+    pair: tuple[World, str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, _, _ = pair
+    compared: list[int] = []
+    compare = reminder_effects_module.compare
+
+    def counted(*args: Any) -> Any:
+        compared.append(1)
+        return compare(*args)
+
+    monkeypatch.setattr(reminder_effects_module, "compare", counted)
+    first = effect_of(build(world), "reminded")
+    assert effect_of(build(world), "reminded") == first
+    assert len(compared) == 1
+    for shelf in Shelf:
+        for path in (world.settings.private_dir / shelf).iterdir():
+            path.unlink()
+    assert effect_of(build(world), "reminded") == first
+    assert len(compared) == 2
+
+
+def test_only_rounded_numbers_are_published(pair: tuple[World, str, str]) -> None:
+    world, _, _ = pair
+    for found in effect_of(build(world), "reminded").differences.values():
+        numbers = [found.difference, found.discordant, *(found.interval or ())]
+        assert all(n is None or round(n, 4) == n for n in numbers)

@@ -1,0 +1,121 @@
+"""What a reminder changed: an entry against its linked counterpart, sample by sample.
+
+Sample scores are withheld: they are compared here, and only rounded differences leave. A comparison
+is kept under the hash of what made it, so a new entry on the board repeats none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pydantic import ValidationError
+
+from exceptiondrive_records.boards import EntryRecord, LinkedRecord
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.board import PairedDifference, ReminderEffect
+from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_scoring.compare import Comparison, Difference, compare
+from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key
+from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.stages import Stages, Target
+
+_VERDICTS = {
+    "A is better": "better with the reminder",
+    "B is better": "worse with the reminder",
+    "A is higher": "higher with the reminder",
+    "B is higher": "lower with the reminder",
+}
+
+
+def reminder_effects(
+    private: PrivateStore,
+    stages: Stages,
+    entries: Sequence[tuple[Target, EntryRecord]],
+) -> list[ReminderEffect | None]:
+    """Return the published effect of each entry, in order; None where nothing is linked.
+
+    Args:
+        private: Keeps exact effects.
+        stages: Gives the sample scores of the entries whose effects are not kept.
+        entries: Of one board: target, and what is on record.
+    """
+    return [
+        None if record.linked is None else _effect(private, stages, target, record, record.linked)
+        for target, record in entries
+    ]
+
+
+def _effect(
+    private: PrivateStore,
+    stages: Stages,
+    target: Target,
+    record: EntryRecord,
+    linked: LinkedRecord,
+) -> ReminderEffect:
+    other = replace(target, file_digest=linked.file_digest)
+    key = content_key(
+        "effect",
+        stages.sums_key(target, record.measurement_key),
+        stages.sums_key(other, linked.measurement_key),
+        target.protocol.ranking_digest,
+        target.protocol.grading.headline,
+        linked.submission_id,
+        linked.method,
+    )
+    effect = _kept(private, key)
+    if effect is None:
+        with_it = stages.sample_scores(target, record.measurement_key)
+        without = stages.sample_scores(other, linked.measurement_key)
+        compared = compare(with_it, without, target.split.arrays, target.protocol, target.challenge)
+        effect = exact_effect(compared, linked)
+        private.write(Shelf.EFFECTS, key, canonical_json(effect))
+    return published_effect(
+        effect, target.challenge, Rounding(target.challenge, target.protocol.publication)
+    )
+
+
+def exact_effect(compared: Comparison, linked: LinkedRecord) -> ReminderEffect:
+    """Put a comparison of an entry (A) with its counterpart (B) in the words of a board."""
+    return ReminderEffect(
+        without=linked.submission_id,
+        without_method=linked.method,
+        differences={key: _difference(found) for key, found in compared.overall.items()},
+    )
+
+
+def published_effect(
+    effect: ReminderEffect, challenge: Challenge, rounding: Rounding
+) -> ReminderEffect:
+    """Round an effect, metrics in column order; only this may leave the worker."""
+    return effect.model_copy(
+        update={
+            "differences": {
+                key: effect.differences[key].model_copy(
+                    update={
+                        "difference": rounding.metric(key, effect.differences[key].difference),
+                        "interval": rounding.interval(key, effect.differences[key].interval),
+                        "discordant": rounding.fraction(effect.differences[key].discordant),
+                    }
+                )
+                for key in challenge.metric_keys
+            }
+        }
+    )
+
+
+def _difference(found: Difference) -> PairedDifference:
+    return PairedDifference(
+        difference=found.difference,
+        interval=found.interval,
+        discordant=found.discordant,
+        verdict=_VERDICTS.get(found.verdict, found.verdict),
+    )
+
+
+def _kept(private: PrivateStore, key: str) -> ReminderEffect | None:
+    data = private.read(Shelf.EFFECTS, key)
+    if data is None:
+        return None
+    try:
+        return ReminderEffect.model_validate_json(data)
+    except ValidationError:
+        return None  # written by another version
