@@ -6,6 +6,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from exceptiondrive_records.settings import RecordsSettings, Seconds
+from exceptiondrive_schemas.check import MAX_INFLATED_BYTES
 
 MEBIBYTE = 2**20
 
@@ -16,7 +17,7 @@ class WorkerSettings(RecordsSettings):
     splits_dir: Path = Path("hidden_splits")
     private_dir: Path = Path("data/private")
     max_upload_bytes: Annotated[int, Field(ge=1)] = 16 * MEBIBYTE
-    max_inflated_bytes: Annotated[int, Field(ge=1)] = 64 * MEBIBYTE
+    max_inflated_bytes: Annotated[int, Field(ge=1)] = MAX_INFLATED_BYTES
     soft_time_limit_s: Seconds = 75.0
     """A scoring run that lasts longer is stopped and tried again."""
     time_limit_s: Seconds = 90.0

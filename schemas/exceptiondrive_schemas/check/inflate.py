@@ -9,7 +9,7 @@ from exceptiondrive_schemas.faults import FaultCode
 
 MIB = 1024 * 1024
 MAX_UPLOAD_BYTES = 16 * MIB
-MAX_INFLATED_BYTES = 64 * MIB
+MAX_INFLATED_BYTES = 32 * MIB
 
 GZIP_MAGIC = b"\x1f\x8b"
 GZIP_WINDOW_BITS = 31

@@ -107,6 +107,7 @@ def _make_phase(session: Session) -> None:
             protocol="1.0",
             quota_per_day=200,
             rejected_per_day=500,
+            shows_reported=True,
             actor=ACTOR,
         )
 
