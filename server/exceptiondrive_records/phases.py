@@ -32,6 +32,7 @@ def create_phase(
     closes_at: datetime | None = None,
     quota_per_day: int = 3,
     quota_total: int | None = None,
+    quota_concurrent: int | None = None,
     rejected_per_day: int = 20,
     shows_reported: bool = False,
     actor: str,
@@ -51,6 +52,7 @@ def create_phase(
         closes_at: None: open for ever.
         quota_per_day: Submissions of a team per UTC day.
         quota_total: None: no limit.
+        quota_concurrent: Submissions of a team that may wait for a score at once; None: no limit.
         rejected_per_day: Files of a team that may be wrong per UTC day.
         shows_reported: Whether the board shows the paper's rows beside the scored entries.
         actor: Who creates it.
@@ -65,7 +67,8 @@ def create_phase(
         raise InvalidRecord(f"Unknown challenge {challenge!r}; known: {', '.join(CHALLENGES)}.")
     if opens_at is not None and closes_at is not None and closes_at <= opens_at:
         raise InvalidRecord("A phase must close after it opens.")
-    if min(quota_per_day, rejected_per_day, 1 if quota_total is None else quota_total) < 1:
+    limits = (quota_per_day, rejected_per_day, quota_total, quota_concurrent)
+    if any(limit is not None and limit < 1 for limit in limits):
         raise InvalidRecord("Quotas must be at least 1.")
     if session.get(Phase, phase_id) is not None:
         raise Conflict(f"There is a phase {phase_id!r} already.")
@@ -84,6 +87,7 @@ def create_phase(
         closes_at=closes_at,
         quota_per_day=quota_per_day,
         quota_total=quota_total,
+        quota_concurrent=quota_concurrent,
         rejected_per_day=rejected_per_day,
         current_board_id=None,
         shows_reported=shows_reported,
@@ -144,6 +148,7 @@ def phase_view(
         is_open=is_open(phase, database_now(session)),
         quota_per_day=phase.quota_per_day,
         quota_total=phase.quota_total,
+        quota_concurrent=phase.quota_concurrent,
         max_upload_bytes=max_upload_bytes,
         quota=None if team_id is None else quota_of(session, team_id, phase),
     )

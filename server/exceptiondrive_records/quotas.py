@@ -6,12 +6,17 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now, next_day, start_of_day
-from exceptiondrive_records.errors import QuotaExceeded, RejectedCapExceeded
+from exceptiondrive_records.errors import (
+    ConcurrentQuotaExceeded,
+    QuotaExceeded,
+    RejectedCapExceeded,
+)
 from exceptiondrive_records.tables import Phase, Submission
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 COSTS_NOTHING = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
 """A wrong file costs no quota, nor does our own failure. A withdrawn submission does."""
+WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 
 
 def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
@@ -33,6 +38,8 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
         resets_at=next_day(now),
         rejected_per_day=phase.rejected_per_day,
         rejected_today=rejected_today,
+        concurrent=phase.quota_concurrent,
+        waiting=_waiting(session, team_id, phase),
     )
 
 
@@ -42,6 +49,7 @@ def require_quota(session: Session, team_id: int, phase: Phase) -> None:
     Raises:
         QuotaExceeded: The day's or the total quota is used up.
         RejectedCapExceeded: Too many files were rejected today.
+        ConcurrentQuotaExceeded: Too many submissions of the team still wait for their score.
     """
     quota = quota_of(session, team_id, phase)
     if quota.total is not None and quota.used_total >= quota.total:
@@ -50,6 +58,17 @@ def require_quota(session: Session, team_id: int, phase: Phase) -> None:
         raise QuotaExceeded(quota.per_day, resets_at=quota.resets_at)
     if quota.rejected_today >= quota.rejected_per_day:
         raise RejectedCapExceeded(quota.rejected_per_day, resets_at=quota.resets_at)
+    if quota.concurrent is not None and quota.waiting >= quota.concurrent:
+        raise ConcurrentQuotaExceeded(quota.concurrent)
+
+
+def _waiting(session: Session, team_id: int, phase: Phase) -> int:
+    query = select(func.count()).where(
+        Submission.team_id == team_id,
+        Submission.phase_id == phase.id,
+        Submission.status.in_(WAITING),
+    )
+    return session.scalar(query) or 0
 
 
 def _count(

@@ -88,6 +88,9 @@ def create_phase(
     closes_at: Date = None,
     per_day: Annotated[int, typer.Option("--per-day", help="Submissions of a team a day.")] = 3,
     total: Annotated[int | None, typer.Option("--total", help="Submissions of a team.")] = None,
+    concurrent: Annotated[
+        int | None, typer.Option("--concurrent", help="Waiting for a score at once.")
+    ] = None,
     rejected_per_day: Annotated[
         int, typer.Option("--rejected-per-day", help="Wrong files of a team a day.")
     ] = 20,
@@ -111,6 +114,7 @@ def create_phase(
             closes_at=_utc(closes_at),
             quota_per_day=per_day,
             quota_total=total,
+            quota_concurrent=concurrent,
             rejected_per_day=rejected_per_day,
             shows_reported=shows_reported,
             actor=ACTOR,

@@ -14,7 +14,12 @@ from sqlalchemy.exc import DataError, DBAPIError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 
-from exceptiondrive_records.errors import QuotaExceeded, RecordsError, RejectedCapExceeded
+from exceptiondrive_records.errors import (
+    ConcurrentQuotaExceeded,
+    QuotaExceeded,
+    RecordsError,
+    RejectedCapExceeded,
+)
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_server import pages
 from exceptiondrive_server.problem_vocabulary import CODE_OF_STATUS, STATUS_OF, TITLE_OF
@@ -114,7 +119,7 @@ async def _api_problem(request: Request, error: Exception) -> Response:
 async def _records_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RecordsError)
     problem = ApiProblem(error.code, str(error))
-    if error.code is ProblemCode.STORE_UNAVAILABLE:
+    if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
     if isinstance(error, QuotaExceeded | RejectedCapExceeded):
         problem.resets_at = error.resets_at

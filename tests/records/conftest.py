@@ -102,7 +102,11 @@ class World:
 
 
 def build_world(
-    database: Database, *, quota_per_day: int = 100, rejected_per_day: int = 20
+    database: Database,
+    *,
+    quota_per_day: int = 100,
+    rejected_per_day: int = 20,
+    quota_concurrent: int | None = None,
 ) -> World:
     with database.write() as session:
         protocol = add_protocol(session, packaged_protocol_toml(), "test")
@@ -116,6 +120,7 @@ def build_world(
             protocol="1.0",
             quota_per_day=quota_per_day,
             rejected_per_day=rejected_per_day,
+            quota_concurrent=quota_concurrent,
             actor="test",
         )
         team = create_team(session, "alpha", "Alpha", actor="test")

@@ -12,7 +12,11 @@ from sqlalchemy import update
 
 from exceptiondrive_records import jobs
 from exceptiondrive_records.database import Database
-from exceptiondrive_records.errors import QuotaExceeded, RejectedCapExceeded
+from exceptiondrive_records.errors import (
+    ConcurrentQuotaExceeded,
+    QuotaExceeded,
+    RejectedCapExceeded,
+)
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.quotas import quota_of
 from exceptiondrive_records.submissions import accept, withdraw
@@ -178,3 +182,33 @@ def test_a_withdrawn_submission_stays_counted(make_world: Callable[..., World]) 
         assert session.get(Submission, first.id).status is SubmissionStatus.WITHDRAWN
     with pytest.raises(QuotaExceeded):
         world.submit("two")
+
+
+def test_only_so_many_of_a_team_may_wait_at_once(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_concurrent=2)
+    first = world.submit("one")
+    world.submit("two")
+    assert (quota(world).concurrent, quota(world).waiting) == (2, 2)
+    with pytest.raises(ConcurrentQuotaExceeded, match="2 submissions wait"):
+        world.submit("three")
+    assert world.submit("two").is_duplicate
+    world.score(first.job_id)
+    assert quota(world).waiting == 1
+    assert not world.submit("three").is_duplicate
+
+
+def test_the_limit_of_waiting_ones_is_exact_under_parallel_threads(
+    make_world: Callable[..., World],
+) -> None:
+    world = make_world(quota_concurrent=3)
+
+    def submit(number: int) -> bool:
+        try:
+            world.submit(f"file {number}")
+        except ConcurrentQuotaExceeded:
+            return False
+        return True
+
+    with ThreadPoolExecutor(30) as pool:
+        assert sum(pool.map(submit, range(30))) == 3
+    assert quota(world).waiting == 3

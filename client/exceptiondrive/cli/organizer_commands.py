@@ -97,6 +97,10 @@ def create_phase(
     quota_total: Annotated[
         int | None, typer.Option("--quota-total", metavar="N", min=0, help="Per team; else none.")
     ] = None,
+    quota_concurrent: Annotated[
+        int | None,
+        typer.Option("--quota-concurrent", metavar="N", min=1, help="Waiting at once; else any."),
+    ] = None,
     shows_reported: Annotated[
         bool, typer.Option("--shows-reported", help="Show the paper's rows beside the entries.")
     ] = False,
@@ -115,6 +119,7 @@ def create_phase(
         "closes_at": closes_at,
         "quota_per_day": quota_per_day,
         "quota_total": quota_total,
+        "quota_concurrent": quota_concurrent,
         "shows_reported": shows_reported,
     }
     with _organizer(server) as organizer:

@@ -29,6 +29,7 @@ class NewPhase(Form):
     closes_at: Time | None = None
     quota_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 3
     quota_total: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
+    quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
     rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
     shows_reported: StrictBool = False
 
@@ -75,6 +76,7 @@ def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> P
             closes_at=phase.closes_at,
             quota_per_day=phase.quota_per_day,
             quota_total=phase.quota_total,
+            quota_concurrent=phase.quota_concurrent,
             rejected_per_day=phase.rejected_per_day,
             shows_reported=phase.shows_reported,
             actor=organizer.actor,

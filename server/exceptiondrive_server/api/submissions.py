@@ -52,6 +52,7 @@ _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
             ProblemCode.UNSUPPORTED_MEDIA_TYPE,
             ProblemCode.QUOTA_EXCEEDED,
             ProblemCode.REJECTED_CAP_EXCEEDED,
+            ProblemCode.TOO_MANY_REQUESTS,
         ),
     },
 )
