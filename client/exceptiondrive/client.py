@@ -19,6 +19,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_schemas.submission import (
     Me,
@@ -188,6 +189,15 @@ class Client:
         """Take a submission off the board; it keeps its place in the team's own list."""
         path = f"/submissions/{_quoted(submission_id)}/withdraw"
         return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
+
+    def receipt(self, submission_id: str) -> Receipt:
+        """Return the signed receipt of a scored submission."""
+        return self._get(Receipt, f"/submissions/{_quoted(submission_id)}/receipt")
+
+    def receipt_keys(self) -> ReceiptKeys:
+        """Return the public keys of the server's receipts."""
+        keys = self._get(ReceiptKeys, "/receipt-keys")
+        return keys.model_copy(update={"server": self.server})
 
     def leaderboard(
         self,

@@ -8,6 +8,7 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_server.metrics import RequestMetrics
+from exceptiondrive_server.receipts import ReceiptSigner
 from exceptiondrive_server.settings import ServerSettings
 
 
@@ -19,16 +20,19 @@ class Services:
     files: FileStore
     doorbell: Doorbell
     settings: ServerSettings
+    signer: ReceiptSigner
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
 
     @classmethod
     def open(cls, settings: ServerSettings) -> "Services":
         """Connect to what the settings name."""
+        database = Database(settings.database_url)
         return cls(
-            database=Database(settings.database_url),
+            database=database,
             files=FileStore(settings.file_store_url),
             doorbell=Doorbell(settings.broker_url),
             settings=settings,
+            signer=ReceiptSigner(settings.receipt_key_file, database),
         )
 
     def close(self) -> None:

@@ -1,5 +1,6 @@
 """Settings of the server: those of the records, and what only the server needs."""
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
@@ -13,6 +14,8 @@ class ServerSettings(RecordsSettings):
     """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
 
     max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
+    receipt_key_file: Path = Path("data/receipt-key.pem")
+    """Private key that signs receipts; made (0600) when it is needed and not there."""
     board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10
     """How long a cache may serve a board without asking again."""
     events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5

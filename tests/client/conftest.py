@@ -182,7 +182,7 @@ def running(
     worker = WorkerSettings(**places, splits_dir=folder.parent, private_dir=tmp_path / "private")
     doors = open_doors(worker)
     tokens = _fill_records(doors)
-    application = create_app(ServerSettings(**places))
+    application = create_app(ServerSettings(**places, receipt_key_file=tmp_path / "key.pem"))
     server = uvicorn.Server(
         uvicorn.Config(application, host="127.0.0.1", port=0, log_level="warning")
     )

@@ -223,6 +223,7 @@ def make_api(tmp_path: Path) -> Iterator[Callable[..., Api]]:
             given = {
                 "broker_url": f"redis+socket://{tmp_path}/nobody.sock",
                 "file_store_url": (tmp_path / "uploads").as_uri(),
+                "receipt_key_file": tmp_path / "receipt-key.pem",
                 "max_upload_bytes": MAX_UPLOAD_BYTES,
                 "events_every_s": 0.01,
                 **settings,

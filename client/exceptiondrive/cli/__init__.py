@@ -12,6 +12,7 @@ from exceptiondrive.cli import (
     board_commands,
     local_commands,
     organizer_commands,
+    receipt_commands,
     split_commands,
     submission_commands,
 )
@@ -52,6 +53,7 @@ for commands in (
     account_commands,
     split_commands,
     submission_commands,
+    receipt_commands,
     board_commands,
     agent_commands,
     organizer_commands,

@@ -11,6 +11,7 @@ from exceptiondrive_server.api import (
     organizer,
     phases,
     protocols,
+    receipts,
     splits,
     submissions,
 )
@@ -23,6 +24,7 @@ for module in (
     events,
     boards,
     entries,
+    receipts,
     protocols,
     documents,
     me,

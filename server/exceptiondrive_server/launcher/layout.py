@@ -50,6 +50,7 @@ class Layout:
         defaults = {
             "EXCEPTIONDRIVE_DATABASE_URL": f"sqlite:///{data / 'records.sqlite3'}",
             "EXCEPTIONDRIVE_FILE_STORE_URL": (data / "uploads").as_uri(),
+            "EXCEPTIONDRIVE_RECEIPT_KEY_FILE": str(data / "receipt-key.pem"),
         }
         return {key: given.get(key, value) for key, value in defaults.items()}
 

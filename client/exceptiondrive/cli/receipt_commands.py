@@ -1,0 +1,83 @@
+"""Commands about receipts: get, verify, keys."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import say, show, show_document
+
+Output = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else stdout.")]
+
+
+def get(
+    submission_id: options.SubmissionId,
+    output: Output = None,
+    server: options.Server = None,
+) -> None:
+    """Fetch the signed receipt of a scored submission.
+
+    The server's public keys are remembered on this machine, for `receipt verify`.
+    """
+    from exceptiondrive.cli.session import open_client
+    from exceptiondrive.receipts import remember_keys
+
+    with open_client(server) as client:
+        receipt = client.receipt(submission_id)
+        remember_keys(client.receipt_keys())
+    _write(receipt.model_dump_json(by_alias=True, indent=2), output)
+
+
+def keys(output: Output = None, server: options.Server = None) -> None:
+    """Fetch the public keys of a server's receipts."""
+    from exceptiondrive.cli.session import open_client
+
+    with open_client(server) as client:
+        found = client.receipt_keys()
+    _write(found.model_dump_json(by_alias=True, indent=2), output)
+
+
+def verify(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A receipt.")],
+    key: Annotated[
+        Path | None,
+        typer.Option("--key", metavar="KEYFILE", help="Public keys; else the remembered ones."),
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Check a receipt on this machine, without the server.
+
+    Exit code 2 if a field was altered, and its name on stderr.
+    """
+    from exceptiondrive.errors import utc_text
+    from exceptiondrive.receipts import verify_receipt
+
+    verdict = verify_receipt(file, keys=key)
+    if json:
+        show_document(verdict.receipt)
+        return
+    said = verdict.receipt.statement
+    show(
+        f"the receipt holds: key {verdict.key.key_id}",
+        f"submission {said.submission_id} of {said.team}, file {said.file_digest}",
+        f"scored {utc_text(said.scored_at)} under protocol {said.protocol.version} "
+        f"({said.protocol.digest}) on {said.split.name} ({said.split.revision})",
+    )
+
+
+def _write(text: str, output: Path | None) -> None:
+    if output is None:
+        typer.echo(text)
+        return
+    output.write_text(text + "\n", encoding="utf-8")
+    say(f"written to {output}")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    group = typer.Typer(help="Signed receipts of scored submissions.", no_args_is_help=True)
+    group.command()(get)
+    group.command()(verify)
+    group.command()(keys)
+    app.add_typer(group, name="receipt")

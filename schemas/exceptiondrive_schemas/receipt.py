@@ -1,0 +1,89 @@
+"""Receipts: what the server signs about a scored submission, so that anyone can check it later.
+
+A receipt says only what never changes: which bytes were sent, what scored them, and what was
+published. Every field is digested apart and the signature covers the digests, so a check can name
+the field that was altered.
+"""
+
+from datetime import datetime
+from typing import Literal
+
+from exceptiondrive_schemas.base import Document, canonical_json, content_digest
+from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
+
+ALGORITHM: Literal["ed25519"] = "ed25519"
+
+
+class ReceiptStatement(Document):
+    """What is signed: one submission under one protocol and split revision, as published."""
+
+    submission_id: str
+    file_digest: str
+    size_bytes: int
+    phase: str
+    challenge: str
+    team: str
+    method: str
+    protocol: ProtocolRef
+    split: SplitRef
+    scorer_version: str
+    n: int
+    micro: MetricRow
+    macro_family: MetricRow
+    families: dict[str, BreakdownRow]
+    sheet_digest: str
+    """Content digest of the whole published score sheet."""
+    received_at: datetime
+    scored_at: datetime
+
+
+class Receipt(Document):
+    """A statement, the digest of each of its fields, and the signature of those digests."""
+
+    schema_: Literal["exceptiondrive.receipt/1"] = "exceptiondrive.receipt/1"
+    statement: ReceiptStatement
+    digests: dict[str, str]
+    """Field of the statement to the content digest of its value."""
+    algorithm: Literal["ed25519"] = ALGORITHM
+    key_id: str
+    signature: str
+    """Base64 of the Ed25519 signature of `signed_bytes`."""
+
+
+class ReceiptKey(Document):
+    """The public half of a key that signs receipts, or has signed some."""
+
+    key_id: str
+    algorithm: Literal["ed25519"] = ALGORITHM
+    public_key: str
+    """Base64 of the 32 bytes."""
+    first_used_at: datetime
+    is_current: bool
+
+
+class ReceiptKeys(Document):
+    """All keys of a server; old ones stay, so that old receipts can still be checked."""
+
+    schema_: Literal["exceptiondrive.receipt-keys/1"] = "exceptiondrive.receipt-keys/1"
+    server: str | None = None
+    keys: tuple[ReceiptKey, ...]
+
+
+def field_digests(statement: ReceiptStatement) -> dict[str, str]:
+    """Return the content digest of every field of a statement."""
+    document = statement.model_dump(mode="json", by_alias=True)
+    return {field: content_digest(value) for field, value in document.items()}
+
+
+def signed_bytes(key_id: str, digests: dict[str, str]) -> bytes:
+    """Return the bytes that a signature covers: form, key and digests as canonical JSON."""
+    form = "exceptiondrive.receipt/1"
+    return canonical_json({"schema": form, "key_id": key_id, "digests": digests})
+
+
+def altered_fields(receipt: Receipt) -> tuple[str, ...]:
+    """Return the fields of the statement that are not what their signed digests say."""
+    found = field_digests(receipt.statement)
+    names = {*found, *receipt.digests}
+    return tuple(sorted(name for name in names if found.get(name) != receipt.digests.get(name)))
