@@ -8,6 +8,7 @@ from typing import Any, Self
 from urllib.parse import quote
 
 from exceptiondrive.credentials import find_server, find_token, normal_server
+from exceptiondrive.organizer_rescoring import Rescoring
 from exceptiondrive.transport import Transport
 
 Record = dict[str, Any]
@@ -19,6 +20,7 @@ class Organizer:
     def __init__(self, server: str | None = None, token: str | None = None) -> None:
         self.server = normal_server(server) if server else find_server()
         self._transport = Transport(self.server, token or find_token(self.server))
+        self.rescoring = Rescoring(self._transport)
 
     def __enter__(self) -> Self:
         return self

@@ -76,6 +76,9 @@ class RunView(Document):
     """Digest of the comparison that `apply` would make true."""
 
 
+Change = Literal["none", "numbers", "rank_only", "appears", "disappears"]
+
+
 class Standing(Document):
     """One entry on one board."""
 
@@ -92,7 +95,7 @@ class EntryChange(Document):
     submission_id: str
     method: str
     team: str
-    change: Literal["none", "numbers", "rank_only", "appears", "disappears"]
+    change: Change
     newly_failing: bool
     old: Standing | None
     new: Standing | None

@@ -102,7 +102,7 @@ def finish_scored(
         )
     if claim.is_first:
         _set_status(session, claim.submission_id, SubmissionStatus.SCORED)
-    if claim.is_first:  # boards of a rescoring are asked for once, when all its sheets are there
+    if claim.is_first or _is_shown(session, claim):  # a draft's board is asked for once, at its end
         want_board(session, claim.phase_id, claim.protocol_digest, claim.split_revision)
     detail = {"protocol": claim.protocol_digest, "exact_digest": exact_digest}
     audit(session, _ACTOR, "submission scored", claim.submission_id, detail)
@@ -161,6 +161,13 @@ def set_failed(session: Session, submission_id: str, code: str, message: str) ->
     """Show a submission as failed, unless it has ended otherwise."""
     status = SubmissionStatus.FAILED
     _set_status(session, submission_id, status, failure_code=code, failure_message=message)
+
+
+def _is_shown(session: Session, claim: Claim) -> bool:
+    """Whether the phase shows what was scored under this protocol and split revision."""
+    phase = session.get_one(Phase, claim.phase_id)
+    shown = (phase.protocol_digest, phase.split_revision)
+    return shown == (claim.protocol_digest, claim.split_revision)
 
 
 def _end(session: Session, claim: Claim, state: JobState) -> bool:

@@ -19,20 +19,9 @@ def add_protocol(session: Session, toml: str, actor: str) -> Protocol:
         InvalidRecord: Not a valid protocol document.
         Conflict: The version is taken by another content.
     """
-    try:
-        protocol = parse_protocol(toml)
-    except ProtocolError as error:
-        raise InvalidRecord(str(error)) from error
-    held = session.scalars(
-        select(ProtocolRow).where(ProtocolRow.version == protocol.version).with_for_update()
-    ).first()
-    if held is not None:
-        if held.digest == protocol.digest:
-            return protocol
-        raise Conflict(
-            f"Protocol {protocol.version} exists with other content. A protocol never changes: "
-            "give the new content a new version."
-        )
+    protocol = checked_protocol(session, toml)
+    if session.get(ProtocolRow, protocol.digest) is not None:
+        return protocol
     session.add(
         ProtocolRow(
             digest=protocol.digest,
@@ -43,6 +32,27 @@ def add_protocol(session: Session, toml: str, actor: str) -> Protocol:
     )
     session.flush()
     audit(session, actor, "protocol added", protocol.version, {"digest": protocol.digest})
+    return protocol
+
+
+def checked_protocol(session: Session, toml: str) -> Protocol:
+    """Return a protocol document that could be added, or is there already.
+
+    Raises:
+        InvalidRecord: Not a valid protocol document.
+        Conflict: The version is taken by another content.
+    """
+    try:
+        protocol = parse_protocol(toml)
+    except ProtocolError as error:
+        raise InvalidRecord(str(error)) from error
+    query = select(ProtocolRow).where(ProtocolRow.version == protocol.version)
+    held = session.scalars(query).first()
+    if held is not None and held.digest != protocol.digest:
+        raise Conflict(
+            f"Protocol {protocol.version} exists with other content. A protocol never changes: "
+            "give the new content a new version."
+        )
     return protocol
 
 

@@ -22,6 +22,8 @@ from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.identifiers import random_id
 from exceptiondrive_records.jobs import set_failed
 from exceptiondrive_records.leaders import give_up_lead, take_lead
+from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.rescoring.verification import due_items, mark_items_rung
 from exceptiondrive_records.ringing import due_jobs, mark_rung
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.tables import BoardRequest, Job, JobState
@@ -44,16 +46,21 @@ class Pass:
     rung_jobs: int = 0
     rung_boards: int = 0
     dead_jobs: int = 0
+    rescoring_jobs: int = 0
+    rung_verifications: int = 0
 
 
 def reconcile_once(database: Database, doorbell: Doorbell, settings: RecordsSettings) -> Pass:
     """Make one pass."""
     with database.write() as session:
         dead_jobs = give_up_exhausted(session, settings.max_attempts)
+    rescoring_jobs = tend_runs(database)
     return Pass(
         rung_jobs=sum(_ring_jobs(database, doorbell, settings, lane) for lane in Lane),
         rung_boards=_ring_boards(database, doorbell, settings),
         dead_jobs=dead_jobs,
+        rescoring_jobs=rescoring_jobs,
+        rung_verifications=_ring_verifications(database, doorbell, settings),
     )
 
 
@@ -125,6 +132,16 @@ def _ring_boards(database: Database, doorbell: Doorbell, settings: RecordsSettin
     if rung:
         with database.write() as session:
             _mark_boards_rung(session, rung)
+    return len(rung)
+
+
+def _ring_verifications(database: Database, doorbell: Doorbell, settings: RecordsSettings) -> int:
+    with database.read() as session:
+        due = due_items(session, settings.ring_again_after_s)
+    rung = [item for item in due if doorbell.ring_verification(item)]
+    if rung:
+        with database.write() as session:
+            mark_items_rung(session, rung)
     return len(rung)
 
 

@@ -14,6 +14,7 @@ from exceptiondrive_records.identifiers import checked_link, checked_text, rando
 from exceptiondrive_records.links import checked_counterpart, require_same_link
 from exceptiondrive_records.phases import find_phase, is_open
 from exceptiondrive_records.quotas import require_quota
+from exceptiondrive_records.rescoring.keys import HELD, companion_key
 from exceptiondrive_records.tables import Job, JobState, Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
@@ -99,9 +100,21 @@ def accept(
     session.add(submission)
     session.flush()
     session.add(job)
+    _score_under_both(session, submission, now)
     detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
     audit(session, f"team:{team_id}", "submission received", submission.id, detail)
     return Accepted(submission, is_duplicate=False, job_id=job.id)
+
+
+def _score_under_both(session: Session, submission: Submission, now: datetime) -> None:
+    """While a protocol update is open, score also under the side that is not shown."""
+    companion = companion_key(session, submission.phase_id)
+    if companion is None:
+        return
+    key, is_held = companion
+    job = new_job(submission, key.protocol_digest, key.split_revision, Lane.RESCORE, False, now)
+    job.available_at = HELD if is_held else now
+    session.add(job)
 
 
 def new_job(

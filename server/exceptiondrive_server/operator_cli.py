@@ -12,9 +12,11 @@ import uvicorn
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.notices.outbox import run_outbox
+from exceptiondrive_records.notices.settings import NoticeSettings
 from exceptiondrive_records.preparation import prepare
 from exceptiondrive_records.reconciler import run_reconciler
-from exceptiondrive_records.settings import SettingsError
+from exceptiondrive_records.settings import SettingsError, load_settings
 from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.launcher.launch import launch
 from exceptiondrive_server.launcher.layout import Layout
@@ -23,6 +25,7 @@ from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
 from exceptiondrive_server.operator_receipts import receipts_app
 from exceptiondrive_server.operator_records import records_app
 from exceptiondrive_server.operator_session import DataOption, opened, records_settings, say
+from exceptiondrive_server.operator_upkeep import upkeep_app
 
 app = typer.Typer(
     help="Run and operate an ExceptionDrive evaluation server.",
@@ -32,6 +35,7 @@ app = typer.Typer(
 )
 app.registered_commands += records_app.registered_commands
 app.registered_commands += receipts_app.registered_commands
+app.registered_commands += upkeep_app.registered_commands
 
 HostOption = Annotated[str, typer.Option("--host", help="Address to listen on.")]
 PortOption = Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")]
@@ -85,8 +89,21 @@ def reconcile(data: DataOption = None) -> None:
         signal.signal(number, lambda *_: stop.set())
     with opened(settings) as database:
         doorbell = Doorbell(settings.broker_url)
-        run_reconciler(database, doorbell, settings, stop)
-        doorbell.close()
+        outbox = threading.Thread(
+            target=run_outbox, args=(database, _notice_settings(data), stop), name="outbox"
+        )
+        outbox.start()
+        try:
+            run_reconciler(database, doorbell, settings, stop)
+        finally:
+            stop.set()
+            outbox.join()
+            doorbell.close()
+
+
+def _notice_settings(data: Path | None) -> NoticeSettings:
+    url = records_settings(data).database_url
+    return load_settings(NoticeSettings, database_url=url)
 
 
 @app.command("seed-sample")

@@ -13,6 +13,8 @@ MEBIBYTE = 1024 * 1024
 class ServerSettings(RecordsSettings):
     """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
 
+    public_url: Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")] = ""
+    """What people type; by default what each request names. `https://` makes cookies Secure."""
     max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
     receipt_key_file: Path = Path("data/receipt-key.pem")
     """Private key that signs receipts; made (0600) when it is needed and not there."""
@@ -20,5 +22,7 @@ class ServerSettings(RecordsSettings):
     """How long a cache may serve a board without asking again."""
     events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5
     """How often a followed submission is looked at."""
+    webhooks_may_be_private: bool = False
+    """Takes webhooks to this very machine, over http: for tests alone."""
     events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
     """After this a follower connects again."""

@@ -73,9 +73,9 @@ def test_there_are_two_lanes_and_live_sorts_first() -> None:
     assert min(Lane) is Lane.LIVE
 
 
-def test_the_app_has_the_two_jobs_by_name_and_no_result_backend() -> None:
+def test_the_app_has_all_jobs_by_name_and_no_result_backend() -> None:
     worker = app()
     register_jobs(worker, lambda: None)  # type: ignore[arg-type, return-value]
     own = {name for name in worker.tasks if not name.startswith("celery.")}
-    assert own == {JobName.SCORE.value, JobName.BUILD_BOARD.value}
+    assert own == {name.value for name in JobName}
     assert type(worker.backend).__name__ == "DisabledBackend"

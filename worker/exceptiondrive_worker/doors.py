@@ -39,6 +39,19 @@ def open_doors(settings: WorkerSettings) -> Doors:
     """Open all doors that the settings name."""
     files = FileStore(settings.file_store_url)
     private = PrivateStore(settings.private_dir)
+    return Doors(
+        settings=settings,
+        database=Database(settings.database_url),
+        files=files,
+        splits=SplitStore(settings.splits_dir),
+        private=private,
+        doorbell=Doorbell(settings.broker_url),
+        stages=stages_over(settings, files, private),
+    )
+
+
+def stages_over(settings: WorkerSettings, files: FileStore, private: PrivateStore) -> Stages:
+    """Return the stages that keep their results in this private store."""
 
     def load_upload(digest: str) -> bytes:
         return files.read(digest, limit_bytes=settings.max_upload_bytes)
@@ -55,12 +68,4 @@ def open_doors(settings: WorkerSettings) -> Doors:
             max_inflated_bytes=settings.max_inflated_bytes,
         )
 
-    return Doors(
-        settings=settings,
-        database=Database(settings.database_url),
-        files=files,
-        splits=SplitStore(settings.splits_dir),
-        private=private,
-        doorbell=Doorbell(settings.broker_url),
-        stages=Stages(private, load_upload, read_answers),
-    )
+    return Stages(private, load_upload, read_answers)

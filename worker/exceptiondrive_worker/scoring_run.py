@@ -7,6 +7,7 @@ import structlog
 from exceptiondrive_records.claims import Claim, Finish
 from exceptiondrive_records.jobs import claim, finish_failed, finish_rejected, finish_scored
 from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.rescoring.reading import accepted_under
 from exceptiondrive_records.tables import Job, Phase, Submission
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.protocol import Protocol
@@ -28,6 +29,7 @@ class _Wanted:
     split_name: str
     split_revision: str
     protocol: Protocol
+    read_under: Protocol
 
 
 def score_submission(doors: Doors, job_id: str) -> None:
@@ -44,7 +46,7 @@ def score_submission(doors: Doors, job_id: str) -> None:
     if claimed is None:
         return
     with job_boundary(job_id, lambda failure: _record_failure(doors, claimed, failure)):
-        _score(doors, claimed, wanted.protocol)
+        _score(doors, claimed, wanted)
 
 
 def _look_at(doors: Doors, job_id: str) -> _Wanted | None:
@@ -55,7 +57,8 @@ def _look_at(doors: Doors, job_id: str) -> _Wanted | None:
         submission = session.get_one(Submission, job.submission_id)
         phase = session.get_one(Phase, submission.phase_id)
         protocol = find_protocol(session, job.protocol_digest)
-        return _Wanted(phase.split_name, job.split_revision, protocol)
+        read_under = accepted_under(session, submission.id) or protocol
+        return _Wanted(phase.split_name, job.split_revision, protocol, read_under)
 
 
 def _split_is_there(doors: Doors, job_id: str, wanted: _Wanted) -> bool:
@@ -69,11 +72,14 @@ def _split_is_there(doors: Doors, job_id: str, wanted: _Wanted) -> bool:
     return True
 
 
-def _score(doors: Doors, claimed: Claim, protocol: Protocol) -> None:
+def _score(doors: Doors, claimed: Claim, wanted: _Wanted) -> None:
+    protocol = wanted.protocol
     challenge = CHALLENGES[ChallengeId(claimed.challenge)]
     split = doors.splits.find(claimed.split_name, claimed.split_revision, protocol)
     try:
-        scored = doors.stages.score(Target(claimed.file_digest, challenge, split, protocol))
+        scored = doors.stages.score(
+            Target(claimed.file_digest, challenge, split, protocol, wanted.read_under)
+        )
     except RejectedUpload as rejected:
         with doors.database.write() as session:
             outcome = finish_rejected(session, claimed, rejected.report)

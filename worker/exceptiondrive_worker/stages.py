@@ -41,6 +41,8 @@ class Target:
     challenge: Challenge
     split: LoadedSplit
     protocol: Protocol
+    read_under: Protocol | None = None
+    """Whose bounds the upload passed; by default those of `protocol`."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,7 @@ class Stages:
     def _read(self, target: Target) -> tuple[str, Columns]:
         """Read the upload, keep its answers, and note which upload holds them."""
         data = self._load_upload(target.file_digest)
-        protocol, manifest = target.protocol, target.split.manifest
+        protocol, manifest = target.read_under or target.protocol, target.split.manifest
         try:
             answers = self._read_answers(data, target.challenge, manifest, protocol)
         except MemoryError:

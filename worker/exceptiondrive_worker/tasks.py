@@ -9,10 +9,11 @@ from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.doors import Doors
 from exceptiondrive_worker.failures import Failure, job_boundary
 from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.verify_run import verify_sheet
 
 
 def register_jobs(app: Celery, doors: Callable[[], Doors]) -> None:
-    """Give the app its two jobs.
+    """Give the app its jobs.
 
     Args:
         app: The worker's Celery app.
@@ -28,6 +29,11 @@ def register_jobs(app: Celery, doors: Callable[[], Doors]) -> None:
     def board(phase_id: str, protocol_digest: str, split_revision: str | None = None) -> None:
         with job_boundary(f"board:{phase_id}", _left_to_the_reconciler):
             build_board(doors(), phase_id, protocol_digest, split_revision)
+
+    @app.task(name=JobName.VERIFY.value)
+    def verify(item_id: str) -> None:
+        with job_boundary(item_id, _left_to_the_reconciler):
+            verify_sheet(doors(), item_id)
 
 
 def _left_to_the_reconciler(failure: Failure) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import options, protocol_commands, rescore_commands
 from exceptiondrive.cli.output import show, show_json
 from exceptiondrive.errors import ExceptionDriveError
 
@@ -231,7 +231,14 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "Phases; everyone lists them with `exceptiondrive phases`.",
         {"create": create_phase},
     ),
-    "protocols": ("Protocol documents.", {"list": list_protocols, "add": add_protocol}),
+    "protocols": (
+        "Protocol documents.",
+        {"list": list_protocols, "add": add_protocol, **protocol_commands.COMMANDS},
+    ),
+    "rescore": (
+        "Protocol updates: score in the background, compare, apply.",
+        rescore_commands.COMMANDS,
+    ),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
 }

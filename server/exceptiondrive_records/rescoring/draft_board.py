@@ -2,14 +2,12 @@
 
 import json
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import is_board_wanted, latest_board
+from exceptiondrive_records.boards import entries_for_board, is_board_wanted, latest_board
 from exceptiondrive_records.rescoring.keys import ScoringKey
-from exceptiondrive_records.tables import BoardRow, ScoreSheetRow, Submission
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_records.tables import BoardRow
 
 
 def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | None:
@@ -36,17 +34,6 @@ def _entries_of(row: BoardRow) -> set[str]:
 
 
 def _entries_due(session: Session, phase_id: str, key: ScoringKey) -> set[str]:
-    """The latest scored submission of each (team, method), as `entries_for_board` takes them."""
-    query = (
-        select(Submission.team_id, Submission.method, Submission.id)
-        .join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
-        .where(
-            Submission.phase_id == phase_id,
-            Submission.status == SubmissionStatus.SCORED,
-            ScoreSheetRow.protocol_digest == key.protocol_digest,
-            ScoreSheetRow.split_revision == key.split_revision,
-        )
-        .order_by(Submission.received_at, Submission.id)
-    )
-    latest = {(team, method): entry for team, method, entry in session.execute(query)}
-    return set(latest.values())
+    """What a board built now would hold."""
+    due = entries_for_board(session, phase_id, key.protocol_digest, key.split_revision)
+    return {entry.submission_id for entry in due}

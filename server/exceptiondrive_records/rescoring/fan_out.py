@@ -3,7 +3,7 @@
 Everything is decided anew from what is recorded, so that any crash is made good by the next pass.
 """
 
-from sqlalchemy import func, select, update
+from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
@@ -47,16 +47,17 @@ def _tend(session: Session, run: RescoringRun) -> int:
         hold_jobs(session, run)
         return 0
     made = sum(_insert_missing(session, run, key) for key in (new_key(run), old_key(run)))
+    if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
+        want_fresh_board(session, run.phase_id, new_key(run))
     key = other_key(run)
-    counts = count_pairs(session, run.phase_id, key)
-    if counts.missing:
+    if _missing(session, run, key):
         return made
     want_fresh_board(session, run.phase_id, key)
     is_ready = run.state is RunState.SCORING and fresh_board(session, run.phase_id, key) is not None
     if is_ready:
         run.state = RunState.READY
         run.state_at = database_now(session)
-        detail = {"phase": run.phase_id, "sheets": counts.done}
+        detail = {"phase": run.phase_id}
         audit(session, _ACTOR, "rescoring ready", run.id, detail)
     return made
 
@@ -73,6 +74,10 @@ def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int
     return len(missing)
 
 
+def _missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
+    return count_pairs(session, run.phase_id, key).missing
+
+
 def hold_jobs(session: Session, run: RescoringRun) -> None:
     """Let no waiting job of a run begin; what is being scored ends in peace."""
     _move_jobs(session, run, available_at=HELD)
@@ -85,10 +90,7 @@ def release_jobs(session: Session, run: RescoringRun) -> None:
 
 def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> int:
     """Take back the jobs of a key that nobody has begun; they can be made again."""
-    query = select(Job).where(
-        Job.id.in_(_waiting(run, key)),
-    )
-    waiting = list(session.scalars(query))
+    waiting = list(session.scalars(select(Job).where(Job.id.in_(_waiting(run, key)))))
     for job in waiting:
         session.delete(job)
     return len(waiting)
@@ -103,7 +105,7 @@ def _move_jobs(session: Session, run: RescoringRun, **values: object) -> None:
     )
 
 
-def _waiting(run: RescoringRun, key: ScoringKey):  # type: ignore[no-untyped-def]
+def _waiting(run: RescoringRun, key: ScoringKey) -> Select[str]:
     return (
         select(Job.id)
         .join(Submission, Submission.id == Job.submission_id)

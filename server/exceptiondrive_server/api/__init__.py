@@ -8,12 +8,15 @@ from exceptiondrive_server.api import (
     entries,
     events,
     me,
+    notifications,
     organizer,
     phases,
     protocols,
     receipts,
+    rescoring,
     splits,
     submissions,
+    tokens,
 )
 
 router = APIRouter(prefix="/api/v1")
@@ -28,6 +31,9 @@ for module in (
     protocols,
     documents,
     me,
+    tokens,
+    notifications,
+    rescoring,
     organizer,
 ):
     router.include_router(module.router)

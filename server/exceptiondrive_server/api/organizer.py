@@ -8,6 +8,7 @@ from exceptiondrive_server.api import (
     organizer_audit,
     organizer_phases,
     organizer_protocols,
+    organizer_rescoring,
     organizer_teams,
 )
 from exceptiondrive_server.auth import require
@@ -24,5 +25,11 @@ router = APIRouter(
         ProblemCode.CONFLICT,
     ),
 )
-for module in (organizer_teams, organizer_phases, organizer_protocols, organizer_audit):
+for module in (
+    organizer_teams,
+    organizer_phases,
+    organizer_protocols,
+    organizer_rescoring,
+    organizer_audit,
+):
     router.include_router(module.router)

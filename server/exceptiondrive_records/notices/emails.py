@@ -1,0 +1,81 @@
+"""E-mail over the SMTP server of the settings."""
+
+import smtplib
+import ssl
+from email.message import EmailMessage
+
+from exceptiondrive_records.notices.settings import NoticeSettings
+from exceptiondrive_records.notices.webhooks import NotDelivered
+from exceptiondrive_schemas.rescoring import NotificationView, Standing, ToldEntry
+
+_TIMEOUT_S = 10.0
+
+
+def send_email(settings: NoticeSettings, to: str, notice: NotificationView) -> None:
+    """Send a notification as plain text.
+
+    Raises:
+        NotDelivered: No server is set, or it did not take the message.
+    """
+    if settings.smtp_host is None:
+        raise NotDelivered("no SMTP server is set (EXCEPTIONDRIVE_SMTP_HOST)")
+    message = EmailMessage()
+    message["Subject"] = notice.title
+    message["From"] = settings.mail_from
+    message["To"] = to
+    message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
+    message.set_content(text_of(notice, settings.public_url))
+    try:
+        with _server(settings) as server:
+            if settings.smtp_user is not None:
+                server.login(settings.smtp_user, settings.smtp_password.get_secret_value())
+            server.send_message(message)
+    except (OSError, smtplib.SMTPException) as error:
+        raise NotDelivered(f"the mail server did not take it ({type(error).__name__})") from None
+
+
+def text_of(notice: NotificationView, site_url: str) -> str:
+    """Return the words of the message."""
+    changes = [f"- {sentence}" for sentence in notice.what_changed]
+    entries = [line for entry in notice.entries for line in _entry_lines(entry)]
+    address = f"{site_url.rstrip('/')}{notice.comparison}"
+    lines = [
+        f"To team {notice.team}:",
+        "",
+        f"{notice.title} (before: {notice.from_protocol.version}). What changed:",
+        *changes,
+        "",
+        "Your published numbers:",
+        *entries,
+        "",
+        f"The whole comparison: {address}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _entry_lines(entry: ToldEntry) -> list[str]:
+    return [
+        f"{entry.method} ({entry.submission_id})",
+        f"  before: {_standing(entry.old)}",
+        f"  now:    {_standing(entry.new)}",
+    ]
+
+
+def _standing(standing: Standing | None) -> str:
+    if standing is None:
+        return "not on the board"
+    rank = "unranked" if standing.rank is None else f"rank {standing.rank}"
+    values = [f"{key} {value:g}" for key, value in standing.metrics.items() if value is not None]
+    return ", ".join([rank, *values])
+
+
+def _server(settings: NoticeSettings) -> smtplib.SMTP:
+    assert settings.smtp_host is not None
+    where = (settings.smtp_host, settings.smtp_port)
+    context = ssl.create_default_context()
+    if settings.smtp_security == "tls":
+        return smtplib.SMTP_SSL(*where, timeout=_TIMEOUT_S, context=context)
+    server = smtplib.SMTP(*where, timeout=_TIMEOUT_S)
+    if settings.smtp_security == "starttls":
+        server.starttls(context=context)
+    return server

@@ -1,0 +1,149 @@
+"""The inbox of a team, filled in the very transaction that changes its published numbers."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.rescoring.differences import difference_of
+from exceptiondrive_records.tables import Phase, Submission, Team
+from exceptiondrive_records.tables_rescoring import (
+    ContactPoint,
+    Delivery,
+    DeliveryState,
+    Notification,
+    RescoringRun,
+)
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.rescoring import (
+    Comparison,
+    EntryChange,
+    NotificationView,
+    ToldEntry,
+)
+
+_VERBS = {
+    "protocol_applied": "now stands under",
+    "protocol_rolled_back": "stands again under",
+}
+
+
+def tell_teams(
+    session: Session, run: RescoringRun, comparison: Comparison, kind: str
+) -> list[Notification]:
+    """Tell each team whose published numbers change the old and the new ones; others nothing."""
+    changed = [entry for entry in comparison.entries if entry.change != "none"]
+    owners = _teams_of(session, [entry.submission_id for entry in changed])
+    by_team: dict[int, list[EntryChange]] = {}
+    for entry in changed:
+        by_team.setdefault(owners[entry.submission_id].id, []).append(entry)
+    words = difference_of(session, run).sentences
+    told = []
+    for team_id in sorted(by_team):
+        team = session.get_one(Team, team_id)
+        told.append(_tell(session, run, comparison, kind, team, by_team[team_id], words))
+    return told
+
+
+def _tell(
+    session: Session,
+    run: RescoringRun,
+    comparison: Comparison,
+    kind: str,
+    team: Team,
+    entries: list[EntryChange],
+    words: tuple[str, ...],
+) -> Notification:
+    phase = session.get_one(Phase, run.phase_id)
+    now = database_now(session)
+    view = NotificationView.model_validate(
+        {
+            "id": random_id(),
+            "kind": kind,
+            "team": team.name,
+            "phase": phase.id,
+            "created_at": now,
+            "title": f"{phase.title} {_VERBS[kind]} protocol {comparison.to_protocol.version}",
+            "from_protocol": comparison.from_protocol,
+            "to_protocol": comparison.to_protocol,
+            "what_changed": words,
+            "entries": tuple(
+                ToldEntry(
+                    submission_id=entry.submission_id,
+                    method=entry.method,
+                    old=entry.old,
+                    new=entry.new,
+                )
+                for entry in entries
+            ),
+            "comparison": f"/api/v1/rescoring/{run.id}",
+        }
+    )
+    row = Notification(
+        id=view.id,
+        team_id=team.id,
+        run_id=run.id,
+        kind=kind,
+        body=canonical_json(view).decode("utf-8"),
+        created_at=now,
+    )
+    session.add(row)
+    session.flush()
+    contacts = select(ContactPoint).where(
+        ContactPoint.team_id == team.id, ContactPoint.removed_at.is_(None)
+    )
+    for contact in session.scalars(contacts):
+        session.add(
+            Delivery(
+                id=random_id(),
+                notification_id=row.id,
+                contact_id=contact.id,
+                state=DeliveryState.WAITING,
+                attempts=0,
+                available_at=now,
+            )
+        )
+    return row
+
+
+def list_notifications(
+    session: Session, team_id: int, *, only_unread: bool = False, limit: int = 100
+) -> list[NotificationView]:
+    """Return the inbox of a team, newest first."""
+    query = (
+        select(Notification)
+        .where(Notification.team_id == team_id)
+        .order_by(Notification.created_at.desc(), Notification.id)
+        .limit(limit)
+    )
+    if only_unread:
+        query = query.where(Notification.read_at.is_(None))
+    return [_view(row) for row in session.scalars(query)]
+
+
+def mark_read(session: Session, team_id: int, notification_id: str) -> NotificationView:
+    """Note that a message was read; doing it again changes nothing.
+
+    Raises:
+        NotFound: There is none, or it is another team's.
+    """
+    row = session.get(Notification, notification_id)
+    if row is None or row.team_id != team_id:
+        raise NotFound("notification", notification_id)
+    row.read_at = row.read_at or database_now(session)
+    return _view(row)
+
+
+def _view(row: Notification) -> NotificationView:
+    view = NotificationView.model_validate_json(row.body)
+    return view.model_copy(update={"read_at": row.read_at})
+
+
+def _teams_of(session: Session, submission_ids: list[str]) -> dict[str, Team]:
+    query = (
+        select(Submission.id, Team)
+        .join(Team, Team.id == Submission.team_id)
+        .where(Submission.id.in_(submission_ids))
+    )
+    return {submission_id: team for submission_id, team in session.execute(query)}

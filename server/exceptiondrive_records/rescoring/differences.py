@@ -1,0 +1,30 @@
+"""What a run changes, from the recorded documents."""
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.rescoring.keys import new_key, old_key
+from exceptiondrive_records.rescoring.pairs import count_pairs
+from exceptiondrive_records.splits import find_split
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.protocol_difference import (
+    Difference,
+    protocol_difference,
+    split_changes,
+)
+
+
+def difference_of(session: Session, run: RescoringRun) -> Difference:
+    """Return what a run changes, in plain words, and how many sheets stand to be made again."""
+    phase = session.get_one(Phase, run.phase_id)
+    old, new = old_key(run), new_key(run)
+    before, after = (
+        find_split(session, phase.split_name, key.split_revision).manifest for key in (old, new)
+    )
+    return protocol_difference(
+        find_protocol(session, old.protocol_digest),
+        find_protocol(session, new.protocol_digest),
+        count_pairs(session, phase.id, new).total,
+        split=split_changes(before, after),
+    )

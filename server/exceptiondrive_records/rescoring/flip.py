@@ -1,0 +1,202 @@
+"""Apply and roll back: one transaction moves the pointer, and nothing when anything is missing."""
+
+from sqlalchemy import Select, select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards import flip_board
+from exceptiondrive_records.errors import Conflict
+from exceptiondrive_records.notices.inbox import tell_teams
+from exceptiondrive_records.rescoring.comparison import compare_boards
+from exceptiondrive_records.rescoring.draft_board import fresh_board
+from exceptiondrive_records.rescoring.fan_out import cancel_jobs
+from exceptiondrive_records.rescoring.keys import (
+    ScoringKey,
+    find_run,
+    key_of_phase,
+    new_key,
+    old_key,
+    other_key,
+)
+from exceptiondrive_records.rescoring.pairs import count_pairs
+from exceptiondrive_records.rescoring.runs import move_run
+from exceptiondrive_records.tables import BoardRow, Job, JobState, Phase, Submission
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.rescoring import Comparison, RunState
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+_WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+
+
+def comparison_of(session: Session, run: RescoringRun) -> Comparison | None:
+    """Return what the next flip of a run would change; None while one of the boards is missing."""
+    phase = session.get_one(Phase, run.phase_id)
+    key = other_key(run)
+    new = fresh_board(session, run.phase_id, key)
+    old = None if phase.current_board_id is None else session.get(BoardRow, phase.current_board_id)
+    if new is None or old is None:
+        return None
+    return compare_rows(old, new)
+
+
+def compare_rows(old: BoardRow, new: BoardRow) -> Comparison:
+    """Return what changes from one recorded board to another."""
+    return compare_boards(Board.model_validate_json(old.body), Board.model_validate_json(new.body))
+
+
+def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
+    """Return a sentence for everything that stands in the way of the next flip."""
+    if run.state.is_final:
+        return (f"The run has ended: it is {run.state.value.replace('_', ' ')}.",)
+    if run.state is RunState.DRAFT:
+        return ("Scoring has not begun: start the run.",)
+    key = other_key(run)
+    counts = count_pairs(session, run.phase_id, key)
+    found = []
+    waiting = counts.missing - counts.failed
+    if waiting:
+        found.append(f"{_sheets(waiting)} of {counts.total} still missing.")
+    if counts.failed:
+        found.append(
+            f"{_sheets(counts.failed)} could not be made: resume the run to try them again, or "
+            "withdraw these submissions."
+        )
+    if run.state is RunState.PAUSED:
+        found.append("The run is paused: resume it.")
+    if not counts.missing and fresh_board(session, run.phase_id, key) is None:
+        found.append("The board is being built from the newest sheets; try again in a moment.")
+    return tuple(found)
+
+
+def apply_run(
+    session: Session, run_id: str, *, preview: str, reason: str, actor: str
+) -> RescoringRun:
+    """Show the new board, in this one transaction.
+
+    Args:
+        session: Of a write transaction.
+        run_id: The run.
+        preview: Digest of the comparison that the organizer looked at.
+        reason: Why.
+        actor: Who.
+
+    Raises:
+        NotFound: No such run.
+        Conflict: It is not ready, a pair is missing or failed, or the preview is stale.
+    """
+    phase, row, comparison = _checked(session, run_id, (RunState.SCORING, RunState.READY))
+    if comparison.digest != preview:
+        raise Conflict(
+            "The preview is stale: submissions or boards have changed since. Look at the new "
+            "preview, and apply that one."
+        )
+    run = move_run(
+        session,
+        run_id,
+        (RunState.SCORING, RunState.READY),
+        RunState.APPLIED,
+        "applied",
+        reason,
+        actor,
+    )
+    run.from_board_id, run.to_board_id = phase.current_board_id, row.id
+    run.applied_at = run.state_at
+    run.comparison = comparison
+    run.apply_flip_id = _flip(session, phase, row, new_key(run))
+    tell_teams(session, run, comparison, "protocol_applied")
+    return run
+
+
+def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
+    """Show the board under the earlier protocol again: the same bytes if nothing came since.
+
+    Raises:
+        NotFound: No such run.
+        Conflict: It is not applied, or sheets of fresh submissions are missing.
+    """
+    phase, row, comparison = _checked(session, run_id, (RunState.APPLIED,))
+    run = move_run(
+        session,
+        run_id,
+        (RunState.APPLIED,),
+        RunState.ROLLED_BACK,
+        "rolled back",
+        reason,
+        actor,
+    )
+    run.rollback_flip_id = _flip(session, phase, row, old_key(run))
+    cancel_jobs(session, run, new_key(run))
+    tell_teams(session, run, comparison, "protocol_rolled_back")
+    return run
+
+
+def _checked(
+    session: Session, run_id: str, states: tuple[RunState, ...]
+) -> tuple[Phase, BoardRow, Comparison]:
+    """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
+    run = find_run(session, run_id, lock=True)
+    phase = session.get(Phase, run.phase_id, with_for_update=True, populate_existing=True)
+    assert phase is not None
+    if run.state not in states and run.state is not RunState.PAUSED:
+        allowed = " or ".join(state.value for state in states)
+        raise Conflict(f"The run is {run.state.value.replace('_', ' ')}, not {allowed}.")
+    blockers = blockers_of(session, run)
+    if blockers:
+        raise Conflict(" ".join(blockers))
+    expected = new_key(run) if run.state is RunState.APPLIED else old_key(run)
+    if key_of_phase(phase) != expected:
+        raise Conflict("The phase no longer shows what this run began from; cancel it.")
+    row = fresh_board(session, run.phase_id, other_key(run))
+    comparison = comparison_of(session, run)
+    if row is None or comparison is None:
+        raise Conflict("The phase has no board yet; try again in a moment.")
+    return phase, row, comparison
+
+
+def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int | None:
+    old = key_of_phase(phase)
+    phase.protocol_digest, phase.split_revision = key.protocol_digest, key.split_revision
+    flip = flip_board(session, phase, row)
+    _turn_waiting_jobs(session, phase.id, old, key)
+    return None if flip is None else flip.id
+
+
+def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: ScoringKey) -> None:
+    """Let submissions of which nothing is scored yet follow the pointer: the shown key is first."""
+    waiting = _waiting_under(phase_id, old).intersect(_waiting_under(phase_id, new))
+    both = list(session.scalars(waiting))
+    for key, is_first in ((old, False), (new, True)):
+        session.execute(
+            update(Job)
+            .where(
+                Job.submission_id.in_(both),
+                Job.protocol_digest == key.protocol_digest,
+                Job.split_revision == key.split_revision,
+            )
+            .values(
+                is_first=is_first,
+                lane=Lane.LIVE if is_first else Lane.RESCORE,
+                rung_at=None,
+                rings=0,
+            )
+            .execution_options(synchronize_session=False)
+        )
+
+
+def _waiting_under(phase_id: str, key: ScoringKey) -> Select[str]:
+    return (
+        select(Job.submission_id)
+        .join(Submission, Submission.id == Job.submission_id)
+        .where(
+            Submission.phase_id == phase_id,
+            Submission.status.in_(_WAITING),
+            Job.protocol_digest == key.protocol_digest,
+            Job.split_revision == key.split_revision,
+            Job.state == JobState.QUEUED,
+        )
+    )
+
+
+def _sheets(count: int) -> str:
+    return "1 sheet" if count == 1 else f"{count:,} sheets"

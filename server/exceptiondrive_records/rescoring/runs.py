@@ -1,0 +1,225 @@
+"""The states of a rescoring run; each step has an actor and a reason, and leaves an audit line."""
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.errors import Conflict, InvalidRecord
+from exceptiondrive_records.identifiers import checked_text, random_id
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.rescoring.fan_out import cancel_jobs, hold_jobs, release_jobs
+from exceptiondrive_records.rescoring.keys import (
+    OPEN,
+    ScoringKey,
+    find_run,
+    key_of_phase,
+    new_key,
+    old_key,
+    other_key,
+)
+from exceptiondrive_records.rescoring.pairs import failed_pairs
+from exceptiondrive_records.splits import find_split
+from exceptiondrive_records.tables import Job, JobState, Phase
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.rescoring import RunState
+
+__all__ = ["cancel_run", "close_run", "create_run", "pause_run", "resume_run", "start_run"]
+
+
+def create_run(
+    session: Session,
+    phase_id: str,
+    *,
+    protocol: str | None = None,
+    split_revision: str | None = None,
+    reason: str,
+    actor: str,
+) -> RescoringRun:
+    """Draft a run: nothing is scored yet, and nobody but organizers sees it.
+
+    Args:
+        session: Of a write transaction.
+        phase_id: Whose board is to change.
+        protocol: Version or digest to come; by default the one in force.
+        split_revision: Revision to come; by default the one in force.
+        reason: Why; kept in the audit log.
+        actor: Who.
+
+    Raises:
+        NotFound: No such phase, protocol or split revision.
+        InvalidRecord: Nothing would change, the reason is empty, or the split loses samples.
+        Conflict: Another run of the phase is open.
+    """
+    phase = session.get(Phase, phase_id, with_for_update=True, populate_existing=True)
+    phase = phase or find_phase(session, phase_id)
+    reason = checked_reason(reason)
+    _require_no_open_run(session, phase_id)
+    target = _target(session, phase, protocol, split_revision)
+    now = database_now(session)
+    run = RescoringRun(
+        id=random_id(),
+        phase_id=phase.id,
+        from_protocol_digest=phase.protocol_digest,
+        from_split_revision=phase.split_revision,
+        to_protocol_digest=target.protocol_digest,
+        to_split_revision=target.split_revision,
+        state=RunState.DRAFT,
+        reason=reason,
+        actor=actor,
+        created_at=now,
+        state_at=now,
+    )
+    session.add(run)
+    session.flush()
+    detail = {
+        "phase": phase.id,
+        "reason": reason,
+        "protocol": target.protocol_digest,
+        "split_revision": target.split_revision,
+    }
+    audit(session, actor, "rescoring drafted", run.id, detail)
+    return run
+
+
+def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
+    """Begin to score in the background; the reconciler fans out."""
+    run = move_run(session, run_id, (RunState.DRAFT,), RunState.SCORING, "started", reason, actor)
+    run.started_at = run.resumed_at = run.state_at
+    return run
+
+
+def pause_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
+    """Let no further job of the run begin."""
+    run = move_run(session, run_id, (RunState.SCORING,), RunState.PAUSED, "paused", reason, actor)
+    hold_jobs(session, run)
+    return run
+
+
+def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
+    """Go on with a paused run, and try failed pairs again."""
+    before = (RunState.PAUSED, RunState.SCORING)
+    run = move_run(session, run_id, before, RunState.SCORING, "resumed", reason, actor)
+    run.resumed_at = run.state_at
+    release_jobs(session, run)
+    retry_failed(session, run, other_key(run))
+    return run
+
+
+def cancel_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
+    """End a run that was not applied; sheets that were made stay, and need not be made again."""
+    before = (RunState.DRAFT, RunState.SCORING, RunState.PAUSED, RunState.READY)
+    run = move_run(session, run_id, before, RunState.CANCELLED, "cancelled", reason, actor)
+    cancel_jobs(session, run, new_key(run))
+    return run
+
+
+def close_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
+    """End an applied run for good: fresh submissions are scored under the new protocol alone."""
+    applied = (RunState.APPLIED,)
+    run = move_run(session, run_id, applied, RunState.CLOSED, "closed", reason, actor)
+    cancel_jobs(session, run, old_key(run))
+    return run
+
+
+def move_run(
+    session: Session,
+    run_id: str,
+    before: tuple[RunState, ...],
+    after: RunState,
+    what: str,
+    reason: str,
+    actor: str,
+) -> RescoringRun:
+    """Move a run to another state and say so in the audit log.
+
+    Raises:
+        NotFound: No such run.
+        InvalidRecord: The reason is empty.
+        Conflict: The run is in a state from which this is not possible.
+    """
+    run = find_run(session, run_id, lock=True)
+    reason = checked_reason(reason)
+    if run.state not in before:
+        raise Conflict(
+            f"The run is {_words(run.state)}; it can be {what} only while it is "
+            f"{' or '.join(_words(state) for state in before)}."
+        )
+    was = run.state
+    run.state = after
+    run.state_at = database_now(session)
+    if after.is_final:
+        run.ended_at = run.state_at
+    detail = {"phase": run.phase_id, "reason": reason, "was": was.value}
+    audit(session, actor, f"rescoring {what}", run.id, detail)
+    return run
+
+
+def checked_reason(reason: str) -> str:
+    """Return a reason that can be kept.
+
+    Raises:
+        InvalidRecord: It is empty, too long, or cannot be shown.
+    """
+    return checked_text("reason", reason, max_length=1000, may_have_lines=True)
+
+
+def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
+    """Queue the jobs of failed pairs again, with all their attempts; return how many."""
+    failed = [submission.id for submission in session.scalars(failed_pairs(run.phase_id, key))]
+    now = database_now(session)
+    session.execute(
+        update(Job)
+        .where(
+            Job.submission_id.in_(failed),
+            Job.protocol_digest == key.protocol_digest,
+            Job.split_revision == key.split_revision,
+        )
+        .values(
+            state=JobState.QUEUED,
+            attempts=0,
+            available_at=now,
+            rung_at=None,
+            rings=0,
+            finished_at=None,
+        )
+        .execution_options(synchronize_session=False)
+    )
+    return len(failed)
+
+
+def _words(state: RunState) -> str:
+    return state.value.replace("_", " ")
+
+
+def _require_no_open_run(session: Session, phase_id: str) -> None:
+    query = select(RescoringRun).where(
+        RescoringRun.phase_id == phase_id, RescoringRun.state.in_(OPEN)
+    )
+    run = session.scalars(query).first()
+    if run is None:
+        return
+    advice = "close it or roll it back" if run.state is RunState.APPLIED else "apply or cancel it"
+    raise Conflict(f"The phase has an open run, {run.id} ({_words(run.state)}); {advice} first.")
+
+
+def _target(
+    session: Session, phase: Phase, protocol: str | None, split_revision: str | None
+) -> ScoringKey:
+    digest = phase.protocol_digest if protocol is None else find_protocol(session, protocol).digest
+    old = find_split(session, phase.split_name, phase.split_revision)
+    new = find_split(session, phase.split_name, split_revision or phase.split_revision)
+    target = ScoringKey(digest, new.revision)
+    if target == key_of_phase(phase):
+        raise InvalidRecord(
+            "The phase shows this protocol and split revision already: nothing would change."
+        )
+    if new.revision != old.revision:
+        n_lost = len(set(old.manifest.sample_ids) - set(new.manifest.sample_ids))
+        if n_lost:
+            raise InvalidRecord(
+                f"The new revision lacks {n_lost} samples that accepted files answer; they could "
+                "not be read under it. Open a new phase for it instead."
+            )
+    return target

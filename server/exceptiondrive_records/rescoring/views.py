@@ -1,0 +1,219 @@
+"""The read model: runs, previews and the history of boards, as API and pages show them."""
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards import latest_board
+from exceptiondrive_records.errors import Conflict, NotFound
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.protocols import checked_protocol, find_protocol, list_protocols
+from exceptiondrive_records.rescoring.differences import difference_of
+from exceptiondrive_records.rescoring.flip import blockers_of, compare_rows, comparison_of
+from exceptiondrive_records.rescoring.keys import ScoringKey, find_run, list_runs, other_key
+from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
+from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ScoreSheetRow
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
+from exceptiondrive_schemas.rescoring import (
+    BoardHistoryLine,
+    Comparison,
+    PreviewView,
+    PublicRun,
+    RunState,
+    RunView,
+)
+from exceptiondrive_schemas.score_sheet import ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
+
+_PREVIEWED = (RunState.SCORING, RunState.READY, RunState.APPLIED)
+
+
+def run_view(session: Session, run: RescoringRun) -> RunView:
+    """Return a run as organizers see it."""
+    phase = session.get_one(Phase, run.phase_id)
+    comparison = comparison_of(session, run) if run.state in _PREVIEWED else None
+    return RunView(
+        id=run.id,
+        phase=run.phase_id,
+        state=run.state,
+        reason=run.reason,
+        actor=run.actor,
+        from_protocol=_protocol_ref(session, run.from_protocol_digest),
+        to_protocol=_protocol_ref(session, run.to_protocol_digest),
+        from_split=SplitRef(name=phase.split_name, revision=run.from_split_revision),
+        to_split=SplitRef(name=phase.split_name, revision=run.to_split_revision),
+        created_at=run.created_at,
+        started_at=run.started_at,
+        applied_at=run.applied_at,
+        ended_at=run.ended_at,
+        progress=progress_of(session, run, other_key(run)),
+        blockers=blockers_of(session, run),
+        difference=difference_of(session, run),
+        old_board=comparison.old_board if comparison else None,
+        new_board=comparison.new_board if comparison else None,
+        preview=comparison.digest if comparison else None,
+    )
+
+
+def run_views(session: Session, phase_id: str | None = None) -> list[RunView]:
+    """Return runs, newest first."""
+    return [run_view(session, run) for run in list_runs(session, phase_id)]
+
+
+def protocol_check(session: Session, toml: str, phase_id: str | None = None) -> Difference:
+    """Return what a protocol document would change, without keeping it.
+
+    Args:
+        session: To read with.
+        toml: The document.
+        phase_id: Against the protocol of this phase; by default against the one added last.
+
+    Raises:
+        InvalidRecord: Not a valid protocol document; every problem is listed.
+        NotFound: No such phase, or no protocol to compare with.
+        Conflict: The version is taken by another content.
+    """
+    new = checked_protocol(session, toml)
+    if phase_id is not None:
+        phase = find_phase(session, phase_id)
+        old = find_protocol(session, phase.protocol_digest)
+        key = ScoringKey(phase.protocol_digest, phase.split_revision)
+        return protocol_difference(old, new, count_pairs(session, phase.id, key).total)
+    known = list_protocols(session)
+    if not known:
+        raise NotFound("protocol", "to compare with")
+    sheets = select(func.count()).where(ScoreSheetRow.protocol_digest == known[-1].digest)
+    return protocol_difference(known[-1], new, session.scalar(sheets) or 0)
+
+
+def preview_of(session: Session, run_id: str, seen: str | None = None) -> PreviewView:
+    """Return the comparison that the next flip would make true.
+
+    Args:
+        session: To read with.
+        run_id: The run.
+        seen: Digest of an earlier preview: the answer says whether it is stale now.
+
+    Raises:
+        NotFound: No such run.
+        Conflict: One of the two boards is not there yet; the sentence says why.
+    """
+    run = find_run(session, run_id)
+    blockers = blockers_of(session, run)
+    comparison = comparison_of(session, run) if run.state in _PREVIEWED else run.comparison
+    is_behind = comparison is None
+    if comparison is None:
+        comparison = _unfinished_comparison(session, run)
+    if comparison is None:
+        raise Conflict("There is nothing to compare yet. " + " ".join(blockers))
+    return PreviewView(
+        run=run.id,
+        digest=comparison.digest,
+        is_stale=is_behind or (seen is not None and seen != comparison.digest),
+        blockers=blockers,
+        comparison=comparison,
+    )
+
+
+def _unfinished_comparison(session: Session, run: RescoringRun) -> Comparison | None:
+    """What the newest draft board says, though submissions have come since."""
+    key = other_key(run)
+    phase = session.get_one(Phase, run.phase_id)
+    new = latest_board(session, run.phase_id, key.protocol_digest, key.split_revision)
+    old = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
+    return None if new is None or old is None else compare_rows(old, new)
+
+
+def public_run(session: Session, run_id: str) -> PublicRun:
+    """Return an applied run as every reader may see it; its reason stays with the organizers.
+
+    Raises:
+        NotFound: There is none, or it was never applied.
+    """
+    run = find_run(session, run_id)
+    if run.applied_at is None or run.comparison is None:
+        raise NotFound("applied rescoring run", run_id)
+    phase = session.get_one(Phase, run.phase_id)
+    return PublicRun(
+        id=run.id,
+        phase=run.phase_id,
+        state=run.state,
+        applied_at=run.applied_at,
+        ended_at=run.ended_at,
+        from_protocol=_protocol_ref(session, run.from_protocol_digest),
+        to_protocol=_protocol_ref(session, run.to_protocol_digest),
+        from_split=SplitRef(name=phase.split_name, revision=run.from_split_revision),
+        to_split=SplitRef(name=phase.split_name, revision=run.to_split_revision),
+        changes=find_protocol(session, run.to_protocol_digest).changes,
+        difference=difference_of(session, run),
+        comparison=run.comparison,
+    )
+
+
+def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
+    """Return every board that was ever public, newest first, with what made it so.
+
+    Raises:
+        NotFound: No such phase.
+    """
+    phase = find_phase(session, phase_id)
+    query = (
+        select(BoardFlip, BoardRow)
+        .join(BoardRow, BoardRow.id == BoardFlip.board_id)
+        .where(BoardFlip.phase_id == phase_id)
+        .order_by(BoardFlip.at, BoardFlip.id)
+    )
+    flips = [(flip, row) for flip, row in session.execute(query)]
+    runs = _runs_by_flip(session, phase_id)
+    ends = [*(flip.at for flip, _ in flips[1:]), None]
+    lines = []
+    for (flip, row), end in zip(flips, ends, strict=True):
+        run = runs.get(flip.id)
+        lines.append(
+            BoardHistoryLine(
+                board=row.number,
+                address=f"/api/v1/boards/{phase_id}/{row.number}",
+                protocol=_protocol_ref(session, row.protocol_digest),
+                split=SplitRef(name=phase.split_name, revision=row.split_revision),
+                shown_from=flip.at,
+                shown_until=end,
+                what_changed=() if run is None else _words_of(session, run, flip),
+                comparison=None if run is None else f"/api/v1/rescoring/{run.id}",
+            )
+        )
+    return lines[::-1]
+
+
+def update_of_board(session: Session, phase_id: str) -> PublicRun | None:
+    """Return the update by which the phase came to the protocol that it shows; None: the first."""
+    query = (
+        select(RescoringRun)
+        .where(
+            RescoringRun.phase_id == phase_id,
+            RescoringRun.state.in_((RunState.APPLIED, RunState.CLOSED)),
+        )
+        .order_by(RescoringRun.applied_at.desc())
+    )
+    run = session.scalars(query).first()
+    return None if run is None else public_run(session, run.id)
+
+
+def _words_of(session: Session, run: RescoringRun, flip: BoardFlip) -> tuple[str, ...]:
+    sentences = difference_of(session, run).sentences
+    if flip.id != run.rollback_flip_id:
+        return sentences
+    return tuple(f"taken back: {sentence}" for sentence in sentences)
+
+
+def _runs_by_flip(session: Session, phase_id: str) -> dict[int, RescoringRun]:
+    found = {}
+    for run in list_runs(session, phase_id):
+        for flip_id in (run.apply_flip_id, run.rollback_flip_id):
+            if flip_id is not None:
+                found[flip_id] = run
+    return found
+
+
+def _protocol_ref(session: Session, digest: str) -> ProtocolRef:
+    protocol = find_protocol(session, digest)
+    return ProtocolRef(version=protocol.version, digest=protocol.digest)

@@ -1,0 +1,69 @@
+"""A comparison as CSV: a line per entry, safe to open in a spreadsheet."""
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+
+from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def comparison_csv(comparison: Comparison) -> str:
+    """Return old, new and difference of every number, entry by entry."""
+    metrics = _keys(comparison, lambda standing: standing.metrics)
+    families = _keys(comparison, lambda standing: standing.families)
+    columns = [("all", key) for key in metrics]
+    columns += [(family, key) for family in families for key in metrics]
+    head = ["submission_id", "team", "method", "change", "newly_failing"]
+    head += ["old_rank", "new_rank", "old_rank_interval", "new_rank_interval"]
+    for family, key in columns:
+        name = key if family == "all" else f"{family}.{key}"
+        head += [f"old_{name}", f"new_{name}"]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(head)
+    for entry in comparison.entries:
+        writer.writerow(_line(entry, columns))
+    return out.getvalue()
+
+
+def _line(entry: EntryChange, columns: list[tuple[str, str]]) -> list[str]:
+    sides = (entry.old, entry.new)
+    cells = [entry.submission_id, _safe(entry.team), _safe(entry.method), entry.change]
+    cells.append("yes" if entry.newly_failing else "no")
+    cells += [_text(None if side is None else side.rank) for side in sides]
+    cells += ["" if not side or not side.rank_interval else _span(side) for side in sides]
+    for column in columns:
+        cells += [_text(_value(side, *column)) for side in sides]
+    return cells
+
+
+def _span(standing: Standing) -> str:
+    assert standing.rank_interval is not None
+    return "{}..{}".format(*standing.rank_interval)
+
+
+def _value(standing: Standing | None, family: str, key: str) -> float | None:
+    if standing is None:
+        return None
+    row = standing.metrics if family == "all" else standing.families.get(family, {})
+    return row.get(key)
+
+
+def _text(value: float | None) -> str:
+    return "" if value is None else str(value)
+
+
+def _safe(text: str) -> str:
+    """Keep a spreadsheet from running a name as a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+def _keys(comparison: Comparison, of: Callable[[Standing], Mapping[str, object]]) -> list[str]:
+    found: dict[str, None] = {}
+    for entry in comparison.entries:
+        for side in (entry.old, entry.new):
+            if side is not None:
+                found.update(dict.fromkeys(of(side)))
+    return list(found)

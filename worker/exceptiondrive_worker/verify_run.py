@@ -1,0 +1,70 @@
+"""The verification run: recompute a sheet from its upload, and demand every bit again.
+
+Nothing that was kept is looked at: the stages run over an empty private store.
+"""
+
+import tempfile
+from pathlib import Path
+
+import structlog
+
+from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.rescoring.reading import accepted_under
+from exceptiondrive_records.rescoring.verification import VerifyClaim, claim_item, finish_item
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.rescoring import VerifyState
+from exceptiondrive_worker.doors import Doors, stages_over
+from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.stages import RejectedUpload, Target
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+def verify_sheet(doors: Doors, item_id: str) -> None:
+    """Recompute one sheet; does nothing, quietly, when another worker has it."""
+    with doors.database.write() as session:
+        claimed = claim_item(session, item_id, doors.settings.lease_s)
+    if claimed is None:
+        return
+    with job_boundary(item_id, lambda failure: _record_failure(doors, claimed, failure)):
+        _verify(doors, claimed)
+
+
+def _verify(doors: Doors, claimed: VerifyClaim) -> None:
+    with doors.database.read() as session:
+        protocol = find_protocol(session, claimed.protocol_digest)
+        read_under = accepted_under(session, claimed.submission_id)
+    challenge = CHALLENGES[ChallengeId(claimed.challenge)]
+    split = doors.splits.find(claimed.split_name, claimed.split_revision, protocol)
+    target = Target(claimed.file_digest, challenge, split, protocol, read_under)
+    with tempfile.TemporaryDirectory(prefix="verify-", dir=doors.private.root) as folder:
+        stages = stages_over(doors.settings, doors.files, PrivateStore(Path(folder)))
+        try:
+            scored = stages.score(target)
+        except RejectedUpload:
+            _record(doors, claimed, VerifyState.DIFFERS, None, "the file is rejected now")
+            return
+    published = Rounding(challenge, protocol.publication).sheet(scored.sheet)
+    is_same_sheet = published == claimed.expected_sheet
+    is_equal = scored.digest == claimed.expected_digest and is_same_sheet
+    note = None if is_equal or is_same_sheet else "the published numbers differ"
+    state = VerifyState.EQUAL if is_equal else VerifyState.DIFFERS
+    _record(doors, claimed, state, scored.digest, note)
+
+
+def _record(
+    doors: Doors,
+    claimed: VerifyClaim,
+    state: VerifyState,
+    found_digest: str | None,
+    note: str | None,
+) -> None:
+    with doors.database.write() as session:
+        finish_item(session, claimed, state, found_digest, note)
+    _log.info("verified", item=claimed.item_id, outcome=state.value)
+
+
+def _record_failure(doors: Doors, claimed: VerifyClaim, failure: Failure) -> None:
+    _record(doors, claimed, VerifyState.FAILED, None, failure.message)
