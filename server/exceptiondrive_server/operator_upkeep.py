@@ -1,0 +1,78 @@
+"""Operator commands that keep a server well: backup, restore, verify, doctor."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive_records.audit import verify_audit
+from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.invariants import damaged_uploads, violations
+from exceptiondrive_server.backup import LIMIT_BYTES, restore_backup, write_backup
+from exceptiondrive_server.doctor import Severity, examine
+from exceptiondrive_server.launcher.layout import Layout
+from exceptiondrive_server.operator_session import DataOption, opened, records_settings, say
+
+upkeep_app = typer.Typer()
+File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup, one file.")]
+
+
+@upkeep_app.command("backup")
+def backup(file: File, data: DataOption = None) -> None:
+    """Write all records and uploads of one moment into FILE; the server may run meanwhile."""
+    settings = records_settings(data)
+    with opened(settings) as database:
+        head = write_backup(database, FileStore(settings.file_store_url), file)
+    say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
+
+
+@upkeep_app.command("restore")
+def restore(file: File, data: DataOption = None) -> None:
+    """Restore FILE into empty records, of any database, and check everything."""
+    if data is not None:
+        Layout(data).create()
+    settings = records_settings(data)
+    head = restore_backup(file, settings.database_url, FileStore(settings.file_store_url))
+    say(f"restored as of {head.created_at}: {head.n_files} files, audit chain whole")
+    say("next: register the splits again with exceptiondrive-worker, then start everything")
+
+
+@upkeep_app.command("verify")
+def verify(
+    uploads: Annotated[
+        bool, typer.Option("--uploads/--no-uploads", help="Read every upload too.")
+    ] = True,
+    data: DataOption = None,
+) -> None:
+    """Check every invariant of records and uploads; exit code 1 when one is broken."""
+    settings = records_settings(data)
+    with opened(settings) as database, database.read() as session:
+        found = violations(session)
+        if uploads:
+            files = FileStore(settings.file_store_url)
+            found += damaged_uploads(session, files, limit_bytes=LIMIT_BYTES)
+        verdict = verify_audit(session)
+    for violation in found:
+        typer.echo(str(violation))
+    if found:
+        raise RecordsError(f"{len(found)} invariants are broken; see docs/operating.md")
+    say(f"every invariant holds; {verdict.n_lines} audit lines, head {verdict.head}")
+
+
+@upkeep_app.command("doctor")
+def doctor(
+    withheld: Annotated[
+        list[Path] | None,
+        typer.Option("--withheld", help="A folder that this user must not enter; repeatable."),
+    ] = None,
+    data: DataOption = None,
+) -> None:
+    """Examine settings, permissions, walls, broker, database and clocks; exit code 1 on errors."""
+    findings = examine(records_settings(data), tuple(withheld or ()))
+    for finding in findings:
+        typer.echo(f"{finding.severity:8}{finding.what}")
+        if finding.do:
+            typer.echo(f"{'':8}  -> {finding.do}")
+    if any(finding.severity is Severity.ERROR for finding in findings):
+        raise typer.Exit(1)

@@ -1,0 +1,197 @@
+"""The doctor finds what is wrong, says what to do, and has nothing to say of a healthy server."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import text
+from tests.operating.conftest import Lived
+
+from exceptiondrive_records.heartbeats import beat
+from exceptiondrive_records.leaders import take_lead
+from exceptiondrive_records.settings import RecordsSettings
+from exceptiondrive_server.doctor import Finding, Severity, examine
+
+BIN = Path(sys.executable).parent
+
+
+@pytest.fixture
+def healthy(lived: Lived, broker: Any) -> RecordsSettings:
+    """A server with all its parts, and their signs of life."""
+    lived.uploads.chmod(0o700)
+    lived.uploads.parent.chmod(0o700)
+    with lived.database.write() as session:
+        beat(session, "worker")
+        take_lead(session, "reconciler", "somebody", 60)
+    return RecordsSettings(
+        database_url=lived.url, broker_url=broker.url, file_store_url=lived.uploads.as_uri()
+    )
+
+
+def troubles(settings: RecordsSettings, *withheld: Path) -> list[Finding]:
+    found = examine(settings, withheld)
+    return [finding for finding in found if finding.severity is not Severity.OK]
+
+
+def whats(settings: RecordsSettings, *withheld: Path) -> str:
+    return " | ".join(finding.what for finding in troubles(settings, *withheld))
+
+
+def test_it_finds_nothing_wrong_with_a_healthy_server(healthy: RecordsSettings) -> None:
+    assert troubles(healthy) == []
+
+
+def test_every_trouble_says_what_to_do(tmp_path: Path) -> None:
+    settings = RecordsSettings(
+        database_url=f"sqlite:///{tmp_path / 'none.sqlite3'}",
+        broker_url="redis://127.0.0.1:1/0",
+        file_store_url=(tmp_path / "uploads").as_uri(),
+    )
+    found = troubles(settings)
+    assert {Severity.WARNING, Severity.ERROR} <= {finding.severity for finding in found}
+    assert all(finding.do for finding in found)
+
+
+def test_a_broker_that_evicts_is_named(healthy: RecordsSettings, broker: Any) -> None:
+    with broker.client() as client:
+        client.config_set("maxmemory-policy", "allkeys-lru")
+    assert "allkeys-lru" in whats(healthy)
+
+
+def test_a_broker_that_is_away_is_a_warning_not_an_error(
+    healthy: RecordsSettings, broker: Any
+) -> None:
+    broker.kill()
+    (finding,) = troubles(healthy)
+    assert finding.severity is Severity.WARNING
+    assert "nothing is lost" in finding.what
+
+
+def test_uploads_that_everyone_may_read_are_an_error(
+    healthy: RecordsSettings, lived: Lived
+) -> None:
+    lived.uploads.chmod(0o755)
+    (finding,) = troubles(healthy)
+    assert finding.severity is Severity.ERROR
+    assert finding.do == f"run: chmod o-rwx {lived.uploads}"
+
+
+def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, lived: Lived) -> None:
+    with lived.database.write() as session:
+        session.execute(text("DELETE FROM worker_heartbeats"))
+        session.execute(text("DELETE FROM leaders"))
+    assert whats(healthy) == "no worker is alive | no reconciler leads"
+
+
+def test_an_old_queue_is_named(healthy: RecordsSettings, lived: Lived) -> None:
+    with lived.database.write() as session:
+        statement = "UPDATE jobs SET state = 'queued', created_at = '2026-01-01 00:00:00.000000'"
+        session.execute(text(statement))
+    assert "the oldest waiting job is" in whats(healthy)
+
+
+def test_records_without_their_guards_are_an_error(healthy: RecordsSettings, lived: Lived) -> None:
+    with lived.database.write() as session:
+        session.execute(text("DROP TRIGGER audit_lines_no_update"))
+        session.execute(text("DROP TRIGGER audit_lines_no_delete"))
+    (finding,) = troubles(healthy)
+    assert finding.severity is Severity.ERROR
+    assert "audit_lines" in finding.what
+
+
+def test_an_old_schema_is_an_error(healthy: RecordsSettings, empty_database_url: str) -> None:
+    path = empty_database_url.removeprefix("sqlite:///")
+    if path != empty_database_url:
+        Path(path).touch()
+    settings = healthy.model_copy(update={"database_url": empty_database_url})
+    (finding,) = troubles(settings)
+    assert "another schema" in finding.what
+    assert "migrate" in finding.do
+
+
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """A folder that every user may enter, unlike pytest's own."""
+    folder = Path(tempfile.mkdtemp(prefix="ed-wall-"))
+    folder.chmod(0o755)
+    yield folder
+    shutil.rmtree(folder)
+
+
+def doctor_as(user: int, withheld: Path) -> "subprocess.CompletedProcess[str]":
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
+    code = (
+        "import os, sys; from pathlib import Path;"
+        "from exceptiondrive_server.doctor import _wall;"
+        "user = int(sys.argv[1]); os.setgroups([]); os.setgid(user); os.setuid(user);"
+        "[print(found.severity, found.what, '->', found.do) for found in _wall(Path(sys.argv[2]))]"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code, str(user), str(withheld)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
+def test_a_wall_that_stands_and_one_that_does_not(open_folder: Path) -> None:
+    withheld = open_folder / "splits"
+    withheld.mkdir(mode=0o700)
+    os.chown(withheld, 20002, 20002)
+    assert f"ok this user cannot enter {withheld}" in doctor_as(20001, withheld).stdout
+    withheld.chmod(0o755)
+    said = doctor_as(20001, withheld).stdout
+    assert f"error this user may read {withheld}" in said
+    assert f"chmod 0700 {withheld}" in said
+
+
+def test_the_command_ends_with_1_on_errors(tmp_path: Path) -> None:
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
+    done = subprocess.run(
+        [BIN / "exceptiondrive-server", "doctor", "--data", str(tmp_path)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1, done.stderr
+    assert "-> run: exceptiondrive-server migrate" in done.stdout
+
+
+def test_backup_restore_and_verify_by_command(lived: Lived, tmp_path: Path) -> None:
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
+
+    def run(*arguments: str, **settings: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(
+            [BIN / "exceptiondrive-server", *arguments],
+            env=environment | settings,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    ours = {
+        "EXCEPTIONDRIVE_DATABASE_URL": lived.url,
+        "EXCEPTIONDRIVE_FILE_STORE_URL": lived.uploads.as_uri(),
+    }
+    backup = str(tmp_path / "backup.tar")
+    done = run("backup", backup, **ours)
+    assert done.returncode == 0, done.stderr
+    done = run("restore", backup, "--data", str(tmp_path / "new"))
+    assert done.returncode == 0, done.stderr
+    done = run("verify", "--data", str(tmp_path / "new"))
+    assert done.returncode == 0, done.stderr
+    assert "every invariant holds" in done.stderr
+    stored = next(path for path in (tmp_path / "new/uploads").rglob("*") if path.is_file())
+    stored.unlink()
+    done = run("verify", "--data", str(tmp_path / "new"))
+    assert done.returncode == 2
+    assert "upload missing" in done.stdout
