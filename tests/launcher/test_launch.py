@@ -10,6 +10,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -95,12 +96,19 @@ def ranked(running: Running) -> list[str]:
     return [entry["method"] for entry in board["entries"] if entry["rank"] is not None]
 
 
+def reminder_effect(running: Running) -> dict[str, Any] | None:
+    board = json.loads(running.get("/api/v1/leaderboard?phase=sample-strategy"))
+    effects = [entry.get("reminder_effect") for entry in board["entries"]]
+    return next((effect for effect in effects if effect), None)
+
+
 def test_a_newcomer_sees_a_living_page_and_a_second_start_keeps_it(
     start: Callable[..., Running],
 ) -> None:
     first = start("--sample")
-    first.wait_until(lambda said: "sample: 7 of 7 scored" in said)
+    first.wait_until(lambda said: "sample: 11 of 11 scored" in said)
     first.wait_until(lambda _: len(ranked(first)) >= 4)
+    first.wait_until(lambda _: reminder_effect(first) is not None)
     methods = ranked(first)
     assert methods[0] in first.get("/")
     assert first.end() == 0
@@ -109,7 +117,7 @@ def test_a_newcomer_sees_a_living_page_and_a_second_start_keeps_it(
     second.wait_until(has_started)
     assert ranked(second) == methods
     assert second.end() == 0
-    assert "of 7 scored" not in second.said.read_text()  # nothing is submitted twice
+    assert "of 11 scored" not in second.said.read_text()  # nothing is submitted twice
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")

@@ -17,6 +17,7 @@ from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Split
+from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off
 from exceptiondrive_worker import reminder_effects as reminder_effects_module
 from exceptiondrive_worker.board_run import build_board
@@ -201,7 +202,7 @@ def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_t
 ) -> None:
     world, _, _ = pair
     compared: list[int] = []
-    compare = reminder_effects_module.compare
+    compare = compare_module.compare
 
     def counted(*args: Any) -> Any:
         compared.append(1)

@@ -87,8 +87,9 @@ def test_planners_json_lists_the_files_beside_it(tmp_path: Path) -> None:
         "FREEZE",
         "CONSTANT VELOCITY",
         "SOURCE AS EDITED",
+        "ALWAYS STOP",
     ]
-    for row in listing:
+    for row in [row for row in listing if row["challenge"] == "planning"]:
         submission = PlanningSubmission.model_validate_json(
             gzip.decompress((tmp_path / row["file"]).read_bytes())
         )

@@ -1,10 +1,11 @@
-"""Makes the page alive: a phase on the sample split, and planners submitted by the real client."""
+"""Makes the page alive: phases on the sample split, files submitted by the real client."""
 
 import os
 import subprocess
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -19,6 +20,7 @@ from exceptiondrive_records.tables import Submission, Team
 from exceptiondrive_records.teams import create_team, find_team
 from exceptiondrive_records.tokens import issue_token, verify_token
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.launcher.errors import LaunchError
@@ -31,15 +33,51 @@ ACTOR = "operator:sample"
 _AT_ONCE = 2
 
 Say = Callable[[str], None]
+FindSubmission = Callable[["Planner", str], str | None]
 
 
 class Planner(Document):
-    """One line of `planners.json`: a file, and the method that wrote it."""
+    """One line of `planners.json`: a file, and the method that wrote it.
+
+    `without_reminder` is the method of the same agent without reminder, submitted before it.
+    """
 
     file: str
+    challenge: ChallengeId = ChallengeId.PLANNING
     method: str
     description: str = ""
     is_reference: bool = False
+    without_reminder: str = ""
+
+    @property
+    def phase(self) -> str:
+        """Id of the phase that it is submitted to."""
+        return PHASES[self.challenge].id
+
+
+@dataclass(frozen=True)
+class SamplePhase:
+    """The phase of one challenge on the sample split."""
+
+    id: str
+    title: str
+    description: str
+
+
+PHASES = {
+    ChallengeId.PLANNING: SamplePhase(
+        "sample",
+        "Development",
+        "Synthetic samples whose regions are public: try your files here, as often as you like. "
+        "`exceptiondrive evaluate` gives the same scores on your machine.",
+    ),
+    ChallengeId.STRATEGY: SamplePhase(
+        "sample-strategy",
+        "Strategy development",
+        "The same synthetic samples for agents that answer A to E, with or without a reminder. "
+        "Link two submissions with `--without-reminder`, and the board shows the effect.",
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -66,7 +104,8 @@ def seed_sample(database: Database, layout: Layout) -> None:
     """
     with database.write() as session:
         add_protocol(session, packaged_protocol_toml(), ACTOR)
-        _make_phase(session)
+        for challenge, phase in PHASES.items():
+            _make_phase(session, challenge, phase)
         for team in (BASELINES, REFERENCE):
             _make_team(session, team, layout.data / team.token_file)
 
@@ -89,20 +128,19 @@ def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -
     planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
     missing = [planner for planner in planners if not _is_known(database, planner)]
     if missing:
-        _submit_all(missing, layout, server_url, say)
+        _submit_all(missing, layout, server_url, say, partial(_submission_of, database))
 
 
-def _make_phase(session: Session) -> None:
+def _make_phase(session: Session, challenge: ChallengeId, phase: SamplePhase) -> None:
     try:
-        find_phase(session, PHASE)
+        find_phase(session, phase.id)
     except NotFound:
         create_phase(
             session,
-            PHASE,
-            challenge="planning",
-            title="Development",
-            description="Synthetic samples whose regions are public: try your files here, as "
-            "often as you like. `exceptiondrive evaluate` gives the same scores on your machine.",
+            phase.id,
+            challenge=challenge.value,
+            title=phase.title,
+            description=phase.description,
             split_name=SPLIT,
             protocol="1.0",
             quota_per_day=200,
@@ -136,6 +174,11 @@ def write_secret(path: Path, text: str) -> None:
 
 
 def _is_known(database: Database, planner: Planner) -> bool:
+    return _submission_of(database, planner, planner.method) is not None
+
+
+def _submission_of(database: Database, planner: Planner, method: str) -> str | None:
+    """Id of what the team of a planner submitted to the same phase by a method, if it ended well."""
     team = REFERENCE if planner.is_reference else BASELINES
     ended_well = (SubmissionStatus.SCORED, SubmissionStatus.WITHDRAWN)
     with database.read() as session:
@@ -144,22 +187,25 @@ def _is_known(database: Database, planner: Planner) -> bool:
             .join(Team, Team.id == Submission.team_id)
             .where(
                 Team.slug == team.slug,
-                Submission.phase_id == PHASE,
-                Submission.method == planner.method,
+                Submission.phase_id == planner.phase,
+                Submission.method == method,
                 Submission.status.in_(ended_well),
             )
         )
-        return session.scalars(query).first() is not None
+        return session.scalars(query).first()
 
 
-def _submit_all(planners: list[Planner], layout: Layout, server_url: str, say: Say) -> None:
-    waiting = list(planners)
+def _submit_all(
+    planners: list[Planner], layout: Layout, server_url: str, say: Say, find: FindSubmission
+) -> None:
+    waiting = sorted(planners, key=lambda planner: planner.without_reminder != "")
     running: dict[str, subprocess.Popen[str]] = {}
     n_done = 0
     while waiting or running:
-        while waiting and len(running) < _AT_ONCE:
+        while waiting and len(running) < _AT_ONCE and waiting[0].without_reminder not in running:
             planner = waiting.pop(0)
-            running[planner.method] = _submit(planner, layout, server_url)
+            linked = planner.without_reminder and find(planner, planner.without_reminder)
+            running[planner.method] = _submit(planner, layout, server_url, linked)
         for method, process in list(running.items()):
             if process.poll() is None:
                 continue
@@ -172,15 +218,19 @@ def _submit_all(planners: list[Planner], layout: Layout, server_url: str, say: S
         time.sleep(0.05)
 
 
-def _submit(planner: Planner, layout: Layout, server_url: str) -> subprocess.Popen[str]:
+def _submit(
+    planner: Planner, layout: Layout, server_url: str, linked_to: str | None
+) -> subprocess.Popen[str]:
     team = REFERENCE if planner.is_reference else BASELINES
     command = [
         find_command("exceptiondrive"),
         *("submit", str(layout.planners / planner.file)),
-        *("--phase", PHASE, "--method", planner.method, "--wait"),
+        *("--phase", planner.phase, "--method", planner.method, "--wait"),
     ]
     if planner.description:
         command += ["--description", planner.description]
+    if linked_to:
+        command += ["--without-reminder", linked_to]
     environment = {
         **os.environ,
         "EXCEPTIONDRIVE_SERVER": server_url,

@@ -2,13 +2,22 @@
 
 import gzip
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import CHALLENGE_OF_FILE_SCHEMA
 from exceptiondrive_schemas.planning import PlanningSubmission
-from exceptiondrive_worker.sample.planners import PLANNERS, predictions
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.strategy import StrategySubmission
+from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
+from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SPLIT_NAME, sample_scenes, sample_split
+
+_Written = tuple[Planner | Agent, PlanningSubmission | StrategySubmission]
+_OPTIONAL = ("part", "d_safe_m", "acceptable", "reminder")
+"""Keys that are left out where they say nothing."""
 
 
 def write_sample_split(splits_dir: Path) -> Path:
@@ -20,35 +29,60 @@ def write_sample_split(splits_dir: Path) -> Path:
 
 
 def write_planners(folder: Path) -> list[Path]:
-    """Write one submission file per synthetic planner, and `planners.json` that lists them."""
+    """Write a file per synthetic planner and agent, and `planners.json` that lists them."""
     folder.mkdir(parents=True, exist_ok=True)
-    samples = sample_scenes()
-    paths, listing = [], []
-    for planner in PLANNERS:
-        submission = PlanningSubmission(
-            schema_="exceptiondrive.planning/1",
-            split=SPLIT_NAME,
-            predictions=tuple(predictions(planner, samples, SEED)),
-        )
-        path = folder / f"{planner.file_name}.json.gz"
-        path.write_bytes(_gzipped(submission))
-        paths.append(path)
-        listing.append(
-            {
-                "file": path.name,
-                "method": planner.method,
-                "description": planner.description,
-                "is_reference": planner.is_reference,
-            }
-        )
+    written: list[_Written] = [*_planner_files(), *_agent_files()]
+    for who, submission in written:
+        _path(folder, who).write_bytes(_gzipped(submission))
+    listing = [
+        {
+            "file": _path(folder, who).name,
+            "challenge": CHALLENGE_OF_FILE_SCHEMA[submission.schema_].id.value,
+            "method": who.method,
+            "description": who.description,
+            "is_reference": who.is_reference,
+            "without_reminder": who.without_reminder if isinstance(who, Agent) else "",
+        }
+        for who, submission in written
+    ]
     (folder / "planners.json").write_text(json.dumps(listing, indent=1) + "\n", encoding="utf-8")
-    return paths
+    return [_path(folder, who) for who, _ in written]
+
+
+def _path(folder: Path, who: Planner | Agent) -> Path:
+    return folder / f"{who.file_name}.json.gz"
+
+
+def _planner_files() -> Iterator[tuple[Planner, PlanningSubmission]]:
+    samples = sample_scenes()
+    for planner in PLANNERS:
+        yield (
+            planner,
+            PlanningSubmission(
+                schema_="exceptiondrive.planning/1",
+                split=SPLIT_NAME,
+                predictions=tuple(predictions(planner, samples, SEED)),
+            ),
+        )
+
+
+def _agent_files() -> Iterator[tuple[Agent, StrategySubmission]]:
+    samples, protocol = sample_scenes(), packaged_protocol()
+    for agent in AGENTS:
+        yield (
+            agent,
+            StrategySubmission(
+                schema_="exceptiondrive.strategy/1",
+                split=SPLIT_NAME,
+                predictions=agent_predictions(agent, samples, protocol, SEED),
+            ),
+        )
 
 
 def _gzipped(document: Document) -> bytes:
     content: Any = document.model_dump(mode="json", by_alias=True)
-    for sample in content.get("samples", []):
-        for key in [key for key, value in sample.items() if value is None]:
-            del sample[key]
+    for row in [*content.get("samples", []), *content.get("predictions", [])]:
+        for key in [key for key in _OPTIONAL if row.get(key, 0) is None]:
+            del row[key]
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return gzip.compress(text.encode("utf-8"), mtime=0)
