@@ -40,7 +40,7 @@ def evaluate_file(
         InvalidFileError: The file cannot be scored; the error carries every fault.
         InvalidArgumentError: The split cannot be used, or the extra `evaluate` is missing.
     """
-    _require_numpy()
+    require_numpy()
     split = split if isinstance(split, Split) else read_split(split)
     protocol = protocol or packaged_protocol()
     checked = check(read_file(file), protocol=protocol, manifest=manifest_of(split, protocol))
@@ -91,7 +91,12 @@ def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreS
     return exact_sheet(scoring, measured, arrays, split_ref, protocol)
 
 
-def _require_numpy() -> None:
+def require_numpy() -> None:
+    """Refuse with a hint where numpy is missing.
+
+    Raises:
+        InvalidArgumentError: It is.
+    """
     try:
         import numpy as np  # noqa: F401
     except ModuleNotFoundError:

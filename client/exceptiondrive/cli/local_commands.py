@@ -71,6 +71,40 @@ def evaluate(
         show(*sheet_view(sheet, rules))
 
 
+def plot(
+    file: options.File,
+    split: Annotated[
+        Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
+    ],
+    samples: Annotated[
+        list[str] | None,
+        typer.Option("--sample", metavar="ID", help="A sample to draw; may be repeated."),
+    ] = None,
+    worst: Annotated[
+        int, typer.Option("--worst", metavar="N", min=1, max=60, help="Draw the N worst samples.")
+    ] = 6,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="OUT", help="Picture to write: .svg or .png.")
+    ] = Path("samples.svg"),
+    protocol: options.ProtocolOption = None,
+    json: options.Json = False,
+) -> None:
+    """Draw samples: trajectories, footprints, tube, region, clearance.
+
+    One sample fills the picture; several make a contact sheet. Shapes and numbers come from the scoring code itself. An .svg follows
+    light and dark. Needs the extra `plot` and a split with regions: see `split download`.
+    """
+    from exceptiondrive.cli.protocol_choice import chosen_protocol
+    from exceptiondrive.plot.files import plot_file
+
+    rules = chosen_protocol(protocol)
+    drawn = plot_file(file, output, split=split, sample_ids=samples, worst=worst, protocol=rules)
+    if json:
+        show_json({"output": str(output), "sample_ids": list(drawn)})
+    else:
+        show(f"{len(drawn)} sample{'' if len(drawn) == 1 else 's'} in {output}")
+
+
 def convert(
     files: Annotated[
         list[Path],
@@ -148,5 +182,6 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     app.command()(check)
     app.command()(evaluate)
+    app.command()(plot)
     app.command()(convert)
     app.command()(version)
