@@ -27,7 +27,6 @@ from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.launcher.plans import find_command, worker_environment
 
-PHASE = "sample"
 SPLIT = "sample"
 ACTOR = "operator:sample"
 _AT_ONCE = 2
