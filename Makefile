@@ -43,6 +43,12 @@ bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; the
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.upload_to_rank
 
+chaos: $(STAMP)  ## inject every fault of research/reliability.md into real processes; F="F01 F24" picks some
+	$(BIN)/python -m tests.chaos $(F)
+
+load: $(STAMP)  ## a deadline rush: hundreds of uploads within minutes, while the board is read
+	$(BIN)/python -m benchmarks.load
+
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -60,4 +66,4 @@ lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra worker -c requirements/dev.txt -o requirements/worker.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
-.PHONY: help setup run test bench lint format lock
+.PHONY: help setup run test chaos load bench lint format lock

@@ -40,12 +40,14 @@ def ring_job(
     """Call a worker for a job that was just accepted; otherwise the reconciler does it soon.
 
     Returns:
-        Whether it was rung: not while the window is full or the broker is away.
+        Whether it was rung: not while others wait, the window is full or the broker is away.
     """
     with database.read() as session:
         job = session.get(Job, job_id)
         if job is None or job.state is not JobState.QUEUED or job.rung_at is not None:
             return False
+        if _others_wait(session, job):
+            return False  # the reconciler gives each team its turn
         if outstanding(session, job.lane) >= window(session, job.lane, settings):
             return False
         due = DueJob(job.id, job.fence, job.lane)
@@ -74,7 +76,11 @@ def outstanding(session: Session, lane: Lane) -> int:
 
 
 def due_jobs(session: Session, lane: Lane, settings: RecordsSettings) -> list[DueJob]:
-    """Return the jobs to ring for now, oldest first: lost rings, then new ones up to the window."""
+    """Return the jobs to ring for now: lost rings, then new ones up to the window.
+
+    Teams take turns, and within a team the oldest job goes first: whoever floods the queue delays
+    nobody's first file but its own later ones.
+    """
     now = database_now(session)
     alive = live_workers(session, lane, ttl_s=settings.heartbeat_ttl_s)
     longest_s = _LONGEST_WAIT_S if alive.workers else _LONGEST_WAIT_WITHOUT_WORKERS_S
@@ -82,7 +88,12 @@ def due_jobs(session: Session, lane: Lane, settings: RecordsSettings) -> list[Du
     rung = session.scalars(claimable.where(Job.rung_at.is_not(None)))
     again = [job for job in rung if _is_lost(job, now, settings.ring_again_after_s, longest_s)]
     room = window(session, lane, settings) - outstanding(session, lane)
-    fresh = session.scalars(claimable.where(Job.rung_at.is_(None)).limit(max(0, room)))
+    if room <= 0:
+        fresh: list[Job] = []
+    elif lane is Lane.LIVE:
+        fresh = list(session.scalars(_in_turn(claimable).limit(room)))
+    else:
+        fresh = list(session.scalars(claimable.where(Job.rung_at.is_(None)).limit(room)))
     return [DueJob(job.id, job.fence, job.lane) for job in (*again, *fresh)]
 
 
@@ -110,6 +121,17 @@ def mark_rung(session: Session, due: DueJob) -> None:
     )
 
 
+def _others_wait(session: Session, job: Job) -> bool:
+    query = select(Job.id).where(
+        Job.lane == job.lane,
+        Job.state == JobState.QUEUED,
+        Job.rung_at.is_(None),
+        Job.created_at < job.created_at,
+        Job.available_at <= job.created_at,
+    )
+    return session.scalars(query.limit(1)).first() is not None
+
+
 def _claimable(lane: Lane, now: datetime, max_attempts: int) -> Select[Job]:
     is_free = or_(
         and_(Job.state == JobState.QUEUED, Job.available_at <= now),
@@ -119,6 +141,30 @@ def _claimable(lane: Lane, now: datetime, max_attempts: int) -> Select[Job]:
         select(Job)
         .where(Job.lane == lane, Job.attempts < max_attempts, is_free)
         .order_by(Job.created_at, Job.id)
+    )
+
+
+def _in_turn(claimable: Select[Job]) -> Select[Job]:
+    """Order live jobs by turns: every team's next one, then every team's second, and so on.
+
+    What a team has under way counts: its next job stands behind the first of an idle team.
+    """
+    is_open = Job.state.in_((JobState.QUEUED, JobState.LEASED))
+    is_waiting = Job.rung_at.is_(None) & (Job.state == JobState.QUEUED)
+    turn = func.row_number().over(
+        partition_by=Submission.team_id, order_by=(is_waiting, Job.created_at, Job.id)
+    )
+    turns = (
+        select(Job.id, turn.label("turn"))
+        .join(Submission, Submission.id == Job.submission_id)
+        .where(Job.lane == Lane.LIVE, is_open)
+        .subquery()
+    )
+    return (
+        claimable.join(turns, turns.c.id == Job.id)
+        .where(Job.rung_at.is_(None))
+        .order_by(None)
+        .order_by(turns.c.turn, Job.created_at, Job.id)
     )
 
 

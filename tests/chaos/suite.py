@@ -90,7 +90,7 @@ FAULTS = (
     Fault("F32", "SIGKILL everything in mid-rescore", server.kill_in_mid_rescore),
     Fault("F34", "a protocol edited in place", server.edited_protocol),
     Fault("F35", "withdrawn while it is scored", server.withdrawn),
-    Fault("F37", "restore from a backup", alone.restore_from_backup, On.ALONE),
+    Fault("F37", "back up under load, restore elsewhere", alone.restore_from_backup),
     Fault("F38", "SIGKILL in the middle of a migration", alone.kill_migration, On.ALONE),
 )
 NOT_INJECTED = {
