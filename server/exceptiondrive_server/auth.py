@@ -60,6 +60,7 @@ def require(scope: Scope) -> Callable[[Principal | None], Principal]:
 
 Submitter = Annotated[Principal, Depends(require(Scope.SUBMIT))]
 Reader = Annotated[Principal, Depends(require(Scope.READ_OWN))]
+TokenKeeper = Annotated[Principal, Depends(require(Scope.TOKENS))]
 Organizer = Annotated[Principal, Depends(require(Scope.ORGANIZE))]
 
 

@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.problems import TOO_LARGE, ApiProblem, problem_response
 
-UPLOAD_PATH = "/api/v1/submissions"
+UPLOAD_PATHS = frozenset({"/api/v1/submissions", "/submit"})
 SMALL_BODY_BYTES = 1024 * 1024
 """Everything but an upload: a protocol document is the largest of them."""
 
@@ -28,7 +28,7 @@ class BodyLimit:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        limit = self.upload_limit_bytes if scope["path"] == UPLOAD_PATH else SMALL_BODY_BYTES
+        limit = self.upload_limit_bytes if scope["path"] in UPLOAD_PATHS else SMALL_BODY_BYTES
         refusal = _refusal(Headers(scope=scope).get("content-length"), limit)
         if refusal is not None:
             response = problem_response(Request(scope), refusal)

@@ -220,7 +220,7 @@ def _token(
     team_id: int | None,
     name: str,
     days: int | None = None,
-    scopes: tuple[str, ...] = tokens.PARTICIPANT_SCOPES,
+    scopes: tuple[str, ...] = tokens.TEAM_SCOPES,
 ) -> str:
     expires_at = None if days is None else datetime.now(UTC) + timedelta(days=days)
     text, _ = tokens.issue_token(session, team_id, name, scopes, expires_at, actor=ACTOR)

@@ -19,6 +19,7 @@ from exceptiondrive_records.errors import (
     QuotaExceeded,
     RecordsError,
     RejectedCapExceeded,
+    TooManyAttempts,
 )
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_server import pages
@@ -72,7 +73,10 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
     """Return the answer that states a problem."""
     status = STATUS_OF[problem.code]
     if _wants_page(request):
-        return pages.problem_page(request, status, problem.code, problem.detail)
+        answer = pages.problem_page(request, status, problem.code, problem.detail)
+        if problem.retry_after_s is not None:
+            answer.headers["Retry-After"] = str(problem.retry_after_s)
+        return answer
     document = Problem(
         type=f"/problems/{problem.code.value}",
         title=TITLE_OF[problem.code],
@@ -121,6 +125,9 @@ async def _records_error(request: Request, error: Exception) -> Response:
     problem = ApiProblem(error.code, str(error))
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
+    if isinstance(error, TooManyAttempts):
+        problem.resets_at = error.resets_at
+        problem.retry_after_s = seconds_until(error.resets_at)
     if isinstance(error, QuotaExceeded | RejectedCapExceeded):
         problem.resets_at = error.resets_at
         problem.retry_after_s = seconds_until(error.resets_at)

@@ -16,6 +16,7 @@ from exceptiondrive_server.problems import ApiProblem
 
 MAX_FIELD_BYTES = 16 * 1024
 MAX_FIELDS = 8
+FORM_TOKEN = "form_token"
 Link = Annotated[str, Field(max_length=500, description="an https:// address")]
 
 
@@ -45,6 +46,8 @@ class Upload:
 
     fields: UploadFields
     file: BinaryIO
+    form_token: str = ""
+    """What the form of a page carries against forgery; the API takes none."""
 
 
 def upload_body() -> dict[str, Any]:
@@ -62,7 +65,9 @@ def upload_body() -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def received_upload(request: Request) -> AsyncIterator[Upload]:
+async def received_upload(
+    request: Request, *, has_form_token: bool = False
+) -> AsyncIterator[Upload]:
     """Read the form; its file lies in memory up to 1 MiB, then in a temporary file.
 
     Raises:
@@ -72,7 +77,7 @@ async def received_upload(request: Request) -> AsyncIterator[Upload]:
     _require_form(request)
     form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
     async with form as received:
-        yield _upload_of(received)
+        yield _upload_of(received, has_form_token=has_form_token)
 
 
 def _require_form(request: Request) -> None:
@@ -85,9 +90,10 @@ def _require_form(request: Request) -> None:
         raise ApiProblem(ProblemCode.UNSUPPORTED_MEDIA_TYPE, detail)
 
 
-def _upload_of(form: FormData) -> Upload:
+def _upload_of(form: FormData, *, has_form_token: bool) -> Upload:
     values, faults = dict(form.items()), list(_shape_faults(form))
     file = values.pop("file", None)
+    form_token = values.pop(FORM_TOKEN, "") if has_form_token else ""
     try:
         fields = UploadFields.model_validate(values)
     except ValidationError as error:
@@ -95,7 +101,7 @@ def _upload_of(form: FormData) -> Upload:
         faults += [dict(fault) for fault in found]
     if faults or not isinstance(file, UploadFile):
         raise RequestValidationError(faults)
-    return Upload(fields, file.file)
+    return Upload(fields, file.file, str(form_token))
 
 
 def _shape_faults(form: FormData) -> list[dict[str, Any]]:

@@ -5,6 +5,7 @@ No broker answers at the address given: uploads must be accepted all the same.
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -26,7 +27,7 @@ from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.tables import BoardRow, Job
 from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import (
@@ -200,6 +201,58 @@ class Api:
         return row
 
 
+@dataclass
+class TeamBrowser:
+    """A browser before the pages: keeps cookies, reads the token of a form, sends its origin."""
+
+    api: Api
+    base_url: str
+    origin: str
+    client: TestClient
+
+    @classmethod
+    def open(cls, api: Api, base_url: str, origin: str | None = None) -> "TeamBrowser":
+        client = TestClient(
+            api.app, base_url=base_url, follow_redirects=False, raise_server_exceptions=False
+        )
+        return cls(api, base_url, origin or base_url, client)
+
+    def fresh(self) -> "TeamBrowser":
+        return TeamBrowser.open(self.api, self.base_url, self.origin)
+
+    def get(self, path: str, accept: str = "text/html") -> Any:
+        return self.client.get(path, headers={"Accept": accept})
+
+    def form_token(self, page: str) -> str:
+        found = re.search(r'name="form_token" value="([0-9a-f]{64})"', self.get(page).text)
+        assert found is not None, page
+        return found[1]
+
+    def form(self, page: str) -> dict[str, str]:
+        return {"form_token": self.form_token(page)}
+
+    def send(self, path: str, data: dict[str, Any], accept: str = "*/*", **more: Any) -> Any:
+        headers = {"Accept": accept, "Origin": self.origin}
+        return self.client.post(path, data=data, headers=headers, **more)
+
+    def post(self, path: str, data: dict[str, Any], *, page: str, **more: Any) -> Any:
+        """Send a form that stands on a page."""
+        return self.send(path, {**self.form(page), **data}, **more)
+
+    def sign_in(self, who: str, **more: str) -> Any:
+        return self.sign_in_with(self.api.tokens[who], **more)
+
+    def sign_in_with(self, token: str, accept: str = "*/*", **more: str) -> Any:
+        return self.post("/sign-in", {"token": token, **more}, page="/sign-in", accept=accept)
+
+    def submit(self, content: bytes | str, **fields: Any) -> Any:
+        """Send the upload form."""
+        data = content.encode() if isinstance(content, str) else content
+        form = {"phase": "dev", "method": "Planner", **fields}
+        given = {key: value for key, value in form.items() if value is not None}
+        return self.post("/submit", given, page="/submit", files={"file": ("planner.json", data)})
+
+
 def _populate(api: Api) -> None:
     with api.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
@@ -207,7 +260,7 @@ def _populate(api: Api) -> None:
         for slug in ("alpha", "beta"):
             team = create_team(session, slug, slug.title(), actor="test")
             api.team_ids[slug] = team.id
-            api.tokens[slug], _ = issue_token(session, team.id, "laptop", actor="test")
+            api.tokens[slug], _ = issue_token(session, team.id, "laptop", TEAM_SCOPES, actor="test")
         api.tokens["organizer"], _ = issue_token(
             session, None, "organizer", ORGANIZER_SCOPES, actor="test"
         )
@@ -248,6 +301,14 @@ def api(make_api: Callable[..., Api], sqlite_url: str) -> Api:
 def api_on_both(make_api: Callable[..., Api], database_url: str) -> Api:
     """The application on SQLite, then on PostgreSQL."""
     return make_api(database_url)
+
+
+@pytest.fixture
+def browse() -> Callable[..., TeamBrowser]:
+    """Opens a browser before the pages of an application."""
+    return lambda api, base_url="https://server.test", origin=None: TeamBrowser.open(
+        api, base_url, origin
+    )
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, StrictBool
 
-from exceptiondrive_records.tables import Team, Token
+from exceptiondrive_records.tables import Team
 from exceptiondrive_records.teams import create_team, find_team, list_teams
 from exceptiondrive_records.tokens import (
-    PARTICIPANT_SCOPES,
+    TEAM_SCOPES,
     Scope,
     issue_token,
     list_tokens,
@@ -17,6 +17,7 @@ from exceptiondrive_records.tokens import (
 )
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.api.times import Time
+from exceptiondrive_server.api.token_views import IssuedToken, TokenView, token_view
 from exceptiondrive_server.auth import Organizer, ServicesOf
 
 router = APIRouter()
@@ -44,28 +45,8 @@ class NewToken(Form):
     """A token to be issued."""
 
     name: Annotated[str, Field(max_length=400)]
-    scopes: tuple[Scope, ...] = PARTICIPANT_SCOPES
+    scopes: tuple[Scope, ...] = TEAM_SCOPES
     expires_at: Time | None = None
-
-
-class TokenView(BaseModel):
-    """A token without its secret."""
-
-    id: str
-    name: str
-    prefix: str
-    scopes: tuple[str, ...]
-    created_at: datetime
-    expires_at: datetime | None
-    revoked_at: datetime | None
-    last_used_at: datetime | None
-
-
-class IssuedToken(BaseModel):
-    """A new token: its text is shown here and never again."""
-
-    token: str
-    view: TokenView
 
 
 @router.get("/teams", operation_id="listTeams")
@@ -90,7 +71,7 @@ def get_tokens(services: ServicesOf, team_id: Slug) -> list[TokenView]:
     """List a team's tokens, without their secrets."""
     with services.database.read() as session:
         team = find_team(session, team_id)
-        return [_token(token) for token in list_tokens(session, team.id)]
+        return [token_view(token) for token in list_tokens(session, team.id)]
 
 
 @router.post("/teams/{team_id}/tokens", operation_id="issueToken", status_code=201)
@@ -107,7 +88,7 @@ def post_token(
             token.expires_at,
             actor=organizer.actor,
         )
-        return IssuedToken(token=text, view=_token(made))
+        return IssuedToken(token=text, view=token_view(made))
 
 
 @router.post("/tokens/{token_id}/revoke", operation_id="revokeToken")
@@ -116,23 +97,10 @@ def post_revocation(
 ) -> TokenView:
     """Revoke a token for good."""
     with services.database.write() as session:
-        return _token(revoke_token(session, token_id, actor=organizer.actor))
+        return token_view(revoke_token(session, token_id, actor=organizer.actor))
 
 
 def _team(team: Team) -> TeamView:
     return TeamView(
         id=team.slug, name=team.name, is_reference=team.is_reference, created_at=team.created_at
-    )
-
-
-def _token(token: Token) -> TokenView:
-    return TokenView(
-        id=token.id,
-        name=token.name,
-        prefix=token.prefix,
-        scopes=tuple(token.scopes),
-        created_at=token.created_at,
-        expires_at=token.expires_at,
-        revoked_at=token.revoked_at,
-        last_used_at=token.last_used_at,
     )

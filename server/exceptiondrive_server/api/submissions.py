@@ -1,36 +1,20 @@
 """Submissions: accept an upload, show where it stands, withdraw it."""
 
-from collections.abc import Iterator
-from typing import Annotated, BinaryIO
+from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.quotas import quota_of
-from exceptiondrive_records.ringing import ring_job
-from exceptiondrive_records.submissions import (
-    Accepted,
-    accept,
-    find_submission,
-    list_submissions,
-    withdraw,
-)
+from exceptiondrive_records.submissions import find_submission, list_submissions, withdraw
 from exceptiondrive_records.views import view, views
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.submission import (
-    Quota,
-    SubmissionPage,
-    SubmissionStatus,
-    SubmissionView,
-)
+from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_server.auth import Reader, ServicesOf, Submitter, own_team, team_of
-from exceptiondrive_server.problems import ApiProblem, problem_responses, rate_limit_headers
-from exceptiondrive_server.services import Services
-from exceptiondrive_server.upload_form import Upload, received_upload, upload_body
+from exceptiondrive_server.problems import problem_responses, rate_limit_headers
+from exceptiondrive_server.submitting import take_upload
+from exceptiondrive_server.upload_form import received_upload, upload_body
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
-CHUNK_BYTES = 256 * 1024
 SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
 _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
 
@@ -65,37 +49,13 @@ async def submit(
     """
     team_id = team_of(principal)
     async with received_upload(request) as upload:
-        taken, quota = await run_in_threadpool(_take, services, team_id, upload)
+        taken, quota = await run_in_threadpool(take_upload, services, team_id, upload)
     response.status_code = 200 if taken.is_duplicate else 202
     response.headers["Location"] = f"/api/v1/submissions/{taken.id}"
     response.headers.update(
         rate_limit_headers(quota.per_day, quota.remaining_today, quota.resets_at)
     )
     return taken
-
-
-def _take(services: Services, team_id: int, upload: Upload) -> tuple[SubmissionView, Quota]:
-    """Store the file, then accept it in one transaction, then call a worker."""
-    fields = upload.fields
-    _refuse_unknown_phase(services, fields.phase)
-    file_digest, size_bytes = _store(services, upload.file)
-    with services.database.write() as session:
-        accepted = accept(
-            session,
-            team_id=team_id,
-            phase_id=fields.phase,
-            method=fields.method,
-            description=fields.description,
-            links=fields.links,
-            linked_to=fields.linked_to or None,
-            file_digest=file_digest,
-            size_bytes=size_bytes,
-        )
-    _ring(services, accepted)
-    with services.database.read() as session:
-        submission = find_submission(session, accepted.submission.id)
-        taken = view(session, submission, is_duplicate=accepted.is_duplicate)
-        return taken, quota_of(session, team_id, find_phase(session, fields.phase))
 
 
 @router.get("", operation_id="listSubmissions", responses=problem_responses(*_SIGNED_IN))
@@ -149,27 +109,3 @@ def withdraw_submission(
         withdraw(session, submission_id, actor=principal.actor)
     with services.database.read() as session:
         return view(session, find_submission(session, submission_id))
-
-
-def _refuse_unknown_phase(services: Services, phase_id: str) -> None:
-    """Before a byte is stored."""
-    with services.database.read() as session:
-        find_phase(session, phase_id)
-
-
-def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
-    limit = services.settings.max_upload_bytes
-    file_digest, size_bytes = services.files.put_stream(_chunks(stream), limit_bytes=limit)
-    if size_bytes == 0:
-        raise ApiProblem(ProblemCode.UPLOAD_EMPTY, "The file holds nothing; choose another one.")
-    return file_digest, size_bytes
-
-
-def _chunks(stream: BinaryIO) -> Iterator[bytes]:
-    while chunk := stream.read(CHUNK_BYTES):
-        yield chunk
-
-
-def _ring(services: Services, accepted: Accepted) -> None:
-    if accepted.job_id is not None:
-        ring_job(services.database, services.doorbell, accepted.job_id, services.settings)

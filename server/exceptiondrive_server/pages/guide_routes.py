@@ -1,19 +1,17 @@
-"""Routes of the pages that explain: protocols, quick start, help, API."""
+"""Routes of the pages that explain: protocols, help, API."""
 
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.errors import RecordsError
-from exceptiondrive_records.phases import list_phases
 from exceptiondrive_records.protocols import find_protocol, list_protocols
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.pages.api_page import operation_groups
 from exceptiondrive_server.pages.help_pages import find_fault, find_problem, help_index
 from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
 from exceptiondrive_server.pages.protocol_page import protocol_page
-from exceptiondrive_server.pages.readings import latest_protocol, phase_link
+from exceptiondrive_server.pages.readings import latest_protocol
 from exceptiondrive_server.pages.responses import page, problem_page, refused
-from exceptiondrive_server.pages.submit_page import submit_page
 
 router = APIRouter(include_in_schema=False)
 
@@ -37,16 +35,6 @@ def show_protocol(request: Request, version: str) -> Response:
     except RecordsError as error:
         return refused(request, error)
     return page(request, "protocol.html", "protocol", page=protocol_page(protocol, versions))
-
-
-@router.get("/submit")
-def show_quick_start(request: Request) -> Response:
-    """Show how to submit."""
-    with request.app.state.services.database.read() as session:
-        phases = tuple(phase_link(session, phase) for phase in list_phases(session))
-        protocol = latest_protocol(session)
-    content = submit_page(phases, protocol, str(request.base_url).rstrip("/"))
-    return page(request, "submit.html", "submit", page=content)
 
 
 @router.get("/problems")

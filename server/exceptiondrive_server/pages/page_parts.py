@@ -18,6 +18,8 @@ class Site:
     theme: Theme
     path: str
     current: str
+    has_session: bool = False
+    """Whether the browser sent a session, valid or not: only words depend on it."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,15 @@ SECURITY_HEADERS = {
 _STATUS = {ProblemCode.NOT_FOUND: 404, ProblemCode.CONFLICT: 409, ProblemCode.BAD_REQUEST: 400}
 
 
+def private_page(
+    request: Request, template: str, current: str, *, status: int = 200, **values: Any
+) -> Response:
+    """Fill a template for one team's eyes; nothing between us and the browser may keep it."""
+    site = site_of(request.cookies, request.url.path, request.url.query, current)
+    headers = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+    return HTMLResponse(render(template, site=site, **values), status_code=status, headers=headers)
+
+
 def page(
     request: Request, template: str, current: str, *, status: int = 200, **values: Any
 ) -> Response:

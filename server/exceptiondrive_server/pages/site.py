@@ -3,6 +3,8 @@
 from exceptiondrive_server.pages.page_parts import THEMES, Site, Theme
 
 THEME_COOKIE = "theme"
+SESSION_COOKIES = ("__Host-session", "session")
+"""Secure, on https; plain, on this machine alone."""
 YEAR_S = 365 * 24 * 3600
 
 
@@ -13,7 +15,9 @@ def theme_of(text: str | None) -> Theme:
 
 def site_of(cookies: dict[str, str], path: str, query: str, current: str) -> Site:
     """Return the frame of a page."""
-    return Site(theme_of(cookies.get(THEME_COOKIE)), path + (f"?{query}" if query else ""), current)
+    here = path + (f"?{query}" if query else "")
+    has_session = any(name in cookies for name in SESSION_COOKIES)
+    return Site(theme_of(cookies.get(THEME_COOKIE)), here, current, has_session)
 
 
 def safe_back(path: str) -> str:

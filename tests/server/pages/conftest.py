@@ -34,7 +34,8 @@ from exceptiondrive_schemas.score_sheet import (
 )
 from exceptiondrive_schemas.split import Manifest, SplitRef
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server import pages
+from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.settings import ServerSettings
 
 PROTOCOL = packaged_protocol("1.0")
 COUNTS = dict(zip([f.id for f in PROTOCOL.families], (62, 47, 59, 14, 22, 36), strict=True))
@@ -258,10 +259,11 @@ def paper_board() -> Board:
 
 
 class Services:
-    """What pages need of the server: the records."""
+    """What pages need of the server: the records, and the settings."""
 
     def __init__(self, database: Database) -> None:
         self.database = database
+        self.settings = ServerSettings()
 
 
 class Site:
@@ -272,6 +274,8 @@ class Site:
         self.app = FastAPI()
         self.app.state.services = Services(database)
         self.app.include_router(pages.router)
+        self.app.include_router(team_pages.router)
+        team_pages.lead_to_sign_in(self.app)
         pages.mount_static(self.app)
 
     async def get(self, path: str, **headers: str) -> httpx.Response:

@@ -67,4 +67,61 @@
       block.after(button);
     }
   }
+
+  // An upload shows its progress; a refusal is said in place, and nothing typed is lost.
+  const upload = document.querySelector("form[data-upload]");
+  upload?.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const box = upload.querySelector("[data-sending]");
+    const [bar, words] = [box.querySelector("progress"), box.querySelector("p")];
+    const button = upload.querySelector("button");
+    const say = (text, isBad) => { words.textContent = text; words.className = isBad ? "spent" : ""; };
+    const request = new XMLHttpRequest();
+    box.hidden = false;
+    button.disabled = true;
+    say("Sending …");
+    request.upload.onprogress = ({ loaded, total }) => {
+      bar.value = total ? loaded / total : 0;
+      say(loaded < total ? `${Math.floor((100 * loaded) / total)} % sent` : "Sent. Being kept …");
+    };
+    request.onload = () => {
+      if (request.status < 400) { location.assign(request.responseURL); return; }
+      button.disabled = false;
+      let text = "It was refused; try again.";
+      try { const { detail, fields } = JSON.parse(request.response); text = [detail, ...Object.values(fields ?? {})].join(" "); } catch { /* not a problem document */ }
+      say(text, true);
+    };
+    request.onerror = () => { button.disabled = false; say("The server cannot be reached. Nothing is lost: try again.", true); };
+    request.open("POST", upload.action);
+    request.setRequestHeader("Accept", "application/problem+json");
+    request.send(new FormData(upload));
+  });
+
+  // What is live follows the server: every event fetches the page anew and swaps the live part.
+  const sources = [];
+  const follow = () => {
+    const live = document.getElementById("live");
+    for (const address of (live?.dataset.live ?? "").split(" ").filter(Boolean)) {
+      const source = new EventSource(address);
+      source.addEventListener("submission", () => renew());
+      sources.push(source);
+    }
+    if (live?.dataset.againS) setTimeout(renew, 1000 * Number(live.dataset.againS));
+  };
+  let shown = document.getElementById("live")?.outerHTML;
+  const renew = async () => {
+    const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
+    if (!answer?.ok) return;
+    const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").getElementById("live");
+    const now = document.getElementById("live");
+    if (!fresh || !now) return;
+    if (fresh.outerHTML === shown) { if (fresh.dataset.againS) setTimeout(renew, 1000 * Number(fresh.dataset.againS)); return; }
+    const isOther = fresh.dataset.live !== now.dataset.live || fresh.dataset.againS !== now.dataset.againS;
+    shown = fresh.outerHTML;
+    now.replaceWith(document.adoptNode(fresh));
+    if (!isOther) return;
+    for (const source of sources.splice(0)) source.close();
+    follow();
+  };
+  follow();
 })();

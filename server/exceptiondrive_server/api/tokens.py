@@ -1,0 +1,80 @@
+"""A team's own tokens, for a token with the scope `tokens`. Another team's is not found."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import Field
+
+from exceptiondrive_records.team_tokens import (
+    DEFAULT_KEEP_DAYS,
+    MAX_KEEP_DAYS,
+    issue_team_token,
+    revoke_team_token,
+    rotate_team_token,
+    team_tokens,
+)
+from exceptiondrive_records.tokens import PARTICIPANT_SCOPES, Scope
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.api.organizer_forms import Form
+from exceptiondrive_server.api.times import Time
+from exceptiondrive_server.api.token_views import IssuedToken, TokenView, token_view
+from exceptiondrive_server.auth import ServicesOf, TokenKeeper, team_of
+from exceptiondrive_server.problems import problem_responses
+
+_REFUSALS = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
+router = APIRouter(prefix="/tokens", tags=["access"], responses=problem_responses(*_REFUSALS))
+TokenId = Annotated[str, Path(max_length=64, description="id of a token of the team")]
+_MISSING = problem_responses(*_REFUSALS, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT)
+
+
+class NewTeamToken(Form):
+    """A token to be issued for one's own team."""
+
+    name: Annotated[str, Field(max_length=400)]
+    scopes: tuple[Scope, ...] = PARTICIPANT_SCOPES
+    """None that the asker's token does not have."""
+    expires_at: Time | None = None
+
+
+class Rotation(Form):
+    """How long the old token works on."""
+
+    keep_days: Annotated[int, Field(strict=True, ge=0, le=MAX_KEEP_DAYS)] = DEFAULT_KEEP_DAYS
+
+
+@router.get("", operation_id="listOwnTokens")
+def get_own_tokens(services: ServicesOf, keeper: TokenKeeper) -> list[TokenView]:
+    """List the team's tokens, newest first, without their secrets."""
+    team_of(keeper)
+    with services.database.read() as session:
+        return [token_view(token) for token in team_tokens(session, keeper)]
+
+
+@router.post("", operation_id="issueOwnToken", status_code=201, responses=_MISSING)
+def post_own_token(services: ServicesOf, keeper: TokenKeeper, token: NewTeamToken) -> IssuedToken:
+    """Issue a token with no more rights than one's own; its text is answered once."""
+    team_of(keeper)
+    with services.database.write() as session:
+        text, made = issue_team_token(
+            session, keeper, token.name, tuple(token.scopes), token.expires_at
+        )
+        return IssuedToken(token=text, view=token_view(made))
+
+
+@router.post(
+    "/{token_id}/rotate", operation_id="rotateOwnToken", status_code=201, responses=_MISSING
+)
+def post_rotation(
+    services: ServicesOf, keeper: TokenKeeper, token_id: TokenId, rotation: Rotation
+) -> IssuedToken:
+    """Issue the successor of a token; the old one works on for `keep_days`."""
+    with services.database.write() as session:
+        text, made = rotate_team_token(session, keeper, token_id, rotation.keep_days)
+        return IssuedToken(token=text, view=token_view(made))
+
+
+@router.post("/{token_id}/revoke", operation_id="revokeOwnToken", responses=_MISSING)
+def post_own_revocation(services: ServicesOf, keeper: TokenKeeper, token_id: TokenId) -> TokenView:
+    """Revoke a token of the team for good, one's own included."""
+    with services.database.write() as session:
+        return token_view(revoke_team_token(session, keeper, token_id))

@@ -1,0 +1,70 @@
+"""Take an upload: kept, accepted, and a worker called. The API and the page's form both do this."""
+
+from collections.abc import Iterator
+from typing import BinaryIO
+
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.quotas import quota_of
+from exceptiondrive_records.ringing import ring_job
+from exceptiondrive_records.submissions import Accepted, accept, find_submission
+from exceptiondrive_records.views import view
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.submission import Quota, SubmissionView
+from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.services import Services
+from exceptiondrive_server.upload_form import Upload
+
+CHUNK_BYTES = 256 * 1024
+
+
+def take_upload(services: Services, team_id: int, upload: Upload) -> tuple[SubmissionView, Quota]:
+    """Store the file, then accept it in one transaction, then call a worker.
+
+    Raises:
+        RecordsError: It is refused; nothing but the file's bytes was kept.
+        ApiProblem: The file is empty.
+    """
+    fields = upload.fields
+    _refuse_unknown_phase(services, fields.phase)
+    file_digest, size_bytes = _store(services, upload.file)
+    with services.database.write() as session:
+        accepted = accept(
+            session,
+            team_id=team_id,
+            phase_id=fields.phase,
+            method=fields.method,
+            description=fields.description,
+            links=fields.links,
+            linked_to=fields.linked_to or None,
+            file_digest=file_digest,
+            size_bytes=size_bytes,
+        )
+    _ring(services, accepted)
+    with services.database.read() as session:
+        submission = find_submission(session, accepted.submission.id)
+        taken = view(session, submission, is_duplicate=accepted.is_duplicate)
+        return taken, quota_of(session, team_id, find_phase(session, fields.phase))
+
+
+def _refuse_unknown_phase(services: Services, phase_id: str) -> None:
+    """Before a byte is stored."""
+    with services.database.read() as session:
+        find_phase(session, phase_id)
+
+
+def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
+    limit = services.settings.max_upload_bytes
+    file_digest, size_bytes = services.files.put_stream(_chunks(stream), limit_bytes=limit)
+    if size_bytes == 0:
+        raise ApiProblem(ProblemCode.UPLOAD_EMPTY, "The file holds nothing; choose another one.")
+    return file_digest, size_bytes
+
+
+def _chunks(stream: BinaryIO) -> Iterator[bytes]:
+    while chunk := stream.read(CHUNK_BYTES):
+        yield chunk
+
+
+def _ring(services: Services, accepted: Accepted) -> None:
+    if accepted.job_id is not None:
+        ring_job(services.database, services.doorbell, accepted.job_id, services.settings)

@@ -1,0 +1,74 @@
+"""What the list of a team's submissions shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from exceptiondrive_records.tokens import Principal, Scope
+from exceptiondrive_schemas.submission import PhaseView, SubmissionView
+from exceptiondrive_server.team_pages.status_words import Status, status_of
+from exceptiondrive_server.team_pages.upload_view import PhaseOption, quota_line
+
+MAX_FOLLOWED = 3
+"""Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
+
+
+@dataclass(frozen=True)
+class MyLine:
+    """One submission in the list."""
+
+    id: str
+    method: str
+    team: str
+    phase: str
+    received_at: datetime
+    status: Status
+    rank: int | None
+
+
+@dataclass(frozen=True)
+class MyPage:
+    """Everything that `my.html` needs."""
+
+    team: str | None
+    token_name: str
+    lines: tuple[MyLine, ...]
+    quotas: tuple[PhaseOption, ...]
+    following: str | None
+    followed: tuple[str, ...]
+    form_token: str
+    has_tokens: bool
+
+
+def my_view(
+    who: Principal,
+    submissions: Sequence[SubmissionView],
+    *,
+    phases: Sequence[PhaseView],
+    following: str | None,
+    form_token: str,
+) -> MyPage:
+    """Set the list; the newest that still wait are followed."""
+    waiting = [one.id for one in submissions if not one.status.is_terminal]
+    return MyPage(
+        team=who.team_name,
+        token_name=who.token_name,
+        lines=tuple(_line(one) for one in submissions),
+        quotas=tuple(quota_line(phase) for phase in phases if phase.is_open),
+        following=following,
+        followed=tuple(waiting[:MAX_FOLLOWED]),
+        form_token=form_token,
+        has_tokens=Scope.TOKENS in who.scopes and who.team_id is not None,
+    )
+
+
+def _line(one: SubmissionView) -> MyLine:
+    return MyLine(
+        id=one.id,
+        method=one.method,
+        team=one.team,
+        phase=one.phase,
+        received_at=one.received_at,
+        status=status_of(one),
+        rank=one.rank,
+    )

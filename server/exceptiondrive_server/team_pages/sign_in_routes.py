@@ -1,0 +1,110 @@
+"""Sign in with a team token, sign out. The token is seen once and never kept by the browser."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Form, Query, Request
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.page_sessions import end_page_session, open_page_session
+from exceptiondrive_records.sign_in_limits import count_attempt, give_attempt_back, keys_of
+from exceptiondrive_records.tokens import verify_token
+from exceptiondrive_server.auth import ServicesOf
+from exceptiondrive_server.browser_session import (
+    Browser,
+    MaybeSignedIn,
+    PostedForm,
+    forget_cookies,
+    form_token,
+    require_form_token,
+    require_private_channel,
+    require_same_origin,
+    set_session_cookie,
+    set_visitor_cookie,
+    visitor_secret,
+)
+from exceptiondrive_server.pages.responses import private_page
+from exceptiondrive_server.pages.site import safe_back
+from exceptiondrive_server.services import Services
+
+router = APIRouter(include_in_schema=False)
+MAX_TOKEN_LENGTH = 200
+REFUSED = "The token is not valid: unknown, expired or revoked."
+HERE = "/my"
+
+
+@router.get("/sign-in")
+def show_sign_in(
+    request: Request,
+    browser: MaybeSignedIn,
+    back: Annotated[str, Query(max_length=2000)] = HERE,
+) -> Response:
+    """Show the form, or go on when somebody has signed in already."""
+    require_private_channel(request)
+    if browser is not None:
+        return _go(back)
+    return _form(request, back)
+
+
+@router.post("/sign-in")
+def sign_in(
+    request: Request,
+    services: ServicesOf,
+    token: Annotated[str, Form(max_length=MAX_TOKEN_LENGTH)] = "",
+    back: Annotated[str, Form(max_length=2000)] = HERE,
+    given: Annotated[str, Form(alias="form_token", max_length=100)] = "",
+) -> Response:
+    """Open a session for the team of the token."""
+    require_private_channel(request)
+    require_same_origin(request)
+    require_form_token(visitor_secret(request), given)
+    address = request.client.host if request.client else "unknown"
+    secret = _session_for(services, token.strip(), address)
+    if secret is None:
+        return _form(request, back, status=401, fault=REFUSED)
+    answer = _go(back)
+    set_session_cookie(request, answer, secret)
+    return answer
+
+
+@router.post("/sign-out")
+def sign_out(services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
+    """End the session here and in the browser."""
+    with services.database.write() as session:
+        end_page_session(session, browser.secret)
+    answer = _go("/")
+    forget_cookies(answer)
+    return answer
+
+
+def _session_for(services: Services, token: str, address: str) -> str | None:
+    """Count the attempt, then look at the token; a success is not counted."""
+    limits = keys_of(address, token)
+    with services.database.write() as session:
+        count_attempt(session, limits)
+    with services.database.read() as session:
+        principal = verify_token(session, token)
+    if principal is None:
+        return None
+    with services.database.write() as session:
+        give_attempt_back(session, limits)
+        return open_page_session(session, principal)
+
+
+def _form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:
+    secret = visitor_secret(request)
+    answer = private_page(
+        request,
+        "sign_in.html",
+        "my",
+        status=status,
+        back=safe_back(back),
+        fault=fault,
+        form_token=form_token(secret),
+    )
+    set_visitor_cookie(request, answer, secret)
+    return answer
+
+
+def _go(path: str) -> Response:
+    headers = {"Cache-Control": "no-store"}
+    return RedirectResponse(safe_back(path), status_code=303, headers=headers)

@@ -1,0 +1,99 @@
+"""What the page of a submission shows: its way, its faults, its score, its rank."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+from exceptiondrive_server.pages.board_query import AVERAGE_TITLES
+from exceptiondrive_server.pages.numbers import Digits, unit_of
+from exceptiondrive_server.team_pages.status_words import Status, Step, status_of, steps_of
+
+BOARD_SOON = timedelta(minutes=2)
+"""After a score the next board is awaited this long."""
+
+
+@dataclass(frozen=True)
+class ScoreLine:
+    """A metric of the sheet, under both averages."""
+
+    label: str
+    title: str
+    unit: str
+    headline: str | None
+    other: str | None
+
+
+@dataclass(frozen=True)
+class SubmissionContent:
+    """Everything that `submission.html` needs."""
+
+    submission: SubmissionView
+    phase_title: str
+    status: Status
+    steps: tuple[Step, ...]
+    scores: tuple[ScoreLine, ...]
+    headline_title: str
+    other_title: str
+    n_faults: int
+    awaits_rank: bool
+    form_token: str | None
+    can_withdraw: bool
+    is_again: bool
+
+
+def submission_view(
+    seen: SubmissionView,
+    *,
+    phase_title: str,
+    protocol: Protocol,
+    form_token: str | None,
+    is_again: bool = False,
+    now: datetime | None = None,
+) -> SubmissionContent:
+    """Set the page of a submission; without `form_token` it can only be read."""
+    headline = protocol.grading.headline
+    age = (now or datetime.now(UTC)) - seen.status_at
+    is_scored = seen.status is SubmissionStatus.SCORED
+    ended_without = seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
+    return SubmissionContent(
+        submission=seen,
+        phase_title=phase_title,
+        status=status_of(seen),
+        steps=steps_of(seen),
+        scores=_scores(seen, protocol) if seen.sheet else (),
+        headline_title=AVERAGE_TITLES[headline],
+        other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
+        n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
+        awaits_rank=is_scored and seen.rank is None and age < BOARD_SOON,
+        form_token=form_token,
+        can_withdraw=not ended_without and seen.status is not SubmissionStatus.WITHDRAWN,
+        is_again=is_again,
+    )
+
+
+def _scores(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]:
+    assert seen.sheet is not None
+    challenge: Challenge = CHALLENGES[ChallengeId(seen.challenge)]
+    digits = Digits.of(protocol.publication)
+    headline, other = _averages(seen.sheet, protocol)
+    return tuple(
+        ScoreLine(
+            label=metric.label,
+            title=metric.title,
+            unit=unit_of(metric),
+            headline=digits.text(metric, headline.get(metric.key)),
+            other=digits.text(metric, other.get(metric.key)),
+        )
+        for metric in challenge.metrics
+    )
+
+
+def _averages(
+    sheet: ScoreSheet, protocol: Protocol
+) -> tuple[dict[str, float | None], dict[str, float | None]]:
+    if protocol.grading.headline == "micro":
+        return sheet.micro, sheet.macro_family
+    return sheet.macro_family, sheet.micro

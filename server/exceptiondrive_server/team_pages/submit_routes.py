@@ -1,0 +1,65 @@
+"""The quick start, and for signed-in teams the upload form. It works without script."""
+
+from fastapi import APIRouter, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.phases import list_phases, phase_view
+from exceptiondrive_records.tokens import Scope
+from exceptiondrive_server.auth import ServicesOf, team_of
+from exceptiondrive_server.browser_session import (
+    Browser,
+    MaybeSignedIn,
+    SignedIn,
+    require_form_token,
+    require_same_origin,
+    require_scope,
+)
+from exceptiondrive_server.pages.readings import latest_protocol, phase_link
+from exceptiondrive_server.pages.responses import page, private_page
+from exceptiondrive_server.pages.submit_page import submit_page
+from exceptiondrive_server.services import Services
+from exceptiondrive_server.submitting import take_upload
+from exceptiondrive_server.team_pages.upload_view import UploadView, upload_view
+from exceptiondrive_server.upload_form import received_upload
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/submit")
+def show_submit(request: Request, services: ServicesOf, browser: MaybeSignedIn) -> Response:
+    """Show how to submit; to a team that may, the form too."""
+    with services.database.read() as session:
+        phases = tuple(phase_link(session, phase) for phase in list_phases(session))
+        protocol = latest_protocol(session)
+    content = submit_page(phases, protocol, str(request.base_url).rstrip("/"))
+    if browser is None:
+        return page(request, "submit.html", "submit", page=content, upload=None)
+    upload = _upload_view(services, browser, request.query_params.get("phase"))
+    return private_page(request, "submit.html", "submit", page=content, upload=upload)
+
+
+@router.post("/submit")
+async def submit(request: Request, services: ServicesOf, browser: Browser) -> Response:
+    """Take an upload as the API does, and lead to the page of the submission."""
+    require_same_origin(request)
+    require_scope(browser, Scope.SUBMIT)
+    team_id = team_of(browser.principal)
+    async with received_upload(request, has_form_token=True) as upload:
+        require_form_token(browser.secret, upload.form_token)
+        taken, _ = await run_in_threadpool(take_upload, services, team_id, upload)
+    address = f"/submissions/{taken.id}" + ("?again=1" if taken.is_duplicate else "")
+    return RedirectResponse(address, status_code=303, headers={"Cache-Control": "no-store"})
+
+
+def _upload_view(services: Services, browser: SignedIn, wanted: str | None) -> UploadView | None:
+    principal = browser.principal
+    if principal.team_id is None or Scope.SUBMIT not in principal.scopes:
+        return None
+    limit = services.settings.max_upload_bytes
+    with services.database.read() as session:
+        phases = [
+            phase_view(session, phase, max_upload_bytes=limit, team_id=principal.team_id)
+            for phase in list_phases(session)
+        ]
+    return upload_view(phases, principal.team_name or "", wanted, browser.form_token)

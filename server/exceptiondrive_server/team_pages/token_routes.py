@@ -1,0 +1,105 @@
+"""The team's tokens: list, issue, rotate, revoke. A new token's text is shown once."""
+
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
+from starlette.datastructures import FormData
+
+from exceptiondrive_records.database import database_now
+from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_records.tables import Token
+from exceptiondrive_records.team_tokens import (
+    DEFAULT_KEEP_DAYS,
+    issue_team_token,
+    revoke_team_token,
+    rotate_team_token,
+    team_tokens,
+)
+from exceptiondrive_records.tokens import Principal, Scope
+from exceptiondrive_server.auth import ServicesOf, team_of
+from exceptiondrive_server.browser_session import Browser, PostedForm, SignedIn, require_scope
+from exceptiondrive_server.pages.responses import private_page
+from exceptiondrive_server.services import Services
+from exceptiondrive_server.team_pages.tokens_view import tokens_view
+
+router = APIRouter(prefix="/my/tokens", include_in_schema=False)
+TokenId = Annotated[str, Path(max_length=64)]
+Issue = Callable[[Session, Principal], tuple[str, Token]]
+MAX_DAYS = 3650
+
+
+@router.get("")
+def show_tokens(request: Request, services: ServicesOf, browser: Browser) -> Response:
+    """List the team's tokens."""
+    return _page(request, services, browser)
+
+
+@router.post("")
+def issue(request: Request, services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
+    """Issue a token and show it, once."""
+    scopes = tuple(str(scope) for scope in form.getlist("scope"))
+    days = _days(form, "days", None)
+
+    def make(session: Session, keeper: Principal) -> tuple[str, Token]:
+        ends = None if days is None else database_now(session) + timedelta(days=days)
+        return issue_team_token(session, keeper, str(form.get("name", "")), scopes, ends)
+
+    return _issued(request, services, browser, make)
+
+
+@router.post("/{token_id}/rotate")
+def rotate(
+    request: Request, services: ServicesOf, browser: Browser, form: PostedForm, token_id: TokenId
+) -> Response:
+    """Issue the successor of a token and show it, once."""
+    days = _days(form, "keep_days", DEFAULT_KEEP_DAYS) or 0
+    return _issued(
+        request, services, browser, lambda s, keeper: rotate_team_token(s, keeper, token_id, days)
+    )
+
+
+@router.post("/{token_id}/revoke")
+def revoke(services: ServicesOf, browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
+    """Revoke a token; if it is the one of this session, the session ends with it."""
+    require_scope(browser, Scope.TOKENS)
+    with services.database.write() as session:
+        revoke_team_token(session, browser.principal, token_id)
+    return RedirectResponse("/my/tokens", status_code=303)
+
+
+def _issued(request: Request, services: Services, browser: SignedIn, issue: Issue) -> Response:
+    require_scope(browser, Scope.TOKENS)
+    team_of(browser.principal)
+    with services.database.write() as session:
+        text, _ = issue(session, browser.principal)
+    return _page(request, services, browser, issued=text)
+
+
+def _page(
+    request: Request, services: Services, browser: SignedIn, issued: str | None = None
+) -> Response:
+    require_scope(browser, Scope.TOKENS)
+    team_of(browser.principal)
+    with services.database.read() as session:
+        now = database_now(session)
+        content = tokens_view(
+            browser.principal,
+            team_tokens(session, browser.principal),
+            now=now,
+            issued=issued,
+            form_token=browser.form_token,
+        )
+    return private_page(request, "tokens.html", "my", page=content)
+
+
+def _days(form: FormData, field: str, default: int | None) -> int | None:
+    text = str(form.get(field, "")).strip()
+    if not text:
+        return default
+    if not (text.isascii() and text.isdigit() and int(text[:9]) <= MAX_DAYS):
+        raise InvalidRecord(f"The number of days must be a whole number up to {MAX_DAYS}.")
+    return int(text)

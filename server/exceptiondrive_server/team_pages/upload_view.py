@@ -1,0 +1,71 @@
+"""What the upload form shows: open phases, what is left of each quota, and when it begins anew."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.submission import PhaseView, Quota
+
+
+@dataclass(frozen=True)
+class PhaseOption:
+    """An open phase in the form."""
+
+    id: str
+    title: str
+    challenge_title: str
+    left_words: str
+    is_spent: bool
+    is_chosen: bool
+    resets_at: datetime
+
+
+@dataclass(frozen=True)
+class UploadView:
+    """Everything that the form needs."""
+
+    team: str
+    phases: tuple[PhaseOption, ...]
+    max_upload_bytes: int
+    form_token: str
+
+
+def upload_view(
+    phases: Sequence[PhaseView], team: str, wanted: str | None, form_token: str
+) -> UploadView:
+    """Set the form; the phase that the address names is chosen, else the first open one."""
+    views = [phase for phase in phases if phase.is_open and phase.quota is not None]
+    known = [phase.id for phase in views]
+    chosen = wanted if wanted in known else (known[0] if known else None)
+    return UploadView(
+        team=team,
+        phases=tuple(quota_line(phase, is_chosen=phase.id == chosen) for phase in views),
+        max_upload_bytes=min((phase.max_upload_bytes for phase in views), default=0),
+        form_token=form_token,
+    )
+
+
+def quota_line(phase: PhaseView, *, is_chosen: bool = False) -> PhaseOption:
+    """Return a phase with what its team has left."""
+    assert phase.quota is not None
+    quota = phase.quota
+    return PhaseOption(
+        id=phase.id,
+        title=phase.title,
+        challenge_title=CHALLENGES[ChallengeId(phase.challenge)].title,
+        left_words=left_words(quota),
+        is_spent=quota.remaining_today == 0 or quota.rejected_today >= quota.rejected_per_day,
+        is_chosen=is_chosen,
+        resets_at=quota.resets_at,
+    )
+
+
+def left_words(quota: Quota) -> str:
+    """Say what is left: `3 of 5 left today, 12 of 20 in all`."""
+    words = f"{quota.remaining_today} of {quota.per_day} left today"
+    if quota.total is not None:
+        words += f", {max(0, quota.total - quota.used_total)} of {quota.total} in all"
+    if quota.rejected_today >= quota.rejected_per_day:
+        words += f"; {quota.rejected_today} files rejected, which is the limit of a day"
+    return words

@@ -1,0 +1,260 @@
+"""GET and POST /submit, GET /my, GET /submissions/{id}, its events, and withdrawing on its page."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.tables import Job
+from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+Open = Callable[..., "TeamBrowser"]
+
+
+@pytest.fixture
+def alpha(api: "Api", browse: Open) -> "TeamBrowser":
+    """A browser in which team Alpha signed in."""
+    browser = browse(api)
+    browser.sign_in("alpha")
+    return browser
+
+
+def reject(api: "Api", submission_id: str, report: CheckReport) -> None:
+    """Do what a worker does when a file is wrong."""
+    with api.database.write() as session:
+        job = session.query(Job).filter_by(submission_id=submission_id).one()
+        claim = jobs.claim(session, job.id, 120, 4)
+    assert claim is not None
+    with api.database.write() as session:
+        jobs.finish_rejected(session, claim, report)
+
+
+REPORT = CheckReport(
+    challenge="planning",
+    split="sample",
+    n_predictions=3,
+    digest="sha256:0",
+    size_bytes=3,
+    faults=(
+        FaultGroup(
+            code=FaultCode.WRONG_WAYPOINT_COUNT,
+            message="Wrong number of waypoints: write 6 of them.",
+            count=1234,
+            examples=(
+                Fault(
+                    path="$.predictions[2].edited",
+                    sample_id="s3",
+                    expected="6 waypoints",
+                    got="<b>5</b>",
+                    hint="cut the horizon",
+                ),
+            ),
+        ),
+    ),
+)
+
+
+def test_the_form_is_for_teams_alone(api: "Api", browse: Open, alpha: "TeamBrowser") -> None:
+    stranger = browse(api).get("/submit").text
+    assert "data-upload" not in stranger
+    assert "/sign-in?back=/submit" in stranger
+    assert "data-upload" in alpha.get("/submit").text
+    organizer = browse(api)
+    organizer.sign_in("organizer")
+    assert "data-upload" not in organizer.get("/submit").text
+
+
+def test_the_form_shows_what_is_left_and_when_it_begins_anew(alpha: "TeamBrowser") -> None:
+    assert "5 of 5 left today" in alpha.get("/submit").text
+    alpha.submit("a")
+    page = alpha.get("/submit").text
+    assert "4 of 5 left today" in page
+    assert "00:00 UTC" in page
+
+
+def test_an_upload_leads_to_its_page_and_is_the_one_that_the_api_shows(
+    api_on_both: "Api", browse: Open
+) -> None:
+    browser = browse(api_on_both)
+    browser.sign_in("alpha")
+    answer = browser.submit("content", description="D", code_url="https://code.test/x")
+    assert answer.status_code == 303
+    submission_id = answer.headers["location"].removeprefix("/submissions/")
+    shown = api_on_both.get(f"/submissions/{submission_id}", "alpha").json()
+    assert (shown["method"], shown["description"]) == ("Planner", "D")
+    assert shown["links"]["code"] == "https://code.test/x"
+    page = browser.get(answer.headers["location"])
+    assert page.status_code == 200
+    assert page.headers["cache-control"] == "no-store"
+    assert shown["file_digest"] in page.text
+
+
+def test_the_same_bytes_again_lead_to_the_first_page_and_say_so(alpha: "TeamBrowser") -> None:
+    first = alpha.submit("a").headers["location"]
+    again = alpha.submit("a").headers["location"]
+    assert again == f"{first}?again=1"
+    assert "no quota was spent" in alpha.get(again).text
+
+
+def test_a_spent_quota_is_a_page_with_the_time_to_wait(api: "Api", alpha: "TeamBrowser") -> None:
+    for number in range(5):
+        assert alpha.submit(f"file {number}").status_code == 303
+    form = {"phase": "dev", "method": "P", **alpha.form("/submit")}
+    answer = alpha.send("/submit", form, accept="text/html", files={"file": ("f", b"x")})
+    assert answer.status_code == 429
+    assert int(answer.headers["retry-after"]) > 0
+    assert "Your team has used all 5 submissions of today" in answer.text
+    problem = alpha.send("/submit", form, files={"file": ("f", b"x")}).json()
+    assert problem["code"] == "quota_exceeded"
+
+
+def test_a_forged_or_stale_upload_keeps_nothing(api: "Api", alpha: "TeamBrowser") -> None:
+    form = {"phase": "dev", "method": "P"}
+    files = {"file": ("f", b"x")}
+    assert alpha.send("/submit", form, files=files).status_code == 403
+    assert alpha.send("/submit", {**form, "form_token": "0" * 64}, files=files).status_code == 403
+    good = {**form, **alpha.form("/submit")}
+    far = alpha.client.post(
+        "/submit", data=good, files=files, headers={"Origin": "https://evil.test"}
+    )
+    assert far.status_code == 403
+    assert alpha.fresh().send("/submit", good, files=files).status_code == 303
+    assert api.get("/submissions", "alpha").json()["submissions"] == []
+
+
+@pytest.mark.parametrize("fields", [{"method": None}, {"phase": "no-such"}, {"more": "x"}])
+def test_a_wrong_field_is_named(alpha: "TeamBrowser", fields: dict[str, Any]) -> None:
+    answer = alpha.submit("a", **fields)
+    assert answer.status_code in (400, 404)
+    assert answer.json()["code"] in ("bad_request", "not_found")
+
+
+def test_an_upload_that_is_too_large_is_refused_as_by_the_api(alpha: "TeamBrowser") -> None:
+    assert alpha.submit(b"x" * 200_000).json()["code"] == "upload_too_large"
+
+
+def test_the_api_takes_no_form_token(api: "Api") -> None:
+    assert api.submit("a", form_token="x").status_code == 400
+
+
+def test_a_token_that_may_only_read_sees_all_and_changes_nothing(api: "Api", browse: Open) -> None:
+    made = api.post("/tokens", "alpha", json={"name": "reader", "scopes": ["read:own"]})
+    api.tokens["reader"] = made.json()["token"]
+    submission_id = api.submit("a").json()["id"]
+    reader = browse(api)
+    reader.sign_in("reader")
+    assert "data-upload" not in reader.get("/submit").text
+    page = reader.get(f"/submissions/{submission_id}")
+    assert page.status_code == 200
+    assert "/withdraw" not in page.text
+    token = reader.form("/my")
+    files = {"file": ("f", b"x")}
+    form = {"phase": "dev", "method": "P", **token}
+    assert reader.send("/submit", form, files=files).status_code == 403
+    assert reader.send(f"/submissions/{submission_id}/withdraw", token).status_code == 403
+    assert reader.get("/my/tokens").status_code == 403
+
+
+def test_my_lists_the_teams_own_with_status_and_place(api: "Api", alpha: "TeamBrowser") -> None:
+    mine, theirs = api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]
+    page = alpha.get("/my").text
+    assert f"/submissions/{mine}" in page
+    assert theirs not in page
+    assert "next in line; no worker is running right now" in page
+    assert f'data-live="/submissions/{mine}/events' in page
+    api.score(mine)
+    page = alpha.get("/my").text
+    assert ">scored<" in page
+    assert "/events" not in page
+
+
+def test_my_goes_on_to_older_submissions(
+    api: "Api", alpha: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("exceptiondrive_server.team_pages.my_routes.SHOWN", 1)
+    first, second = (api.submit(text).json()["id"] for text in "ab")
+    page = alpha.get("/my").text
+    assert first not in page
+    assert f"/my?after={second}" in page
+    assert f"/submissions/{first}" in alpha.get(f"/my?after={second}").text
+
+
+def test_organizers_see_every_teams_submissions(api: "Api", browse: Open) -> None:
+    ids = [api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]]
+    organizer = browse(api)
+    organizer.sign_in("organizer")
+    page = organizer.get("/my").text
+    assert all(one in page for one in ids)
+    assert organizer.get(f"/submissions/{ids[1]}").status_code == 200
+
+
+@pytest.mark.parametrize("path", ["", "/events", "/withdraw"])
+def test_another_teams_submission_is_not_there(api: "Api", alpha: "TeamBrowser", path: str) -> None:
+    theirs = api.submit("b", "beta").json()["id"]
+    told = []
+    for submission_id in (theirs, "nosuchsubmission"):
+        address = f"/submissions/{submission_id}{path}"
+        form = alpha.form("/my")
+        answer = alpha.send(address, form) if path == "/withdraw" else alpha.get(address, "*/*")
+        assert answer.status_code == 404
+        told.append(answer.json()["detail"].replace(submission_id, "X"))
+    assert told[0] == told[1]
+    assert api.get(f"/submissions/{theirs}", "beta").json()["status"] == "received"
+    assert alpha.get(f"/my?after={theirs}").status_code == 404
+
+
+def test_the_page_of_a_rejected_file_lists_its_faults_safely(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    submission_id = api.submit("a").json()["id"]
+    reject(api, submission_id, REPORT)
+    page = alpha.get(f"/submissions/{submission_id}").text
+    for words in ("1,234 faults", "wrong_waypoint_count", "$.predictions[2].edited", "6 waypoints",
+                  "cut the horizon", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind"):  # fmt: skip
+        assert words in page, words
+    assert "<b>5</b>" not in page
+    assert "/withdraw" not in page
+
+
+def test_a_scored_submission_shows_its_sheet_then_its_rank(
+    api: "Api", alpha: "TeamBrowser", make_entry: Callable[..., Any]
+) -> None:
+    submission_id = api.submit("a").json()["id"]
+    api.score(submission_id)
+    page = alpha.get(f"/submissions/{submission_id}").text
+    assert "50.00" in page
+    assert "The next board is being built" in page
+    api.publish(make_entry("Planner", submission_id=submission_id))
+    page = alpha.get(f"/submissions/{submission_id}").text
+    assert f"/entries/{submission_id}" in page
+    assert "being built" not in page
+
+
+def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") -> None:
+    address = alpha.submit("a").headers["location"]
+    answer = alpha.post(f"{address}/withdraw", {}, page=address)
+    assert (answer.status_code, answer.headers["location"]) == (303, address)
+    assert "It stands on no board" in alpha.get(address).text
+    assert "/withdraw" not in alpha.get(address).text
+
+
+def test_events_of_an_ended_submission_say_so_and_end(api: "Api", alpha: "TeamBrowser") -> None:
+    submission_id = api.submit("a").json()["id"]
+    api.score(submission_id)
+    answer = alpha.get(f"/submissions/{submission_id}/events", "text/event-stream")
+    assert answer.headers["content-type"].startswith("text/event-stream")
+    assert answer.text.count("event: submission") == 1
+
+
+def test_the_pages_run_nothing_that_stands_in_them(api: "Api", alpha: "TeamBrowser") -> None:
+    submission_id = api.submit("a", method="<script>alert(1)</script>").json()["id"]
+    for path in ("/my", f"/submissions/{submission_id}", "/submit", "/my/tokens", "/sign-in"):
+        answer = alpha.get(path)
+        assert "<script>alert" not in answer.text
+        assert " onclick" not in answer.text
+        assert "style=" not in answer.text
+        assert "script-src 'self'" in answer.headers["content-security-policy"]

@@ -1,0 +1,134 @@
+"""/tokens of the API and /my/tokens of the pages: a team looks after its own tokens."""
+
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+Problem = Callable[[Any, int, str], dict[str, Any]]
+Open = Callable[..., "TeamBrowser"]
+
+
+def own_id(api: "Api", who: str = "alpha") -> str:
+    return api.tokens[who].split("_")[2]
+
+
+def test_a_team_lists_its_own_tokens_without_secrets(api_on_both: "Api") -> None:
+    answer = api_on_both.get("/tokens", "alpha")
+    assert [token["prefix"] for token in answer.json()] == [f"edk_s_{own_id(api_on_both)}"]
+    assert api_on_both.tokens["alpha"] not in answer.text
+    assert "digest" not in answer.text
+
+
+def test_an_issued_token_works_with_its_scopes_alone(api_on_both: "Api") -> None:
+    api = api_on_both
+    until = (datetime.now(UTC) + timedelta(days=3)).isoformat()
+    body = {"name": "CI", "scopes": ["submit"], "expires_at": until}
+    issued = api.post("/tokens", "alpha", json=body)
+    assert issued.status_code == 201
+    assert issued.headers["cache-control"] == "no-store"
+    api.tokens["ci"] = issued.json()["token"]
+    assert api.submit("a", "ci").status_code == 202
+    assert api.get("/submissions", "ci").status_code == 403
+    assert api.get("/tokens", "ci").status_code == 403
+
+
+def test_the_default_is_to_submit_and_to_read(api: "Api") -> None:
+    issued = api.post("/tokens", "alpha", json={"name": "laptop"}).json()
+    assert issued["view"]["scopes"] == ["read:own", "submit"]
+
+
+def test_no_token_gives_more_than_it_has(api: "Api", as_problem: Problem) -> None:
+    body = {"name": "x", "scopes": ["organizer"]}
+    as_problem(api.post("/tokens", "alpha", json=body), 403, "not_allowed")
+    keeper = {"name": "keeper", "scopes": ["tokens"]}
+    api.tokens["keeper"] = api.post("/tokens", "alpha", json=keeper).json()["token"]
+    body = {"name": "x", "scopes": ["submit"]}
+    as_problem(api.post("/tokens", "keeper", json=body), 403, "not_allowed")
+    rotated = api.post(f"/tokens/{own_id(api)}/rotate", "keeper", json={})
+    as_problem(rotated, 403, "not_allowed")
+
+
+def test_rotating_keeps_the_old_token_for_a_while(api_on_both: "Api") -> None:
+    api = api_on_both
+    new = api.post(f"/tokens/{own_id(api)}/rotate", "alpha", json={"keep_days": 2})
+    assert new.status_code == 201
+    api.tokens["new"] = new.json()["token"]
+    assert api.get("/me", "new").json()["scopes"] == api.get("/me", "alpha").json()["scopes"]
+    ends = datetime.fromisoformat(api.get("/me", "alpha").json()["expires_at"])
+    assert timedelta(days=1, hours=23) < ends - datetime.now(UTC) < timedelta(days=2, minutes=1)
+    at_once = api.post(f"/tokens/{own_id(api)}/rotate", "new", json={"keep_days": 0})
+    assert at_once.status_code == 201
+    assert api.get("/me", "alpha").status_code == 401
+
+
+def test_a_revoked_token_is_dead_at_once(api: "Api", as_problem: Problem) -> None:
+    assert api.post(f"/tokens/{own_id(api)}/revoke", "alpha").json()["revoked_at"] is not None
+    as_problem(api.get("/me", "alpha"), 401, "not_signed_in")
+
+
+@pytest.mark.parametrize("what", ["revoke", "rotate"])
+def test_another_teams_token_is_not_there(api: "Api", as_problem: Problem, what: str) -> None:
+    body = {"json": {}} if what == "rotate" else {}
+    for token_id in (own_id(api, "beta"), own_id(api, "organizer"), "nosuch00"):
+        as_problem(api.post(f"/tokens/{token_id}/{what}", "alpha", **body), 404, "not_found")
+    assert api.get("/me", "beta").status_code == 200
+
+
+def test_who_belongs_to_no_team_has_none(api: "Api", as_problem: Problem) -> None:
+    body = {"name": "o", "scopes": ["tokens"]}
+    as_problem(api.get("/tokens", "organizer"), 403, "not_allowed")
+    as_problem(api.post("/tokens", "organizer", json=body), 403, "not_allowed")
+
+
+@pytest.mark.parametrize(
+    "body", [{}, {"name": ""}, {"name": "x", "scopes": []}, {"name": "x", "scopes": ["all"]},
+             {"name": "x", "expires_at": "2001-01-01T00:00:00Z"}, {"name": "x", "team": "beta"}]
+)  # fmt: skip
+def test_a_token_that_makes_no_sense_is_refused(
+    api: "Api", as_problem: Problem, body: dict[str, Any]
+) -> None:
+    as_problem(api.post("/tokens", "alpha", json=body), 400, "bad_request")
+
+
+def test_the_page_issues_a_token_and_shows_it_once(api: "Api", browse: Open) -> None:
+    browser = browse(api)
+    browser.sign_in("alpha")
+    form = {"name": "cluster <1>", "scope": ["submit", "read:own"], "days": "30"}
+    page = browser.post("/my/tokens", form, page="/my/tokens")
+    assert page.status_code == 200
+    assert page.headers["cache-control"] == "no-store"
+    shown = re.findall(r">(edk_s_\w{8}_\w{32}_\w{6})<", page.text)
+    assert len(shown) == 1
+    api.tokens["cluster"] = shown[0]
+    assert api.get("/me", "cluster").json()["scopes"] == ["read:own", "submit"]
+    assert shown[0] not in browser.get("/my/tokens").text
+    assert "cluster &lt;1&gt;" in browser.get("/my/tokens").text
+
+
+def test_the_page_rotates_and_revokes(api: "Api", browse: Open) -> None:
+    browser = browse(api)
+    browser.sign_in("alpha")
+    rotated = browser.post(
+        f"/my/tokens/{own_id(api)}/rotate", {"keep_days": "3"}, page="/my/tokens"
+    )
+    new = re.findall(r">(edk_s_\w{8}_\w{32}_\w{6})<", rotated.text)[0].split("_")[2]
+    assert browser.post(f"/my/tokens/{new}/revoke", {}, page="/my/tokens").status_code == 303
+    assert "revoked" in browser.get("/my/tokens").text
+    beta = browser.post(f"/my/tokens/{own_id(api, 'beta')}/revoke", {}, page="/my/tokens")
+    assert beta.status_code == 404
+    browser.post(f"/my/tokens/{own_id(api)}/revoke", {}, page="/my/tokens")
+    assert browser.get("/my/tokens").status_code == 303, "the session ends with its own token"
+
+
+@pytest.mark.parametrize("days", ["-1", "1e3", "x", "99999", "٣"])
+def test_days_on_the_page_are_a_plain_number(api: "Api", browse: Open, days: str) -> None:
+    browser = browse(api)
+    browser.sign_in("alpha")
+    form = {"name": "x", "scope": "submit", "days": days}
+    assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
