@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -6,6 +8,15 @@ from exceptiondrive.agent.errors import AgentError, Reason
 from exceptiondrive.agent.journal import Journal, JournalHeader, JournalLine, read_journal
 
 HEADER = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
+HOLDER = """
+import sys, time
+from pathlib import Path
+from exceptiondrive.agent.journal import Journal, JournalHeader
+header = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
+with Journal(Path(sys.argv[1]), header):
+    print("held", flush=True)
+    time.sleep(60)
+"""
 
 
 def test_lines_come_back_as_they_were_written(tmp_path: Path) -> None:
@@ -61,3 +72,31 @@ def test_a_file_that_is_no_journal_is_refused_and_left_alone(tmp_path: Path) -> 
 def test_a_journal_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(AgentError, match="directory"):
         Journal(tmp_path, HEADER)
+
+
+def test_a_journal_in_use_by_another_process_is_refused_and_free_when_that_dies(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.jsonl"
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(path)], stdout=subprocess.PIPE, text=True
+    )
+    assert holder.stdout is not None
+    with holder, holder.stdout:
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(AgentError, match="is writing this journal; wait for it or stop it"):
+            Journal(path, HEADER)
+        holder.kill()
+        holder.wait()
+    with Journal(path, HEADER) as journal:
+        assert journal.lines == []
+
+
+def test_a_journal_that_could_not_be_opened_is_not_left_locked(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    path.write_text("no journal\n")
+    with pytest.raises(AgentError, match="not a journal"):
+        Journal(path, HEADER)
+    path.unlink()
+    with Journal(path, HEADER):
+        pass

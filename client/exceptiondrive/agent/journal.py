@@ -14,6 +14,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationError
 
 from exceptiondrive.agent.errors import AgentError, Reason
+from exceptiondrive.agent.journal_lock import JournalLock
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.planning import SampleId
 from exceptiondrive_schemas.strategy import ReminderRecord
@@ -94,17 +95,28 @@ class Journal:
         """Open or create the journal.
 
         Raises:
-            AgentError: The file is no journal, or one of other settings, or cannot be written.
+            AgentError: The file is no journal, one of other settings, in use by another run, or
+                cannot be written.
         """
         self.lines: list[JournalLine] = []
         try:
-            is_new = not path.exists() or path.stat().st_size == 0
-            if not is_new:
-                self.lines = _lines_of_same_settings(path, header)
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("ab", buffering=0)
+            self._lock = JournalLock(path)
         except OSError as error:
             raise AgentError(f"{path}: {error.strerror}") from None
+        try:
+            self._open(path, header)
+        except BaseException as error:
+            self._lock.close()
+            if isinstance(error, OSError):
+                raise AgentError(f"{path}: {error.strerror}") from None
+            raise
+
+    def _open(self, path: Path, header: JournalHeader) -> None:
+        is_new = not path.exists() or path.stat().st_size == 0
+        if not is_new:
+            self.lines = _lines_of_same_settings(path, header)
+        self._file = path.open("ab", buffering=0)
         if is_new:
             self._write(header)
         elif not path.read_bytes().endswith(b"\n"):
@@ -130,8 +142,9 @@ class Journal:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the file."""
+        """Close the file and give the lock up."""
         self._file.close()
+        self._lock.close()
 
 
 def _lines_of_same_settings(path: Path, header: JournalHeader) -> list[JournalLine]:
