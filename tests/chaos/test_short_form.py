@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 import pytest
-
-from exceptiondrive_server.launcher.broker import NoBrokerError, find_broker_binary
 from tests.chaos.run import Run
 from tests.chaos.suite import FAULTS, Fault, On, run_fault, running
+
+from exceptiondrive_server.launcher.broker import NoBrokerError, find_broker_binary
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("end_to_end")]
 SHORT = [fault for fault in FAULTS if fault.is_short]

@@ -19,6 +19,7 @@ from tests.chaos.postgres import Postgres
 from tests.chaos.processes import Process, Supervisor
 from tests.chaos.proxy import Proxy
 from tests.chaos.saboteur import ORDERS
+from tests.chaos.users import Users, as_user
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.file_store import FileStore
@@ -84,9 +85,15 @@ class Topology:
     """Everything running on one folder; `close` ends all of it."""
 
     def __init__(
-        self, *, uses_postgres: bool = False, data: Path | None = None, n_workers: int = 1
+        self,
+        *,
+        uses_postgres: bool = False,
+        data: Path | None = None,
+        n_workers: int = 1,
+        users: Users | None = None,
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
+        self.users = users
         self.data = data or self.folder
         self.orders = self.folder / "orders"
         self.splits = self.folder / "splits"
@@ -98,6 +105,8 @@ class Topology:
         self.supervisor = Supervisor()
         self.url = f"http://127.0.0.1:{_free_port()}"
         self.environment = self._environment()
+        if users is not None:
+            self._raise_walls(users)
         self.database = Database(self.database_url)
         self.files = FileStore(self.uploads.as_uri())
         self.tokens = self._prepare()
@@ -169,7 +178,12 @@ class Topology:
     def _add(self, name: str, which: str, *arguments: str, **environment: str) -> Process:
         command = [sys.executable, "-m", "tests.chaos.saboteur", which, *arguments]
         log = self.folder / f"{name}.log"
-        process = Process(name, command, {**self.environment, **environment}, log)
+        own = {**self.environment, **environment}
+        if self.users is not None:
+            user = self.users.worker if which == "worker" else self.users.server
+            command = as_user(user, self.users.group, command)
+            own = self._with_secrets_in_files(own, user)
+        process = Process(name, command, own, log)
         process.start()
         self.supervisor.processes.append(process)
         return process
@@ -193,10 +207,38 @@ class Topology:
             "PYTHONPYCACHEPREFIX": f"{tempfile.gettempdir()}/exceptiondrive-tests-pycache",
         }
 
+    def _raise_walls(self, users: Users) -> None:
+        """Give every folder to who needs it: splits and private store to the workers alone."""
+        self.folder.chmod(0o755)
+        for folder, user, mode in (
+            (self.splits, users.worker, 0o700),
+            (self.folder / "private", users.worker, 0o700),
+            (self.uploads, users.server, 0o2750),
+        ):
+            folder.mkdir()
+            os.chown(folder, user, users.group)
+            folder.chmod(mode)
+
+    def _with_secrets_in_files(self, environment: dict[str, str], user: int) -> dict[str, str]:
+        """Take addresses out of the environment, as compose's secrets do."""
+        folder = self.folder / f"secrets-{user}"
+        folder.mkdir(exist_ok=True)
+        environment["EXCEPTIONDRIVE_SECRETS_DIR"] = str(folder)
+        for name in ("EXCEPTIONDRIVE_DATABASE_URL", "EXCEPTIONDRIVE_BROKER_URL"):
+            path = folder / name.lower()
+            path.unlink(missing_ok=True)
+            path.write_text(environment.pop(name))
+            path.chmod(0o400)
+            os.chown(path, user, user)
+        return environment
+
     def _prepare(self) -> dict[str, str]:
         """Schema, split, phase, teams; return a token for each team."""
         prepare(self.database_url)
-        write_sample_split(self.splits)
+        split = write_sample_split(self.splits)
+        if self.users is not None:
+            for path in (split.parent, split):
+                os.chown(path, self.users.worker, self.users.group)
         subprocess.run(
             [sys.executable, "-m", "tests.chaos.saboteur", "worker", "register-splits"],
             env=self.environment,
