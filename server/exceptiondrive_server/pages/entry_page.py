@@ -10,6 +10,7 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES
 from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.breakdown import BreakdownLine, breakdown_lines
+from exceptiondrive_server.pages.effect_table import effect_tables
 from exceptiondrive_server.pages.entry_facts import (
     OUTCOME_WORDS,
     challenge_of,
@@ -120,7 +121,10 @@ def entry_page(reading: EntryReading) -> EntryPage:
         past=tuple(
             (past, _headline_texts(past, board, challenge, digits)) for past in reading.past
         ),
-        extra=extra_tables(sheet, reading.protocol, digits) if sheet else (),
+        extra=(
+            *effect_tables(board, entry, digits),
+            *(extra_tables(sheet, reading.protocol, digits) if sheet else ()),
+        ),
         neighbours=_neighbours(board, entry),
         key=entry_key(entry),
     )

@@ -6,7 +6,15 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_server.pages.numbers import Digits, fixed
 
-CONFUSION, SENSITIVITY = "confusion_", "d_safe_x"
+CONFUSION, SENSITIVITY, REMINDER = "confusion_", "d_safe_x", "reminder"
+_REMINDER_WORDS = {
+    "given": "samples with a reminder record",
+    "presence_precision": "hazard presence, precision",
+    "presence_recall": "hazard presence, recall",
+    "type_task_accuracy": "hazard type right, the task",
+    "type_family_accuracy": "hazard type right, the family",
+    "strategy_accuracy": "recommended strategy acceptable",
+}
 
 
 @dataclass(frozen=True)
@@ -21,11 +29,12 @@ class ExtraTable:
 
 def extra_tables(sheet: ScoreSheet, protocol: Protocol, digits: Digits) -> tuple[ExtraTable, ...]:
     """Return a table of each kind of row that the sheet has."""
-    kinds = (CONFUSION, SENSITIVITY)
+    kinds = (CONFUSION, SENSITIVITY, REMINDER)
     others = {key: row for key, row in sheet.extra.items() if not key.startswith(kinds)}
     tables = (
         _sensitivity(sheet, _of_kind(sheet, SENSITIVITY), protocol, digits),
-        _plain("Answers by acceptable set", _of_kind(sheet, CONFUSION)),
+        _confusion(_of_kind(sheet, CONFUSION)),
+        _reminder(sheet.extra.get(REMINDER, {}), digits),
         _plain("Further rows", others),
     )
     return tuple(table for table in tables if table.lines)
@@ -57,6 +66,37 @@ def _sensitivity(
         note="The same trajectories, had every task asked for less or more clearance. "
         "Only the unchanged row ranks.",
     )
+
+
+def _confusion(rows: dict[str, MetricRow]) -> ExtraTable:
+    """How many samples of each acceptable set got each answer: plain counts."""
+    heads = tuple(dict.fromkeys(key for row in rows.values() for key in row))
+    return ExtraTable(
+        title="Answers by acceptable set",
+        heads=tuple("samples" if head == "n" else head for head in heads),
+        lines=tuple(
+            (" or ".join(name), tuple(_count(row.get(head)) for head in heads))
+            for name, row in rows.items()
+        ),
+        note="How many samples whose acceptable answers are those on the left got which answer.",
+    )
+
+
+def _reminder(row: MetricRow, digits: Digits) -> ExtraTable:
+    return ExtraTable(
+        title="What the reminder records say",
+        heads=("%",),
+        lines=tuple(
+            (words, (_share(row.get(key), digits),))
+            for key, words in _REMINDER_WORDS.items()
+            if key in row
+        ),
+        note="Scored over the samples that carry a record; it never ranks.",
+    )
+
+
+def _count(value: float | None) -> str:
+    return "" if value is None else f"{value:.0f}"
 
 
 def _factor_words(factor: float) -> str:
