@@ -75,7 +75,7 @@ def _confusion(rows: dict[str, MetricRow]) -> ExtraTable:
         title="Answers by acceptable set",
         heads=tuple("samples" if head == "n" else head for head in heads),
         lines=tuple(
-            (" or ".join(name), tuple(_count(row.get(head)) for head in heads))
+            ("\u00a0".join(name), tuple(_count(row.get(head)) for head in heads))
             for name, row in rows.items()
         ),
         note="How many samples whose acceptable answers are those on the left got which answer.",
