@@ -245,8 +245,8 @@ class Client:
         return next(reasons, None)
 
     def page_url(self, submission_id: str) -> str:
-        """Address of the page of an entry: there once the submission is on the board."""
-        return f"{self.server}/entries/{_quoted(submission_id)}"
+        """Address of the page of a submission, from upload to rank, for members of its team."""
+        return f"{self.server}/submissions/{_quoted(submission_id)}"
 
     def protocol_of(self, phase: PhaseView) -> Protocol:
         """Return the phase's protocol, from this package where it is the same."""

@@ -50,7 +50,7 @@ class Submission:
 
     @property
     def page_url(self) -> str:
-        """Address of its page, once it is on the board."""
+        """Address of its page, from upload to rank; for members of the team."""
         return self._client.page_url(self.id)
 
     def refresh(self) -> SubmissionView:

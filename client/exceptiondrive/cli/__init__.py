@@ -15,6 +15,7 @@ from exceptiondrive.cli import (
     receipt_commands,
     split_commands,
     submission_commands,
+    token_commands,
 )
 from exceptiondrive.errors import ExceptionDriveError
 
@@ -51,6 +52,7 @@ app = typer.Typer(
 for commands in (
     local_commands,
     account_commands,
+    token_commands,
     split_commands,
     submission_commands,
     receipt_commands,

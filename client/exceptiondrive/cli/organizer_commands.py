@@ -8,6 +8,7 @@ import typer
 
 from exceptiondrive.cli import options, protocol_commands, rescore_commands
 from exceptiondrive.cli.output import show, show_json
+from exceptiondrive.cli.records_table import show_records
 from exceptiondrive.errors import ExceptionDriveError
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
 def list_teams(server: options.Server = None, json: options.Json = False) -> None:
     """List all teams."""
     with _organizer(server) as organizer:
-        _show_records(organizer.teams(), ("id", "name", "is_reference", "created_at"), json)
+        show_records(organizer.teams(), ("id", "name", "is_reference", "created_at"), json)
 
 
 def create_team(
@@ -41,7 +42,7 @@ def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Js
     """List a team's tokens, without their secrets."""
     columns = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
     with _organizer(server) as organizer:
-        _show_records(organizer.tokens(team_id), columns, json)
+        show_records(organizer.tokens(team_id), columns, json)
 
 
 def issue_token(
@@ -130,7 +131,7 @@ def create_phase(
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
     """List all protocols, oldest first."""
     with _organizer(server) as organizer:
-        _show_records(organizer.protocols(), ("version", "title", "digest"), json)
+        show_records(organizer.protocols(), ("version", "title", "digest"), json)
 
 
 def add_protocol(
@@ -152,7 +153,7 @@ def add_protocol(
 def list_splits(server: options.Server = None, json: options.Json = False) -> None:
     """List the registered split revisions: what a phase may use."""
     with _organizer(server) as organizer:
-        _show_records(organizer.splits(), ("name", "n_samples", "is_public", "revision"), json)
+        show_records(organizer.splits(), ("name", "n_samples", "is_public", "revision"), json)
 
 
 def verify(server: options.Server = None, json: options.Json = False) -> None:
@@ -177,7 +178,7 @@ def read_audit(
 ) -> None:
     """Show the newest lines of the audit log."""
     with _organizer(server) as organizer:
-        _show_records(organizer.audit(limit), ("id", "at", "actor", "action", "subject"), json)
+        show_records(organizer.audit(limit), ("id", "at", "actor", "action", "subject"), json)
 
 
 def _organizer(server: str | None) -> "Organizer":
@@ -192,28 +193,6 @@ def _show_record(record: dict[str, Any], words: str, json: bool) -> None:
         show_json(record)
     else:
         show(words)
-
-
-def _show_records(records: list[dict[str, Any]], columns: tuple[str, ...], json: bool) -> None:
-    from rich.table import Table
-
-    if json:
-        show_json(records)
-        return
-    table = Table(box=None, padding=(0, 1), header_style="bold")
-    for column in columns:
-        table.add_column(column.replace("_", " "), overflow="fold")
-    for record in records:
-        table.add_row(*(_text(record[column]) for column in columns))
-    show(table)
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list):
-        return ", ".join(map(str, value))
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "" if value is None else str(value)
 
 
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {

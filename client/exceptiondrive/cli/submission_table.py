@@ -60,7 +60,7 @@ def submission_view(
         yield Text(page_url)
     elif not view.status.is_terminal:
         yield Text(f"follow it with: exceptiondrive status {view.id}")
-        yield Text(f"its page, once it is on the board: {page_url}")
+        yield Text(f"or in the browser: {page_url}")
 
 
 def submissions_table(views: Iterable[SubmissionView]) -> Table:
