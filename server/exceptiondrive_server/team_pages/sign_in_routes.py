@@ -7,7 +7,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.page_sessions import end_page_session, open_page_session
 from exceptiondrive_records.sign_in_limits import count_attempt, give_attempt_back, keys_of
-from exceptiondrive_records.tokens import verify_token
+from exceptiondrive_records.tokens import note_use, verify_token
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import (
     Browser,
@@ -85,6 +85,7 @@ def _session_for(services: Services, token: str, address: str) -> str | None:
         principal = verify_token(session, token)
     if principal is None:
         return None
+    note_use(services.database, principal)
     with services.database.write() as session:
         give_attempt_back(session, limits)
         return open_page_session(session, principal)

@@ -10,7 +10,7 @@ _MEANING = {
     SubmissionStatus.RECEIVED: "Kept. It cannot be lost any more.",
     SubmissionStatus.QUEUED: "A worker has been called.",
     SubmissionStatus.SCORING: "A worker is scoring it.",
-    SubmissionStatus.SCORED: "Scored.",
+    SubmissionStatus.SCORED: "Every sample has been scored.",
     SubmissionStatus.REJECTED: "The file is wrong. It cost no quota; all faults are listed below.",
     SubmissionStatus.FAILED: "We could not score it. It cost no quota; organizers have been told.",
     SubmissionStatus.WITHDRAWN: "Withdrawn. It stands on no board.",
