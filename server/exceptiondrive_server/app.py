@@ -7,11 +7,13 @@ from fastapi import FastAPI
 
 from exceptiondrive_records.settings import load_settings
 from exceptiondrive_server import api, health, pages, team_pages
+from exceptiondrive_server.board_reader import BoardReader
 from exceptiondrive_server.body_limit import BodyLimit
 from exceptiondrive_server.head_requests import HeadRequests
 from exceptiondrive_server.logs import set_up_logs
 from exceptiondrive_server.middleware import RequestContext
 from exceptiondrive_server.openapi import describe
+from exceptiondrive_server.overload import Overload
 from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.settings import ServerSettings
@@ -38,6 +40,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
     app.state.services = services
     limit_bytes = settings.max_upload_bytes + MULTIPART_OVERHEAD_BYTES
     app.add_middleware(BodyLimit, upload_limit_bytes=limit_bytes)
+    app.add_middleware(Overload, at_once=settings.uploads_at_once)
     app.add_middleware(RequestContext, metrics=services.metrics)
     app.add_middleware(HeadRequests)  # added last: the outermost
     install_problem_handlers(app)
@@ -59,5 +62,8 @@ def app_from_environment() -> FastAPI:
 
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    reader = BoardReader(app.state.services.database)
+    reader.start()
     yield
+    reader.stop()
     app.state.services.close()

@@ -16,6 +16,8 @@ class ServerSettings(RecordsSettings):
     public_url: Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")] = ""
     """What people type; by default what each request names. `https://` makes cookies Secure."""
     max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
+    uploads_at_once: Annotated[int, Field(ge=1, le=10_000)] = 32
+    """Uploads that one process takes at a time; more are told to come again (503)."""
     receipt_key_file: Path = Path("data/receipt-key.pem")
     """Private key that signs receipts; made (0600) when it is needed and not there."""
     board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10
