@@ -1,0 +1,110 @@
+"""The first page with 1,000 entries: CPU time of the server, and weight.
+
+Run: `python -m benchmarks.page`. The invented entries carry every interval that a real board has.
+"""
+
+import gzip
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.score_sheet import ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_server.pages.board_page import BoardReading, board_page
+from exceptiondrive_server.pages.board_query import BoardQuery
+from exceptiondrive_server.pages.page_parts import Site
+from exceptiondrive_server.pages.templating import render
+
+ENTRIES = 1000
+ROUNDS = 9
+AT = datetime(2026, 11, 21, tzinfo=UTC)
+
+
+def big_board(protocol: Protocol, n_entries: int = ENTRIES) -> Board:
+    """Return a board of invented entries."""
+    families = tuple(FamilyHead(id=f.id, title=f.title, n=70) for f in protocol.families)
+    return Board(
+        challenge=PLANNING.id.value,
+        phase="bench",
+        split=SplitRef(name="bench", revision="sha256:" + "3f9a" * 16),
+        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        headline=protocol.grading.headline,
+        board=2,
+        published_at=AT,
+        n_samples=420,
+        confidence=protocol.ranking.confidence,
+        families=families,
+        entries=tuple(_entry(number, n_entries, protocol) for number in range(n_entries)),
+    )
+
+
+def _entry(number: int, n_entries: int, protocol: Protocol) -> BoardEntry:
+    hcc = round(0.95 - 0.9 * number / n_entries, 4)
+    row: dict[str, float | None] = {
+        "hcc": hcc, "ur": round(0.97 - hcc, 4), "hpr": round(0.8 * hcc, 4),
+        "cts": 2.31, "cts_x": 2.04, "cts_y": 0.33,
+    }  # fmt: skip
+    intervals = {key: (round(v - 0.03, 4), round(v + 0.03, 4)) for key, v in row.items() if v}
+    cell = FamilyCell.model_validate({"n": 70, **row, "intervals": intervals})
+    return BoardEntry(
+        source="scored",
+        rank=number + 1,
+        rank_interval=(max(1, number - 3), number + 4),
+        previous_rank=number + 2,
+        submission_id=f"s{number:07d}kq",
+        method=f"Planner {number}",
+        team=f"Team {number % 97}",
+        description="An invented planner.",
+        links=Links(paper="https://example.org/p", code="https://example.org/c"),
+        submitted_at=AT,
+        metrics=row,
+        micro=row,
+        macro_family=row,
+        intervals=dict(intervals),
+        families={family.id: cell for family in protocol.families},
+        coverage={"edited": 1.0, "source": 1.0},
+    )
+
+
+def _page(board: Board, protocol: Protocol) -> bytes:
+    reading = BoardReading((), None, board, protocol, ("1.0",), "1.0", True)
+    page = board_page(reading, BoardQuery.parse([]))
+    site = Site("auto", "/", "board")
+    return render("board.html", site=site, page=page).encode()
+
+
+def _median_ms(work: Callable[[], object]) -> float:
+    times = []
+    for _ in range(ROUNDS):
+        started = time.process_time()
+        work()
+        times.append(1000 * (time.process_time() - started))
+    return statistics.median(times)
+
+
+def main() -> None:
+    """Print the figures."""
+    protocol = packaged_protocol()
+    body = canonical_json(big_board(protocol)).decode("utf-8")
+    board = Board.model_validate_json(body)
+    html = _page(board, protocol)  # compiles the templates, as the start of a server does
+    read_ms = _median_ms(lambda: Board.model_validate_json(body))
+    page_ms = _median_ms(lambda: _page(board, protocol))
+    rows = (
+        (f"board of {ENTRIES:,} entries", f"{len(body) / 1000:.0f} kB"),
+        ("read in the background, once", f"{read_ms:.1f} ms"),
+        ("page, the first request too", f"{page_ms:.1f} ms"),
+        ("page", f"{len(html) / 1000:.1f} kB, {len(gzip.compress(html)) / 1000:.1f} kB compressed"),
+    )
+    for name, figure in rows:
+        sys.stdout.write(f"{name:<34}{figure}\n")
+
+
+if __name__ == "__main__":
+    main()
