@@ -280,7 +280,7 @@ def _edit_protocol(run: Run, before: str, after: str) -> None:
 
 def rescore_while_submitting(run: Run) -> str:
     """A hundred rescoring jobs wait; what teams submit meanwhile overtakes them."""
-    n_jobs = _add_rescoring(run, "1.0-chaos-a", 120)
+    n_jobs = _add_rescoring(run, "1.0-chaosa", 120)
     run.clients.stream(8)
     run.clients.join()
     live_s = run.topology.wait_until(lambda: not run.count(*OPEN, lane=Lane.LIVE), "live jobs")
@@ -295,7 +295,7 @@ def rescore_while_submitting(run: Run) -> str:
 
 def kill_in_mid_rescore(run: Run) -> str:
     """The board stays the old protocol's; the rescoring goes on by itself."""
-    _add_rescoring(run, "1.0-chaos-b", 60)
+    _add_rescoring(run, "1.0-chaosb", 60)
     run.topology.wait_until(lambda: 0 < run.count(*OPEN, lane=Lane.RESCORE) < 50, "the middle")
     left = run.count(*OPEN, lane=Lane.RESCORE)
     for process in run.topology.supervisor.processes:

@@ -10,12 +10,15 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from sqlalchemy.exc import SQLAlchemyError
 from tests.chaos import faults_alone as alone
 from tests.chaos import faults_broker as broker
 from tests.chaos import faults_server as server
 from tests.chaos import faults_worker as worker
 from tests.chaos.run import Run
 from tests.chaos.topology import Topology
+
+from exceptiondrive_records.errors import RecordsError
 
 
 class On(Enum):
@@ -115,7 +118,7 @@ def run_fault(fault: Fault, run: Run | None) -> Outcome:
     try:
         text = fault.inject(run) if run is not None else fault.inject()  # type: ignore[call-arg]
         broken = run.violations() if run is not None else []
-    except (AssertionError, TimeoutError) as error:
+    except (AssertionError, TimeoutError, OSError, RecordsError, SQLAlchemyError) as error:
         return Outcome(fault, False, f"{error}", time.monotonic() - began)
     seconds = time.monotonic() - began
     if broken:

@@ -1,5 +1,6 @@
 """The real topology as processes: API, two reconcilers, workers, broker behind a proxy, database."""
 
+import gzip
 import json
 import os
 import shutil
@@ -10,7 +11,7 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,8 @@ class Topology:
         data: Path | None = None,
         n_workers: int = 1,
         users: Users | None = None,
+        split_copies: int = 1,
+        settings: Mapping[str, str] | None = None,
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
         self.users = users
@@ -104,7 +107,8 @@ class Topology:
         self.proxy = Proxy(socket_path(self.broker.folder))
         self.supervisor = Supervisor()
         self.url = f"http://127.0.0.1:{_free_port()}"
-        self.environment = self._environment()
+        self.environment = {**self._environment(), **(settings or {})}
+        self._split_copies = split_copies
         if users is not None:
             self._raise_walls(users)
         self.database = Database(self.database_url)
@@ -236,6 +240,8 @@ class Topology:
         """Schema, split, phase, teams; return a token for each team."""
         prepare(self.database_url)
         split = write_sample_split(self.splits)
+        if self._split_copies > 1:
+            _multiply(split, self._split_copies)
         if self.users is not None:
             for path in (split.parent, split):
                 os.chown(path, self.users.worker, self.users.group)
@@ -262,6 +268,17 @@ class Topology:
                 row = create_team(session, team, team.title(), actor="chaos")
                 tokens[team], _ = issue_token(session, row.id, "chaos", actor="chaos")
         return tokens
+
+
+def _multiply(path: Path, copies: int) -> None:
+    """Make a split as large as a real one: every sample so many times, under other ids."""
+    document = json.loads(gzip.decompress(path.read_bytes()))
+    document["samples"] = [
+        {**sample, "sample_id": f"{sample['sample_id']}-{copy}"}
+        for copy in range(copies)
+        for sample in document["samples"]
+    ]
+    path.write_bytes(gzip.compress(json.dumps(document).encode()))
 
 
 def _free_port() -> int:
