@@ -6,6 +6,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from exceptiondrive.cli.output import console, has_terminal
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 
 Record = dict[str, Any]
 
@@ -80,7 +81,8 @@ def _entries_table(comparison: Record) -> Table:
     entries = {entry["submission_id"]: entry for entry in comparison["entries"]}
     movers = [entries[key] for key in comparison["worst_movers"]]
     rest = [entry for entry in comparison["entries"] if entry not in movers]
-    metrics = next((list(e["metric_shifts"]) for e in comparison["entries"]), [])[:3]
+    challenge = CHALLENGES[ChallengeId(comparison["challenge"])]
+    metrics = [metric.key for metric in challenge.metrics if metric.role == "primary"]
     table = Table(box=None, padding=(0, 1), header_style="bold")
     table.add_column("method", overflow="fold")
     table.add_column("rank")

@@ -39,6 +39,8 @@ def tell_teams(
     for entry in changed:
         by_team.setdefault(owners[entry.submission_id].id, []).append(entry)
     words = difference_of(session, run).sentences
+    if kind == "protocol_rolled_back":
+        words = tuple(f"taken back: {sentence}" for sentence in words)
     told = []
     for team_id in sorted(by_team):
         team = session.get_one(Team, team_id)

@@ -2,8 +2,8 @@
 
 import csv
 import io
-from collections.abc import Callable, Mapping
 
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -11,8 +11,8 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 def comparison_csv(comparison: Comparison) -> str:
     """Return old, new and difference of every number, entry by entry."""
-    metrics = _keys(comparison, lambda standing: standing.metrics)
-    families = _keys(comparison, lambda standing: standing.families)
+    metrics = CHALLENGES[ChallengeId(comparison.challenge)].metric_keys
+    families = _families(comparison)
     columns = [("all", key) for key in metrics]
     columns += [(family, key) for family in families for key in metrics]
     head = ["submission_id", "team", "method", "change", "newly_failing"]
@@ -60,10 +60,6 @@ def _safe(text: str) -> str:
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
-def _keys(comparison: Comparison, of: Callable[[Standing], Mapping[str, object]]) -> list[str]:
-    found: dict[str, None] = {}
-    for entry in comparison.entries:
-        for side in (entry.old, entry.new):
-            if side is not None:
-                found.update(dict.fromkeys(of(side)))
-    return list(found)
+def _families(comparison: Comparison) -> list[str]:
+    sides = (side for entry in comparison.entries for side in (entry.old, entry.new) if side)
+    return list(dict.fromkeys(family for side in sides for family in side.families))

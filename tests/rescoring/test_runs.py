@@ -1,0 +1,328 @@
+"""A protocol update from draft to apply to rollback, on both databases."""
+
+import json
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from sqlalchemy import delete, func, select, update
+
+from exceptiondrive_records.audit import audit_page, verify_audit
+from exceptiondrive_records.boards import board_at, find_board
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.notices.inbox import list_notifications
+from exceptiondrive_records.rescoring import runs
+from exceptiondrive_records.rescoring.views import board_history, public_run
+from exceptiondrive_records.submissions import withdraw
+from exceptiondrive_records.tables import Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_records.teams import find_team
+
+Stage = Any
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+WIDER = ("footprint_width_m = 1.85", "footprint_width_m = 1.95")
+
+
+def sheets(stage: Stage) -> int:
+    with stage.database.read() as session:
+        return session.scalar(select(func.count()).select_from(ScoreSheetRow)) or 0
+
+
+def test_a_draft_scores_in_the_background_while_the_board_keeps_every_byte(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    before = stage.board()
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    assert stage.board() == before
+    view = stage.view(run_id)
+    assert (view.progress.done, view.progress.total, view.progress.failed) == (3, 3, 0)
+    assert view.blockers == ()
+    assert sheets(stage) == 6
+
+
+def test_apply_shows_the_previewed_board_and_rollback_the_exact_earlier_bytes(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    before = stage.board()
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    comparison = stage.preview(run_id).comparison
+    stage.apply(run_id)
+    after = json.loads(stage.board())
+    assert (after["board"], after["protocol"]["version"]) == (comparison.new_board, "1.1")
+    stage.rollback(run_id)
+    assert stage.board() == before
+    assert stage.view(run_id).state.value == "rolled_back"
+
+
+def test_a_second_run_to_the_same_protocol_makes_no_job(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.step("cancel", run_id)
+    again = stage.draft(protocol="1.1")
+    stage.step("start", again)
+    assert stage.work() == 0
+    assert stage.view(again).state.value == "ready"
+
+
+def test_an_unchanged_protocol_reproduces_every_number_and_tells_nobody(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1"))
+    assert stage.view(run_id).difference.stage.value == "none"
+    stage.apply(run_id)
+    with stage.database.read() as session:
+        comparison = public_run(session, run_id).comparison
+        assert {entry.change for entry in comparison.entries} == {"none"}
+        assert list_notifications(session, find_team(session, "alpha").id) == []
+
+
+def test_nothing_can_be_drafted_that_changes_nothing_or_gives_no_reason(stage: Stage) -> None:
+    with pytest.raises(InvalidRecord, match="already"):
+        stage.draft(protocol="1.0")
+    with pytest.raises(InvalidRecord, match="reason"), stage.database.write() as session:
+        runs.create_run(session, "dev", protocol="1.0", reason=" ", actor="me")
+
+
+@pytest.mark.parametrize("state", [JobState.FAILED, JobState.QUEUED])
+def test_apply_is_refused_while_a_pair_is_failed_or_missing(
+    stage: Stage, make_protocol: Callable[..., str], state: JobState
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.work(most=2)
+    if state is JobState.FAILED:
+        with stage.database.write() as session:
+            session.execute(update(Job).where(Job.state == JobState.QUEUED).values(state=state))
+    (blocker,) = stage.view(run_id).blockers
+    assert "1 sheet" in blocker
+    with pytest.raises(Conflict, match="1 sheet"):
+        stage.apply(run_id, "sha256:any")
+    stage.step("resume", run_id)  # tries the failed one again
+    stage.work()
+    stage.apply(run_id)
+
+
+def test_a_preview_is_stale_once_a_submission_has_come(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    seen = stage.preview(run_id).digest
+    stage.submit(3.0, "newcomer")
+    stage.work()
+    with pytest.raises(Conflict, match="stale"):
+        stage.apply(run_id, seen)
+    stage.apply(run_id)
+    assert len(json.loads(stage.board())["entries"]) == 4
+
+
+def test_submissions_during_and_after_apply_are_scored_under_both(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    during = stage.submit(3.0, "during")
+    stage.work()
+    stage.apply(run_id)
+    after = stage.submit(3.5, "after")
+    stage.work()
+    with stage.database.read() as session:
+        for submission_id in (during, after):
+            query = select(ScoreSheetRow).where(ScoreSheetRow.submission_id == submission_id)
+            assert len(session.scalars(query).all()) == 2
+    stage.rollback(run_id)
+    board = json.loads(stage.board())
+    assert board["protocol"]["version"] == "1.0"
+    assert {entry["method"] for entry in board["entries"]} >= {"during", "after"}
+
+
+def test_a_submission_that_waits_during_the_flip_is_scored_once_under_each(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    waiting = stage.submit(3.0, "waiting")
+    stage.apply(run_id)
+    stage.work()
+    with stage.database.read() as session:
+        assert session.get_one(Submission, waiting).status.value == "scored"
+        jobs = session.scalars(select(Job).where(Job.submission_id == waiting)).all()
+    assert sorted(job.is_first for job in jobs) == [False, True]
+    assert "waiting" in {entry["method"] for entry in json.loads(stage.board())["entries"]}
+
+
+def test_a_closed_run_scores_only_the_new_protocol_and_cannot_go_back(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    stage.step("close", run_id)
+    before = sheets(stage)
+    stage.submit(3.0, "later")
+    stage.work()
+    assert sheets(stage) == before + 1
+    with pytest.raises(Conflict, match="closed"):
+        stage.rollback(run_id)
+
+
+def test_a_paused_run_scores_nothing_until_it_is_resumed(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.work(most=1)
+    stage.step("pause", run_id)
+    assert stage.work() == 0
+    assert stage.view(run_id).progress.done == 1
+    stage.step("resume", run_id)
+    assert stage.work() == 2
+
+
+def test_a_run_resumes_after_any_crash_without_losing_or_doubling_a_pair(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *WIDER))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.work(most=1)
+    with stage.database.write() as session:  # jobs that were made are lost, as from a backup
+        session.execute(delete(Job).where(Job.state == JobState.QUEUED))
+    stage.work()
+    assert stage.view(run_id).state.value == "ready"
+    assert sheets(stage) == 6
+
+
+def test_a_cancelled_run_leaves_the_board_and_no_waiting_job(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    before = stage.board()
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.work(most=1)
+    stage.step("cancel", run_id)
+    assert stage.work() == 0
+    assert stage.board() == before
+
+
+def test_one_run_of_a_phase_is_open_at_a_time(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.add_protocol(make_protocol("1.2", *WIDER))
+    with pytest.raises(Conflict, match="open run"):
+        stage.draft(protocol="1.2")
+
+
+def test_a_withdrawn_submission_blocks_nothing(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.work(most=2)
+    with stage.database.write() as session:
+        withdraw(session, stage.submitted[2], actor="test")
+    stage.work()
+    stage.apply(run_id)
+    assert len(json.loads(stage.board())["entries"]) == 2
+
+
+def test_a_split_revision_goes_the_same_way(stage: Stage, make_split: Callable[..., Any]) -> None:
+    before = stage.board()
+    old_split = make_split()
+    new_revision = stage.put_split(make_split(7.0))
+    stage.put_split(old_split, "split-old.json")
+    run_id = stage.draft(split_revision=new_revision)
+    assert stage.view(run_id).difference.stage.value == "measure"
+    stage.step("start", run_id)
+    stage.work()
+    stage.apply(run_id)
+    assert json.loads(stage.board())["split"]["revision"] == new_revision
+    stage.rollback(run_id)
+    assert stage.board() == before
+
+
+def test_every_board_that_was_public_keeps_its_address_and_drafts_have_none(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    first = stage.board()
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    draft = stage.preview(run_id).comparison.new_board
+    with stage.database.read() as session, pytest.raises(NotFound):
+        find_board(session, "dev", draft)
+    with stage.database.read() as session:
+        moment = database_now(session)
+    stage.apply(run_id)
+    with stage.database.read() as session:
+        assert find_board(session, "dev", json.loads(first)["board"]).body == first
+        shown_then = board_at(session, "dev", moment)
+        assert shown_then is not None
+        assert shown_then.body == first
+        newest = board_history(session, "dev")[0]
+    assert newest.board == draft
+    assert newest.comparison == f"/api/v1/rescoring/{run_id}"
+    assert newest.what_changed == (
+        "required clearance of task SE1 (occluded pedestrian) 2.0 -> 9.5 m",
+    )
+
+
+def test_readers_see_wholly_the_old_or_wholly_the_new_board_during_the_flip(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    old, seen, stop = stage.board(), set(), threading.Event()
+
+    def read() -> None:
+        while not stop.is_set():
+            seen.add(stage.board())
+
+    readers = [threading.Thread(target=read) for _ in range(4)]
+    for reader in readers:
+        reader.start()
+    stage.apply(run_id)
+    new = stage.board()
+    for _ in range(20):
+        seen.add(stage.board())
+    stop.set()
+    for reader in readers:
+        reader.join()
+    assert seen <= {old, new}
+    assert new in seen
+
+
+def test_every_step_is_in_the_audit_log_with_actor_and_reason(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    stage.rollback(run_id)
+    with stage.database.read() as session:
+        lines = [line for line in audit_page(session, limit=500) if line.subject == run_id]
+        assert verify_audit(session).is_whole
+    by_organizer = {line.action for line in lines if line.actor == "organizer"}
+    assert by_organizer == {
+        "rescoring drafted",
+        "rescoring started",
+        "rescoring applied",
+        "rescoring rolled back",
+    }
+    assert all(line.detail["reason"] for line in lines if line.actor == "organizer")
+
+
+def test_only_teams_whose_published_numbers_change_are_told_old_and_new(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    comparison = stage.preview(run_id).comparison
+    changed = {entry.team for entry in comparison.entries if entry.change != "none"}
+    assert changed == {"Alpha"}
+    stage.apply(run_id)
+    with stage.database.read() as session:
+        (told,) = list_notifications(session, find_team(session, "alpha").id)
+        assert list_notifications(session, find_team(session, "beta").id) == []
+    for entry in told.entries:
+        assert entry.old is not None
+        assert entry.new is not None
+        assert entry.old.metrics["hcc"] != entry.new.metrics["hcc"]
