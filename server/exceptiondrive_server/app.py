@@ -8,7 +8,6 @@ from fastapi import FastAPI
 from exceptiondrive_records.settings import load_settings
 from exceptiondrive_server import api, health, pages, team_pages
 from exceptiondrive_server.board_reader import BoardReader
-from exceptiondrive_server.board_reader import BoardReader
 from exceptiondrive_server.body_limit import BodyLimit
 from exceptiondrive_server.head_requests import HeadRequests
 from exceptiondrive_server.logs import set_up_logs
