@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from exceptiondrive_records.splits import publish_split
+from exceptiondrive_records.tokens import TEAM_SCOPES
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.published import DOCUMENT_NAMES
 from exceptiondrive_schemas.split import Manifest
@@ -154,7 +155,7 @@ def test_me_tells_who_the_token_speaks_for(api: "Api") -> None:
     assert api.get("/me", "alpha").json() == {
         "team": "Alpha",
         "token_name": "laptop",
-        "scopes": ["read:own", "submit"],
+        "scopes": sorted(TEAM_SCOPES),
         "expires_at": None,
     }
     assert api.get("/me", "organizer").json()["team"] is None
