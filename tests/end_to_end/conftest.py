@@ -11,6 +11,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,22 +119,33 @@ def free_port() -> int:
     return port
 
 
-@pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    """Start everything over the real splits; skip, saying so, where they are absent."""
-    if not REALDATA.is_dir():
-        pytest.skip("the real planner outputs are not beside the repository: ../shared/realdata")
-    base = tmp_path_factory.mktemp("system")
-    splits = base / "splits"
-    for name in ("nuscenes-real", "carla-pairs"):
-        (splits / name).mkdir(parents=True)
-        shutil.copy(REALDATA / name / "split.json.gz", splits / name / "split.json.gz")
+@pytest.fixture(scope="session")
+def start_system() -> Callable[..., System]:
+    """Start a deployment as an operator does: data folder, splits folder, options of `run`."""
+
+    def start(data: Path, splits: Path, *options: str) -> System:
+        port = free_port()
+        environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
+        environment |= {"EXCEPTIONDRIVE_SPLITS_DIR": str(splits)}
+        launcher = subprocess.Popen(
+            [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", data, *options],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        return System(data, f"http://127.0.0.1:{port}", splits, launcher)
+
+    return start
+
+
+@contextmanager
+def running_system(data: Path, splits: Path, *options: str) -> Iterator[System]:
+    """Start everything as an operator does, wait for a worker, and end it as Ctrl-C does."""
     port = free_port()
-    data = base / "data"
     environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
     environment |= {"EXCEPTIONDRIVE_SPLITS_DIR": str(splits), **SHORT_LEASE}
     launcher = subprocess.Popen(
-        [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", data],
+        [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", data, *options],
         env=environment,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -145,6 +157,28 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     finally:
         launcher.send_signal(signal.SIGINT)
         launcher.wait(timeout=60)
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """Start everything over the real splits; skip, saying so, where they are absent."""
+    if not REALDATA.is_dir():
+        pytest.skip("the real planner outputs are not beside the repository: ../shared/realdata")
+    base = tmp_path_factory.mktemp("system")
+    splits = base / "splits"
+    for name in ("nuscenes-real", "carla-pairs"):
+        (splits / name).mkdir(parents=True)
+        shutil.copy(REALDATA / name / "split.json.gz", splits / name / "split.json.gz")
+    with running_system(base / "data", splits) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def sample_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """Start everything with the generated sample, as `make run` does."""
+    base = tmp_path_factory.mktemp("sample")
+    with running_system(base / "data", ROOT / "hidden_splits", "--sample") as running:
+        yield running
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
 
+SENSITIVITY = "d_safe_x"
 AGGREGATES = {
     "macro_family": "macro_family (mean of the family means)",
     "micro": "micro (mean over all samples)",
@@ -38,6 +39,7 @@ def sheet_view(
     yield _table(sheet, protocol, with_tasks)
     yield from _sensitivity(sheet, protocol)
     yield from _plausibility(sheet)
+    yield from _extra(sheet)
 
 
 def _shipped(wanted: ProtocolRef) -> Protocol | None:
@@ -50,7 +52,9 @@ def _shipped(wanted: ProtocolRef) -> Protocol | None:
 
 def _coverage(sheet: ScoreSheet) -> Text:
     parts = [f"{sheet.coverage.edited:.2%} edited"]
-    if sheet.coverage.source is not None:
+    if sheet.coverage.source is None:
+        parts = [f"{sheet.coverage.edited:.2%}"]
+    else:
         parts.append(f"{sheet.coverage.source:.2%} source")
     return Text(f"answers given: {', '.join(parts)}", style="dim")
 
@@ -107,10 +111,10 @@ def _sensitivity(sheet: ScoreSheet, protocol: Protocol | None) -> Iterator[Text]
     hcc = next((m for m in challenge_of(sheet.challenge).metrics if m.key == "hcc"), None)
     digits = protocol.publication if protocol else None
     for name, row in sheet.extra.items():
-        if hcc is not None and name.startswith("d_safe_x"):
+        if hcc is not None and name.startswith(SENSITIVITY):
             averages = ("hcc_macro_family", "macro_family"), ("hcc_micro", "micro")
             parts = [f"{title} {metric_text(hcc, row.get(k), digits)}" for k, title in averages]
-            factor = name.removeprefix("d_safe_x")
+            factor = name.removeprefix(SENSITIVITY)
             yield Text(f"HCC % at {factor} times d_safe: {', '.join(parts)}", style="dim")
 
 
@@ -121,3 +125,25 @@ def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
         yield Text(f"plausibility: {listed}", style="dim")
     for flag in sheet.plausibility.flags:
         yield Text.assemble(("flag ", "yellow"), (flag.label, "bold yellow"), f": {flag.detail}")
+
+
+def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
+    """Further named rows: counts as counts, anything else as the fraction that it is."""
+    by_columns: dict[tuple[str, ...], Table] = {}
+    others = {key: row for key, row in sheet.extra.items() if not key.startswith(SENSITIVITY)}
+    for name, row in others.items():
+        table = by_columns.get(tuple(row))
+        if table is None:
+            table = by_columns[tuple(row)] = Table(box=None, padding=(0, 1), header_style="bold")
+            table.add_column("")
+            for key in row:
+                table.add_column(key.replace("_", " "), justify="right")
+        is_count = "n" in row
+        table.add_row(name.replace("_", " "), *(_extra_cell(v, is_count) for v in row.values()))
+    yield from by_columns.values()
+
+
+def _extra_cell(value: float | None, is_count: bool) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.0f}" if is_count else f"{value:.2%}"

@@ -1,0 +1,54 @@
+"""Further rows of a score sheet, as `evaluate` prints them."""
+
+from rich.console import Console
+
+from exceptiondrive.cli.sheet_table import sheet_view
+from exceptiondrive_schemas.score_sheet import (
+    Coverage,
+    MetricRow,
+    Plausibility,
+    ProtocolRef,
+    ScoreSheet,
+)
+from exceptiondrive_schemas.split import SplitRef
+
+ROW: MetricRow = {"accuracy": 0.5, "under_warning": 0.25, "over_warning": 0.25, "missing": 0.0}
+
+
+def printed(extra: dict[str, MetricRow]) -> list[str]:
+    sheet = ScoreSheet(
+        challenge="strategy",
+        protocol=ProtocolRef(version="1.0", digest="sha256:0"),
+        split=SplitRef(name="tiny", revision="sha256:1"),
+        scorer_version="1",
+        n=4,
+        coverage=Coverage(edited=1.0),
+        micro=ROW,
+        macro_family=ROW,
+        families={},
+        tasks={},
+        plausibility=Plausibility(shares={}),
+        extra=extra,
+    )
+    console = Console(width=160)
+    with console.capture() as capture:
+        for part in sheet_view(sheet):
+            console.print(part)
+    return [" ".join(line.split()) for line in capture.get().splitlines()]
+
+
+def test_confusion_is_printed_as_counts_and_reminder_scores_as_shares() -> None:
+    lines = printed(
+        {
+            "confusion_CD": {"n": 3.0, "A": 1.0, "C": 2.0},
+            "confusion_C": {"n": 1.0, "A": 1.0, "C": 0.0},
+            "reminder": {"given": 1.0, "presence_recall": None},
+        }
+    )
+    start = lines.index("n A C")
+    assert lines[start + 1 : start + 3] == ["confusion CD 3 1 2", "confusion C 1 1 0"]
+    assert lines[start + 3 : start + 5] == ["given presence recall", "reminder 100.00% none"]
+
+
+def test_answers_without_a_source_are_not_called_edited() -> None:
+    assert "answers given: 100.00%" in printed({})
