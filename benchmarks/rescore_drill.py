@@ -124,12 +124,18 @@ class Reader:
 class Drill:
     """One drill on one database."""
 
-    def __init__(self, database: Database, deployment: Deployment, tokens: dict[str, str]) -> None:
+    def __init__(
+        self,
+        database: Database,
+        deployment: Deployment,
+        tokens: dict[str, str],
+        files: Iterator[bytes],
+    ) -> None:
         self.database = database
         self.deployment = deployment
         self.url = deployment.url
         self.random = random.Random(SEED)
-        self.files = variations()
+        self.files = files
         self.n_killed = 0
         self.report: list[tuple[str, str]] = []
         self.clients = {
@@ -291,7 +297,7 @@ def _spread(values: list[float]) -> str:
     return f"{median(values):.2f} / {max(values):.2f} s"
 
 
-def _prepare(url: str, folder: Path, n_submissions: int) -> dict[str, str]:
+def _prepare(url: str, folder: Path, n_submissions: int, made: Iterator[bytes]) -> dict[str, str]:
     """Fill the records with everything but scores; return a token of a team and an organizer."""
     prepare(url)
     database, files = Database(url), FileStore((folder / "uploads").as_uri())
@@ -313,7 +319,7 @@ def _prepare(url: str, folder: Path, n_submissions: int) -> dict[str, str]:
         team = create_team(session, "drill", "Drill", actor="drill").id
         token, _ = issue_token(session, team, "drill", actor="drill")
         organizer, _ = issue_token(session, None, "drill", ORGANIZER_SCOPES, actor="drill")
-    for number, data in zip(range(n_submissions), variations(), strict=False):
+    for number, data in zip(range(n_submissions), made, strict=False):
         digest, size = files.put_stream([data], limit_bytes=2**24)
         with database.write() as session:
             accept(
@@ -334,14 +340,12 @@ def drill(kind: str, n_submissions: int) -> None:
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         url = stack.enter_context(database_of(kind, folder))
-        tokens = _prepare(url, folder, n_submissions)
+        made = variations()
+        tokens = _prepare(url, folder, n_submissions, made)
         deployment = Deployment(url, folder, free_port())
         stack.callback(deployment.end)
         deployment.start()
-        running = Drill(Database(url), deployment, tokens)
-        skip_real = running.files
-        for _ in range(n_submissions):
-            next(skip_real)
+        running = Drill(Database(url), deployment, tokens, made)
         running.say("database, submissions, workers", f"{kind}, {n_submissions}, 2")
         began = time.monotonic()
         running.wait(lambda: running.n_scored() == n_submissions, "the first scores")

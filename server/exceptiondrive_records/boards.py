@@ -71,7 +71,8 @@ def entries_for_board(
 ) -> list[EntryRecord]:
     """Return the latest scored submission of each (team, method), in order of submission.
 
-    Without `split_revision`, against the one that the phase shows. A method whose latest submission was withdrawn falls back to the one before it.
+    Without `split_revision`, against the one that the phase shows. A method whose latest
+    submission was withdrawn falls back to the one before it.
 
     Raises:
         NotFound: No such phase.
@@ -83,12 +84,7 @@ def entries_for_board(
         select(Submission, Team, ScoreSheetRow)
         .join(Team, Team.id == Submission.team_id)
         .join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
-        .where(
-            Submission.phase_id == phase_id,
-            Submission.status == SubmissionStatus.SCORED,
-            ScoreSheetRow.protocol_digest == protocol_digest,
-            ScoreSheetRow.split_revision == (split_revision or phase.split_revision),
-        )
+        .where(*_scored_under(phase_id, protocol_digest, split_revision or phase.split_revision))
         .order_by(Submission.received_at, Submission.id)
     )
     latest: dict[tuple[int, str], EntryRecord] = {}
@@ -98,6 +94,30 @@ def entries_for_board(
         latest[team.id, submission.method] = _entry(submission, team, sheet, linked)
         scored[submission.id] = _linked(submission, sheet)
     return sorted(latest.values(), key=lambda entry: (entry.submitted_at, entry.submission_id))
+
+
+def entry_ids_for_board(
+    session: Session, phase_id: str, protocol_digest: str, split_revision: str
+) -> set[str]:
+    """Return the submissions of `entries_for_board`, without reading a sheet."""
+    query = (
+        select(Submission.team_id, Submission.method, Submission.id)
+        .join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
+        .where(*_scored_under(phase_id, protocol_digest, split_revision))
+        .order_by(Submission.received_at, Submission.id)
+    )
+    return set({(team, method): entry for team, method, entry in session.execute(query)}.values())
+
+
+def _scored_under(
+    phase_id: str, protocol_digest: str, split_revision: str
+) -> tuple[ColumnElement[bool], ...]:
+    return (
+        Submission.phase_id == phase_id,
+        Submission.status == SubmissionStatus.SCORED,
+        ScoreSheetRow.protocol_digest == protocol_digest,
+        ScoreSheetRow.split_revision == split_revision,
+    )
 
 
 def claim_board(

@@ -5,7 +5,7 @@ import json
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import entries_for_board, is_board_wanted, latest_board
+from exceptiondrive_records.boards import entry_ids_for_board, is_board_wanted, latest_board
 from exceptiondrive_records.rescoring.keys import ScoringKey
 from exceptiondrive_records.tables import BoardRow
 
@@ -15,9 +15,8 @@ def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | 
     if is_board_wanted(session, phase_id, key.protocol_digest, key.split_revision):
         return None
     row = latest_board(session, phase_id, key.protocol_digest, key.split_revision)
-    if row is None or _entries_of(row) != _entries_due(session, phase_id, key):
-        return None
-    return row
+    due = entry_ids_for_board(session, phase_id, key.protocol_digest, key.split_revision)
+    return row if row is not None and _entries_of(row) == due else None
 
 
 def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
@@ -31,9 +30,3 @@ def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
 def _entries_of(row: BoardRow) -> set[str]:
     entries = json.loads(row.body)["entries"]
     return {entry["submission_id"] for entry in entries if entry["submission_id"] is not None}
-
-
-def _entries_due(session: Session, phase_id: str, key: ScoringKey) -> set[str]:
-    """What a board built now would hold."""
-    due = entries_for_board(session, phase_id, key.protocol_digest, key.split_revision)
-    return {entry.submission_id for entry in due}

@@ -1,0 +1,206 @@
+"""What is sent outside: signed webhooks and e-mail, to real servers on this machine."""
+
+import hashlib
+import hmac
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import pytest
+from aiosmtpd.controller import Controller
+from sqlalchemy import select
+
+from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_records.notices.contacts import add_contact
+from exceptiondrive_records.notices.outbox import send_next
+from exceptiondrive_records.notices.settings import NoticeSettings
+from exceptiondrive_records.notices.webhooks import NotDelivered, allowed_address, send_webhook
+from exceptiondrive_records.tables_rescoring import Channel, Delivery
+from exceptiondrive_records.teams import find_team
+
+Stage = Any
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+
+
+@dataclass
+class Receiver:
+    """A web server that keeps what it is sent, and answers as told."""
+
+    answers: list[int] = field(default_factory=list)
+    received: list[tuple[dict[str, str], bytes]] = field(default_factory=list)
+    url: str = ""
+
+
+@pytest.fixture
+def receiver() -> Iterator[Receiver]:
+    kept = Receiver()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["content-length"]))
+            kept.received.append((dict(self.headers), body))
+            status = kept.answers.pop(0) if kept.answers else 204
+            self.send_response(status)
+            if status == 302:
+                self.send_header("location", kept.url)
+            self.end_headers()
+
+        def log_message(self, *_: Any) -> None:
+            """Say nothing."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    kept.url = f"http://127.0.0.1:{server.server_port}/hook"
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield kept
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+class Mailbox:
+    """Keeps what an SMTP server is given."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[list[str], str]] = []
+
+    async def handle_DATA(self, server: Any, session: Any, envelope: Any) -> str:  # noqa: N802
+        self.messages.append((envelope.rcpt_tos, envelope.content.decode()))
+        return "250 taken"
+
+
+@pytest.fixture
+def mailbox() -> Iterator[tuple[Mailbox, int]]:
+    kept = Mailbox()
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    server = Controller(kept, hostname="127.0.0.1", port=port)
+    server.start()
+    yield kept, port
+    server.stop()
+
+
+def settings(**values: Any) -> NoticeSettings:
+    return NoticeSettings(
+        **{"webhooks_may_be_private": True, "public_url": "https://board.example", **values}
+    )
+
+
+def told(stage: Stage, make_protocol: Callable[..., str], channel: Channel, address: str) -> str:
+    """Apply an update after team Alpha gave an address; return the webhook's secret."""
+    with stage.database.write() as session:
+        contact = add_contact(
+            session,
+            find_team(session, "alpha").id,
+            channel,
+            address,
+            actor="test",
+            may_be_private=True,
+        )
+    stage.apply(stage.ready(make_protocol("1.1", *D_SAFE)))
+    return contact.secret or ""
+
+
+def delivery(stage: Stage) -> Delivery:
+    with stage.database.read() as session:
+        return session.scalars(select(Delivery)).one()
+
+
+def test_a_webhook_is_signed_over_time_and_body_and_sent_once(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    secret = told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    assert send_next(stage.database, settings())
+    assert not send_next(stage.database, settings())
+    ((headers, body),) = receiver.received
+    signed = headers["ExceptionDrive-Timestamp"].encode() + b"." + body
+    expected = hmac.new(secret.encode(), signed, hashlib.sha256).hexdigest()
+    assert headers["ExceptionDrive-Signature"] == f"sha256={expected}"
+    document = json.loads(body)
+    assert document["kind"] == "protocol_applied"
+    assert document["entries"][0]["old"] != document["entries"][0]["new"]
+    assert delivery(stage).state.value == "sent"
+
+
+def test_a_webhook_that_stumbles_is_tried_again(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    receiver.answers = [503, 204]
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    send_next(stage.database, settings())
+    assert len(receiver.received) == 2
+    assert delivery(stage).state.value == "sent"
+
+
+def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    receiver.answers = [400, 302]
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    patience = settings(delivery_attempts=2, delivery_backoff_s=0.001)
+    send_next(stage.database, patience)
+    assert delivery(stage).last_error == "the webhook answered 400"
+    while not send_next(stage.database, patience):
+        pass
+    assert delivery(stage).state.value == "given_up"
+    assert len(receiver.received) == 2
+
+
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1", "10.0.0.1", "169.254.169.254", "::1", "::ffff:10.0.0.1", "localhost"]
+)
+def test_no_webhook_reaches_our_own_network(host: str) -> None:
+    with pytest.raises(NotDelivered, match="not public"):
+        allowed_address(host, 443, may_be_private=False)
+
+
+def test_no_webhook_goes_out_in_clear() -> None:
+    with pytest.raises(NotDelivered, match="https"):
+        send_webhook("http://example.org/", "s", b"{}", 0, may_be_private=False)
+
+
+@pytest.mark.parametrize(
+    ("channel", "address"),
+    [
+        (Channel.WEBHOOK, "http://example.org/hook"),
+        (Channel.WEBHOOK, "http://127.0.0.1/hook"),
+        (Channel.WEBHOOK, "https://user:word@example.org/"),
+        (Channel.WEBHOOK, "https:///nowhere"),
+        (Channel.EMAIL, "nobody"),
+        (Channel.EMAIL, "a@b.org\nBcc: c@d.org"),
+    ],
+)
+def test_addresses_that_could_do_harm_are_refused(
+    stage: Stage, channel: Channel, address: str
+) -> None:
+    with stage.database.write() as session:
+        team_id = find_team(session, "alpha").id
+        with pytest.raises(InvalidRecord):
+            add_contact(session, team_id, channel, address, actor="test")
+
+
+def test_an_e_mail_says_old_and_new_numbers(
+    stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
+) -> None:
+    kept, port = mailbox
+    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+    smtp = settings(smtp_host="127.0.0.1", smtp_port=port, smtp_security="none")
+    assert send_next(stage.database, smtp)
+    ((to, text),) = kept.messages
+    assert to == ["alpha@example.org"]
+    assert "required clearance of task SE1" in text
+    assert "before: rank" in text
+    assert "https://board.example/api/v1/rescoring/" in text
+
+
+def test_without_a_mail_server_the_message_waits(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+    send_next(stage.database, settings())
+    assert "no SMTP server" in (delivery(stage).last_error or "")

@@ -1,0 +1,66 @@
+"""Sheets are recomputed from the uploads, and every bit must come again."""
+
+import shutil
+from collections.abc import Callable
+from typing import Any
+
+from sqlalchemy import select
+
+from exceptiondrive_records.rescoring.verification import start_verification, verification_view
+from exceptiondrive_records.tables_rescoring import VerificationItem
+from exceptiondrive_schemas.rescoring import VerificationView
+
+Stage = Any
+
+
+def verified(stage: Stage, sample: int | None = None, *, spoil: bool = False) -> VerificationView:
+    with stage.database.write() as session:
+        started = start_verification(
+            session, "dev", sample=sample, reason="to be sure", actor="organizer"
+        )
+    if spoil:
+        with stage.database.write() as session:
+            item = session.scalars(select(VerificationItem).limit(1)).one()
+            item.expected_digest = "sha256:" + "0" * 64
+    stage.verify_all()
+    with stage.database.read() as session:
+        return verification_view(session, started.id)
+
+
+def test_every_sheet_comes_again_bit_for_bit(stage: Stage) -> None:
+    found = verified(stage)
+    assert (found.n_sheets, found.n_equal, found.problems) == (3, 3, ())
+    assert found.finished_at is not None
+
+
+def test_a_sample_recomputes_only_so_many(stage: Stage) -> None:
+    assert verified(stage, 2).n_sheets == 2
+
+
+def test_a_sheet_that_differs_is_named(stage: Stage) -> None:
+    found = verified(stage, spoil=True)
+    assert (found.n_equal, found.n_different) == (2, 1)
+    assert found.problems[0].found_digest != found.problems[0].expected_digest
+
+
+def test_the_private_store_is_not_looked_at(stage: Stage) -> None:
+    for shelf in ("sheets", "measurements", "answers"):
+        for file in (stage.settings.private_dir / shelf).iterdir():
+            file.write_bytes(b"poison")
+    assert verified(stage).n_equal == 3
+
+
+def test_an_upload_that_is_gone_is_a_failure_and_no_agreement(stage: Stage) -> None:
+    shutil.rmtree(stage.settings.private_dir.parent / "uploads")
+    found = verified(stage)
+    assert (found.n_equal, found.n_failed) == (0, 3)
+
+
+def test_a_file_accepted_under_older_bounds_verifies_under_tighter_ones(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.submit(20.0, "rushing")
+    stage.work()
+    run_id = stage.ready(make_protocol("1.1", "max_step_m = 30.0", "max_step_m = 5.0"))
+    stage.apply(run_id)
+    assert verified(stage).n_equal == 4

@@ -1,0 +1,96 @@
+"""What changes from one protocol to another, in plain words."""
+
+import pytest
+
+from exceptiondrive_schemas.protocol import (
+    packaged_protocol,
+    packaged_protocol_toml,
+    parse_protocol,
+)
+from exceptiondrive_schemas.protocol_difference import (
+    Difference,
+    Stage,
+    protocol_difference,
+    split_changes,
+)
+from exceptiondrive_schemas.split import Manifest
+
+
+def difference(old: str, new: str, n_sheets: int = 1240) -> Difference:
+    toml = packaged_protocol_toml()
+    assert old in toml
+    return protocol_difference(
+        packaged_protocol(), parse_protocol(toml.replace(old, new, 1)), n_sheets
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence", "stage"),
+    [
+        (
+            "d_safe_m = 2.0",
+            "d_safe_m = 2.5",
+            "required clearance of task SE1 (occluded pedestrian) 2.0 -> 2.5 m",
+            Stage.GRADE,
+        ),
+        (
+            "footprint_width_m = 1.85",
+            "footprint_width_m = 1.95",
+            "footprint width 1.85 -> 1.95 m",
+            Stage.MEASURE,
+        ),
+        ("min_coverage = 0.99", "min_coverage = 0.9", "min coverage 0.99 -> 0.9", Stage.RANK),
+        (
+            "percent_decimals = 2",
+            "percent_decimals = 1",
+            "percent decimals 2 -> 1",
+            Stage.PUBLICATION,
+        ),
+    ],
+)
+def test_a_change_is_one_sentence_with_the_stage_it_repeats(
+    old: str, new: str, sentence: str, stage: Stage
+) -> None:
+    found = difference(old, new)
+    assert found.sentences == (sentence,)
+    assert (found.stage, found.changes[0].stage) == (stage, stage)
+    assert found.n_sheets == 1240
+
+
+def test_the_summary_names_work_and_sheets() -> None:
+    assert difference("d_safe_m = 2.0", "d_safe_m = 2.5").sentence == "regrade only, 1,240 sheets"
+    assert difference("min_coverage = 0.99", "min_coverage = 0.9", 1).sentence == (
+        "rank again only, 1 sheet"
+    )
+
+
+def test_another_version_of_the_same_content_repeats_nothing() -> None:
+    found = difference('version = "1.0"', 'version = "1.1"')
+    assert (found.changes, found.stage, found.n_sheets) == ((), Stage.NONE, 0)
+
+
+def test_the_heaviest_stage_of_several_counts() -> None:
+    toml = packaged_protocol_toml().replace("d_safe_m = 2.0", "d_safe_m = 2.5", 1)
+    both = parse_protocol(toml.replace("footprint_width_m = 1.85", "footprint_width_m = 2.0"))
+    assert protocol_difference(packaged_protocol(), both, 3).stage is Stage.MEASURE
+
+
+def manifest(revision: str, *ids: str) -> Manifest:
+    return Manifest(
+        schema_="exceptiondrive.manifest/1",
+        name="tiny",
+        title="Tiny",
+        revision="sha256:" + revision * 64,
+        waypoints=6,
+        time_step_s=0.5,
+        sample_ids=ids,
+    )
+
+
+def test_a_split_revision_is_told_without_naming_a_sample() -> None:
+    old, new = manifest("1", "a", "b"), manifest("2", "b", "c", "d")
+    sentences = [change.sentence for change in split_changes(old, new)]
+    assert sentences == ["the split gains 2 samples", "the split loses 1 samples"]
+    (same,) = split_changes(old, manifest("3", "a", "b"))
+    assert "regions, tasks or scenes change" in same.sentence
+    assert split_changes(old, old) == ()
