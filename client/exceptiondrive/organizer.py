@@ -37,6 +37,10 @@ class Organizer:
         team = {"id": team_id, "name": name, "is_reference": is_reference}
         return self._create("/organizer/teams", team)
 
+    def approve_team(self, team_id: str) -> Record:
+        """Let a team that registered itself submit."""
+        return self._create(f"/organizer/teams/{quote(team_id, safe='')}/approve", {})
+
     def tokens(self, team_id: str) -> list[Record]:
         """Return a team's tokens, without their secrets."""
         return self._list(f"/organizer/teams/{quote(team_id, safe='')}/tokens")

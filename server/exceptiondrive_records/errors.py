@@ -42,7 +42,7 @@ class NotAllowed(RecordsError):
 
 
 class TooManyAttempts(RecordsError):
-    """Sign-in was tried too often."""
+    """Sign-in or registration was tried too often."""
 
     code = ProblemCode.TOO_MANY_REQUESTS
 
@@ -50,7 +50,7 @@ class TooManyAttempts(RecordsError):
         self.resets_at = resets_at
         minutes = max(1, math.ceil((resets_at - now).total_seconds() / 60))
         plural = "" if minutes == 1 else "s"
-        super().__init__(f"Too many attempts to sign in; try again in {minutes} minute{plural}.")
+        super().__init__(f"Too many attempts; try again in {minutes} minute{plural}.")
 
 
 class PhaseClosed(RecordsError):

@@ -20,6 +20,7 @@ from exceptiondrive_records.tables_access import SignInAttempts
 WINDOW = timedelta(minutes=15)
 PER_ADDRESS = 30
 PER_TOKEN_ID = 6
+REGISTRATIONS_PER_ADDRESS = 5
 
 
 def keys_of(address: str, token_text: str) -> dict[str, int]:
@@ -30,6 +31,12 @@ def keys_of(address: str, token_text: str) -> dict[str, int]:
     if not token_id:
         named.popitem()
     return {hashlib.sha256(name.encode()).hexdigest(): limit for name, limit in named.items()}
+
+
+def registration_keys_of(address: str) -> dict[str, int]:
+    """Return under which key a registration counts, with its limit."""
+    key = hashlib.sha256(f"registration {address}".encode()).hexdigest()
+    return {key: REGISTRATIONS_PER_ADDRESS}
 
 
 def count_attempt(session: Session, limits: Mapping[str, int]) -> None:

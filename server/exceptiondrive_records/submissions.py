@@ -14,6 +14,7 @@ from exceptiondrive_records.identifiers import checked_link, checked_text, rando
 from exceptiondrive_records.links import checked_counterpart, require_same_link
 from exceptiondrive_records.phases import find_phase, is_open
 from exceptiondrive_records.quotas import require_quota
+from exceptiondrive_records.registrations import require_approved
 from exceptiondrive_records.rescoring.keys import HELD, companion_key
 from exceptiondrive_records.tables import Job, JobState, Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.board import Links
@@ -64,13 +65,14 @@ def accept(
         NotFound: No such phase or team, or the team has no submission to link to.
         InvalidRecord: A text or link cannot be used.
         Conflict: The counterpart has no score, or the same bytes are there with another link.
+        NotAllowed: The team registered itself and waits for approval.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
         RejectedCapExceeded: Too many files were rejected today.
         ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
     phase = find_phase(session, phase_id)
-    _lock_team(session, team_id)
+    require_approved(_lock_team(session, team_id))
     first = _same_bytes(session, team_id, phase, file_digest)
     if first is not None:
         require_same_link(first, linked_to)

@@ -58,6 +58,10 @@ class Team(Base):
     name: Mapped[str] = mapped_column(unique=True)
     is_reference: Mapped[bool]
     created_at: Mapped[datetime]
+    pending_since: Mapped[datetime | None]
+    """Registered itself then, and submits nothing until an organizer approves."""
+    registration_note: Mapped[str | None]
+    """Who they say they are, for organizers."""
 
 
 class Token(Base):

@@ -15,6 +15,8 @@ class ServerSettings(RecordsSettings):
 
     public_url: Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")] = ""
     """What people type; by default what each request names. `https://` makes cookies Secure."""
+    self_registration: bool = False
+    """Whether teams may register themselves; they submit when an organizer has approved them."""
     max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
     uploads_at_once: Annotated[int, Field(ge=1, le=10_000)] = 32
     """Uploads that one process takes at a time; more are told to come again (503)."""

@@ -20,7 +20,9 @@ TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
 def list_teams(server: options.Server = None, json: options.Json = False) -> None:
     """List all teams."""
     with _organizer(server) as organizer:
-        show_records(organizer.teams(), ("id", "name", "is_reference", "created_at"), json)
+        show_records(
+            organizer.teams(), ("id", "name", "is_reference", "created_at", "pending_since"), json
+        )
 
 
 def create_team(
@@ -36,6 +38,15 @@ def create_team(
     with _organizer(server) as organizer:
         team = organizer.create_team(team_id, name, is_reference=reference)
     _show_record(team, f"team {team['id']} made", json)
+
+
+def approve_team(
+    team_id: TeamId, server: options.Server = None, json: options.Json = False
+) -> None:
+    """Let a team that registered itself submit."""
+    with _organizer(server) as organizer:
+        team = organizer.approve_team(team_id)
+    _show_record(team, f"team {team['id']} approved", json)
 
 
 def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
@@ -201,6 +212,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {
             "list": list_teams,
             "create": create_team,
+            "approve": approve_team,
             "tokens": list_tokens,
             "issue-token": issue_token,
             "revoke-token": revoke_token,

@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, StrictBool
 
+from exceptiondrive_records.registrations import approve_team
 from exceptiondrive_records.tables import Team
 from exceptiondrive_records.teams import create_team, find_team, list_teams
 from exceptiondrive_records.tokens import (
@@ -39,6 +40,9 @@ class TeamView(BaseModel):
     name: str
     is_reference: bool
     created_at: datetime
+    pending_since: datetime | None
+    """Registered itself then, and waits for approval."""
+    registration_note: str | None
 
 
 class NewToken(Form):
@@ -64,6 +68,13 @@ def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> Team
             session, team.id, team.name, is_reference=team.is_reference, actor=organizer.actor
         )
         return _team(made)
+
+
+@router.post("/teams/{team_id}/approve", operation_id="approveTeam")
+def post_approval(services: ServicesOf, organizer: Organizer, team_id: Slug) -> TeamView:
+    """Let a team that registered itself submit."""
+    with services.database.write() as session:
+        return _team(approve_team(session, team_id, actor=organizer.actor))
 
 
 @router.get("/teams/{team_id}/tokens", operation_id="listTokens")
@@ -102,5 +113,10 @@ def post_revocation(
 
 def _team(team: Team) -> TeamView:
     return TeamView(
-        id=team.slug, name=team.name, is_reference=team.is_reference, created_at=team.created_at
+        id=team.slug,
+        name=team.name,
+        is_reference=team.is_reference,
+        created_at=team.created_at,
+        pending_since=team.pending_since,
+        registration_note=team.registration_note,
     )

@@ -13,6 +13,8 @@ _TIME = sa.DateTime(timezone=True)
 
 def upgrade() -> None:
     """Make the tables."""
+    op.add_column("teams", sa.Column("pending_since", _TIME, nullable=True))
+    op.add_column("teams", sa.Column("registration_note", sa.String(), nullable=True))
     op.create_table(
         "page_sessions",
         sa.Column("secret_digest", sa.String(), primary_key=True),
@@ -35,3 +37,5 @@ def downgrade() -> None:
     """Drop the tables."""
     op.drop_table("sign_in_attempts")
     op.drop_table("page_sessions")
+    op.drop_column("teams", "registration_note")
+    op.drop_column("teams", "pending_since")

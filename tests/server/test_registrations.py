@@ -1,0 +1,67 @@
+"""POST /registrations and POST /organizer/teams/{id}/approve."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+Problem = Callable[[Any, int, str], dict[str, Any]]
+WANTED = {"id": "gamma", "name": "Gamma", "note": "Gamma group, gamma@example.org"}
+
+
+@pytest.fixture
+def open_api(make_api: Callable[..., "Api"], database_url: str) -> "Api":
+    """The application with registration switched on, on SQLite, then on PostgreSQL."""
+    return make_api(database_url, self_registration=True)
+
+
+def test_nobody_registers_where_it_is_not_switched_on(api: "Api", as_problem: Problem) -> None:
+    as_problem(api.post("/registrations", json=WANTED), 403, "not_allowed")
+    assert "gamma" not in api.get("/organizer/teams", "organizer").text
+
+
+def test_a_registered_team_submits_only_when_it_is_approved(
+    open_api: "Api", as_problem: Problem
+) -> None:
+    api = open_api
+    made = api.post("/registrations", json=WANTED)
+    assert made.status_code == 201
+    assert not made.json()["is_approved"]
+    api.tokens["gamma"] = made.json()["token"]
+    assert api.get("/me", "gamma").json()["team"] == "Gamma"
+    as_problem(api.submit("a", "gamma"), 403, "not_allowed")
+    waiting = [
+        team["registration_note"]
+        for team in api.get("/organizer/teams", "organizer").json()
+        if team["pending_since"]
+    ]
+    assert waiting == [WANTED["note"]]
+    as_problem(api.post("/organizer/teams/gamma/approve", "gamma"), 403, "not_allowed")
+    for _ in range(2):
+        approved = api.post("/organizer/teams/gamma/approve", "organizer")
+        assert approved.json()["pending_since"] is None
+    assert api.submit("a", "gamma").status_code == 202
+    lines = api.get("/organizer/audit", "organizer").json()
+    assert [line["action"] for line in lines].count("team approved") == 1
+
+
+def test_a_taken_name_and_a_team_that_is_not_there_are_told(
+    open_api: "Api", as_problem: Problem
+) -> None:
+    as_problem(open_api.post("/registrations", json={**WANTED, "id": "alpha"}), 409, "conflict")
+    as_problem(open_api.post("/organizer/teams/nobody/approve", "organizer"), 404, "not_found")
+
+
+def test_one_address_registers_a_few_teams_in_a_while(
+    make_api: Callable[..., "Api"], sqlite_url: str, as_problem: Problem
+) -> None:
+    api = make_api(sqlite_url, self_registration=True)
+    for number in range(5):
+        wanted = {**WANTED, "id": f"team-{number}", "name": f"Team {number}"}
+        assert api.post("/registrations", json=wanted).status_code == 201
+    answer = api.post("/registrations", json=WANTED)
+    as_problem(answer, 429, "too_many_requests")
+    assert int(answer.headers["retry-after"]) > 0
