@@ -1,0 +1,162 @@
+"""The organizer's routes and the reader's, over the real application."""
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient
+
+from exceptiondrive_records.teams import find_team
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.settings import ServerSettings
+
+Stage = Any
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+REASON = {"reason": "because"}
+
+
+class Api:
+    """The application over a stage, as organizer, team Alpha, or nobody."""
+
+    def __init__(self, client: TestClient, tokens: dict[str, str]) -> None:
+        self.client = client
+        self.tokens = tokens
+
+    def __call__(self, method: str, path: str, who: str = "organizer", **more: Any) -> Any:
+        token = self.tokens.get(who)
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        headers |= more.pop("headers", {})
+        return self.client.request(method, f"/api/v1{path}", headers=headers, **more)
+
+
+@pytest.fixture
+def api(stage: Stage) -> Iterator[Api]:
+    app = create_app(
+        ServerSettings(
+            database_url=stage.settings.database_url,
+            broker_url="memory://",
+            file_store_url=stage.settings.file_store_url,
+        )
+    )
+    with stage.database.write() as session:
+        alpha, _ = issue_token(session, find_team(session, "alpha").id, "laptop", actor="test")
+        organizer, _ = issue_token(session, None, "me", ORGANIZER_SCOPES, actor="test")
+    with TestClient(app) as client:
+        yield Api(client, {"alpha": alpha, "organizer": organizer})
+
+
+def test_an_update_goes_from_document_to_rollback_over_the_api(
+    stage: Stage, api: Api, make_protocol: Callable[..., str]
+) -> None:
+    toml = {
+        "content": make_protocol("1.1", *D_SAFE),
+        "headers": {"content-type": "application/toml"},
+    }
+    checked = api("POST", "/organizer/protocols/check?phase=dev", **dict(toml)).json()
+    assert checked["sentence"] == "regrade only, 3 sheets"
+    assert api("POST", "/organizer/protocols", **dict(toml)).status_code == 201
+    drafted = api(
+        "POST", "/organizer/rescoring", json={"phase": "dev", "protocol": "1.1", **REASON}
+    )
+    path = f"/organizer/rescoring/{drafted.json()['id']}"
+    assert api("POST", f"{path}/start", json=REASON).json()["state"] == "scoring"
+    stage.work()
+    before = api("GET", "/leaderboard?phase=dev", "nobody")
+    preview = api("GET", f"{path}/preview").json()
+    csv = api("GET", f"{path}/preview.csv").text.splitlines()
+    assert len(csv) == 1 + preview["comparison"]["n_entries"]
+    stale = api("POST", f"{path}/apply", json={"preview": "sha256:0", **REASON})
+    assert (stale.status_code, "stale" in stale.json()["detail"]) == (409, True)
+    applied = api("POST", f"{path}/apply", json={"preview": preview["digest"], **REASON})
+    assert applied.json()["state"] == "applied"
+    public = api("GET", f"/rescoring/{drafted.json()['id']}", "nobody").json()
+    assert public["comparison"] == preview["comparison"]
+    assert "reason" not in public
+    (told,) = api("GET", "/notifications?unread=true", "alpha").json()
+    assert api("POST", f"/notifications/{told['id']}/read", "alpha").json()["read_at"]
+    assert api("GET", "/notifications?unread=true", "alpha").json() == []
+    assert api("POST", f"{path}/rollback", json=REASON).json()["state"] == "rolled_back"
+    assert api("GET", "/leaderboard?phase=dev", "nobody").content == before.content
+    history = api("GET", "/boards?phase=dev", "nobody").json()
+    assert [line["protocol"]["version"] for line in history[:3]] == ["1.0", "1.1", "1.0"]
+
+
+def test_every_response_during_the_flip_is_one_whole_board(
+    stage: Stage, api: Api, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    seen: set[tuple[str, bytes]] = set()
+    stop = threading.Event()
+
+    def read() -> None:
+        while not stop.is_set():
+            answer = api("GET", "/leaderboard?phase=dev", "nobody")
+            seen.add((answer.headers["etag"], answer.content))
+
+    readers = [threading.Thread(target=read) for _ in range(3)]
+    for reader in readers:
+        reader.start()
+    for _ in range(3):
+        stage.apply(run_id)
+        stage.rollback(run_id)
+        run_id = stage.draft(protocol="1.1")
+        stage.step("start", run_id)
+        stage.work()
+    stop.set()
+    for reader in readers:
+        reader.join()
+    assert len({etag for etag, _ in seen}) == len(seen) <= 2
+    for etag, body in seen:
+        assert json.loads(body)["protocol"]["version"] in ("1.0", "1.1")
+        assert etag
+
+
+def test_only_organizers_steer_and_each_step_needs_a_reason(api: Api) -> None:
+    wanted = {"phase": "dev", "protocol": "1.0"}
+    assert (
+        api("POST", "/organizer/rescoring", "alpha", json={**wanted, **REASON}).status_code == 403
+    )
+    assert api("POST", "/organizer/rescoring", "nobody", json=wanted).status_code == 401
+    for step in ("start", "pause", "resume", "apply", "cancel", "rollback", "close"):
+        assert api("POST", f"/organizer/rescoring/x/{step}", json={}).status_code == 400
+    assert api("POST", "/organizer/rescoring", json=wanted).status_code == 400
+
+
+def test_a_draft_is_for_organizers_alone(
+    stage: Stage, api: Api, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    number = stage.preview(run_id).comparison.new_board
+    for path in (
+        f"/rescoring/{run_id}",
+        f"/boards/dev/{number}",
+        "/leaderboard?phase=dev&protocol=1.1",
+    ):
+        assert api("GET", path, "nobody").status_code == 404
+
+
+def test_a_webhook_secret_is_shown_once(api: Api) -> None:
+    wanted = {"channel": "webhook", "address": "https://example.org/hook"}
+    added = api("POST", "/contacts", "alpha", json=wanted)
+    assert added.json()["secret"].startswith("edw_")
+    assert api("GET", "/contacts", "alpha").json()[0]["secret"] is None
+    assert api("POST", "/contacts", "alpha", json=wanted).status_code == 409
+    removed = api("POST", f"/contacts/{added.json()['id']}/remove", "alpha")
+    assert removed.status_code == 200
+    assert api("GET", "/contacts", "alpha").json() == []
+
+
+def test_no_route_takes_a_score_or_a_rank(api: Api) -> None:
+    document = api.client.app.openapi()  # type: ignore[attr-defined]
+    schemas = document["components"]["schemas"]
+    numbers = {"score", "rank", "metrics", "micro", "macro_family", "sheet", "hcc", "ur", "entries"}
+    for path, methods in document["paths"].items():
+        for method, route in methods.items():
+            assert method in ("get", "post", "put", "patch", "delete", "head"), path
+            bodies = json.dumps(route.get("requestBody", {}))
+            for name, schema in schemas.items():
+                if f'"#/components/schemas/{name}"' in bodies:
+                    assert not numbers & set(schema.get("properties", {})), (path, name)
