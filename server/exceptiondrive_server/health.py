@@ -98,7 +98,7 @@ def _broker_answers(broker_url: str) -> bool:
     options = transport_options(socket_timeout_s=PROBE_TIMEOUT_S)
     with Connection(broker_url, transport_options=options) as connection:
         try:
-            connection.ensure_connection(max_retries=1, timeout=PROBE_TIMEOUT_S)
+            connection.ensure_connection(max_retries=1, interval_start=0, timeout=PROBE_TIMEOUT_S)
         except (KombuError, OSError, ConnectionError):
             return False
     return True

@@ -1,0 +1,155 @@
+"""The OpenAPI document, and the API held to it by generated requests (schemathesis)."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, given, settings, strategies
+from jsonschema import Draft202012Validator
+from schemathesis import APIOperation, Case, GenerationMode, SerializationContext
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    negative_data_rejection,
+    response_headers_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+HELD_BACK = re.compile(r"hidden|region|clearance_m|scene_id")
+
+
+def operations(document: dict[str, Any]) -> list[tuple[str, str, dict[str, Any]]]:
+    return [
+        (path, method, operation)
+        for path, methods in document["paths"].items()
+        for method, operation in methods.items()
+    ]
+
+
+def test_the_document_is_served_and_names_every_operation_once(api: "Api") -> None:
+    document = api.get("/openapi.json").json()
+    assert document["openapi"].startswith("3.1")
+    names = [operation["operationId"] for _, _, operation in operations(document)]
+    assert len(names) == len(set(names)) >= 30
+    assert all(re.fullmatch(r"[a-z][A-Za-z]+", name) for name in names)
+
+
+def test_the_names_that_clients_rely_on_stay(api: "Api") -> None:
+    names = {operation["operationId"] for _, _, operation in operations(api.app.openapi())}
+    assert names >= {
+        "listPhases", "showPhase", "showManifest", "downloadSplit", "submit", "listSubmissions",
+        "showSubmission", "followSubmission", "withdrawSubmission", "showBoard", "downloadBoard",
+        "showBoardByNumber", "showEntry", "listProtocols", "showProtocol", "listTasks",
+        "listSchemas", "showSchema", "showExample", "whoAmI", "createTeam", "issueToken",
+        "createPhase", "addProtocol", "readAudit", "verifyAudit",
+    }  # fmt: skip
+
+
+def test_every_error_is_documented_as_a_problem_and_422_is_not(api: "Api") -> None:
+    for path, method, operation in operations(api.app.openapi()):
+        responses = operation["responses"]
+        assert "default" in responses, (method, path)
+        assert "422" not in responses, (method, path)
+        for status, response in responses.items():
+            if status == "default" or (status >= "400" and path != "/readyz"):
+                assert list(response["content"]) == ["application/problem+json"], (path, status)
+
+
+def test_every_operation_says_what_it_does_and_belongs_somewhere(api: "Api") -> None:
+    document = api.app.openapi()
+    tags = {tag["name"] for tag in document["tags"]}
+    for path, method, operation in operations(document):
+        assert operation["description"], (method, path)
+        assert set(operation["tags"]) <= tags, f"describe the tag of {path} in openapi.TAGS"
+
+
+def test_the_examples_of_the_documents_are_valid(api: "Api") -> None:
+    document = api.app.openapi()
+    shown = {
+        name: schema["examples"]
+        for name, schema in document["components"]["schemas"].items()
+        if "examples" in schema and schema["type"] == "object"
+    }
+    assert {"Problem", "Board", "SubmissionView", "Manifest", "ScoreSheet"} <= set(shown)
+    for name, examples in shown.items():
+        whole = {"$ref": f"#/components/schemas/{name}", "components": document["components"]}
+        for example in examples:
+            Draft202012Validator(whole).validate(example)
+
+
+def test_no_answer_on_a_hidden_split_has_a_field_for_what_is_withheld(api: "Api") -> None:
+    schemas = api.app.openapi()["components"]["schemas"]
+    split_only = {"Split", "SplitSample"}
+    for name, schema in schemas.items():
+        if name not in split_only and name != "Protocol" and "Section" not in name:
+            fields = json.dumps(list(schema.get("properties", {})))
+            assert name == "Task" or not HELD_BACK.search(fields), name
+
+
+EXAMPLES_PER_OPERATION = 6
+MODES = (GenerationMode.POSITIVE, GenerationMode.NEGATIVE)
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_headers_conformance,
+    response_schema_conformance,
+    negative_data_rejection,
+]
+
+
+@schemathesis.serializer("application/toml")
+def as_toml(_: SerializationContext, value: Any) -> bytes:
+    """Send what was generated as it is: text that is hardly ever a protocol."""
+    return str(value).encode("utf-8", "replace")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_generated_requests_are_answered_as_the_document_says(
+    make_api: Callable[..., "Api"], sqlite_url: str, make_entry: Callable[..., Any]
+) -> None:
+    """Every operation, valid and invalid requests, as someone who may do everything."""
+    api = make_api(sqlite_url, events_longest_s=0.02)
+    own = api.submit("a").json()["id"]
+    api.score(own)
+    api.publish(make_entry("Planner", submission_id=own))
+    with api.database.write() as session:
+        team_id = api.team_ids["alpha"]
+        token, _ = issue_token(session, team_id, "all", ORGANIZER_SCOPES, actor="test")
+    schema = schemathesis.openapi.from_asgi("/api/v1/openapi.json", api.app)
+    tried = Counter[str]()
+    for found in schema.get_all_operations():
+        _try(found.ok(), token, tried)
+    assert len(tried) >= 30
+    assert min(tried.values()) >= 1
+    assert api.get("/phases/dev").status_code == 200
+
+
+def _try(operation: "APIOperation[Any, Any, Any, Any]", token: str, tried: Counter[str]) -> None:
+    """Send generated requests to one operation; a failure shows how to repeat it."""
+
+    @settings(
+        max_examples=EXAMPLES_PER_OPERATION,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(case=strategies.one_of(*(operation.as_strategy(generation_mode=m) for m in MODES)))
+    def send(case: Case) -> None:
+        tried[operation.label] += 1
+        headers = {"Authorization": f"Bearer {token}"}
+        case.call_and_validate(headers=headers, checks=CHECKS)
+
+    send()
