@@ -63,11 +63,11 @@ def _sabotage_worker() -> Callable[[], None]:
 
 def _sabotage_server() -> Callable[[], None]:
     from exceptiondrive_server import operator_cli
-    from exceptiondrive_server.api import submissions as module
+    from exceptiondrive_server import submitting as module
 
-    submissions: Any = module
+    submitting: Any = module
 
-    accept, ring = submissions.accept, submissions._ring
+    accept, ring = submitting.accept, submitting._ring
 
     def sabotaged_accept(*arguments: Any, **named: Any) -> Any:
         if _once("kill-before-commit"):
@@ -79,8 +79,8 @@ def _sabotage_server() -> Callable[[], None]:
             os.kill(os.getpid(), signal.SIGKILL)
         ring(*arguments)
 
-    submissions.accept = sabotaged_accept
-    submissions._ring = sabotaged_ring
+    submitting.accept = sabotaged_accept
+    submitting._ring = sabotaged_ring
     return operator_cli.main
 
 

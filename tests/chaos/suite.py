@@ -26,7 +26,7 @@ class On(Enum):
 
     SQLITE = "SQLite"
     POSTGRES = "PostgreSQL"
-    SMALL_DISK = "SQLite on 6 MB"
+    SMALL_DISK = "SQLite on 24 MB"
     ALONE = "alone"
 
 
@@ -134,7 +134,7 @@ def running(on: On) -> Iterator[Run | None]:
         return
     disk = Path(tempfile.mkdtemp(prefix="ed-disk-")) if on is On.SMALL_DISK else None
     if disk is not None:
-        mount = ["mount", "-t", "tmpfs", "-o", "size=6m,mode=755", "tmpfs", str(disk)]
+        mount = ["mount", "-t", "tmpfs", "-o", "size=24m,mode=755", "tmpfs", str(disk)]
         subprocess.run(mount, check=True)
     run = None
     try:

@@ -120,7 +120,14 @@ class Topology:
             self._add(f"worker-{n + 1}", "worker", "run", "--concurrency", "2")
             for n in range(n_workers)
         ]
-        self.wait_until(lambda: self.readiness().get("live_workers", 0) >= 2 * n_workers, "a start")
+        self._wait_for_start(2 * n_workers)
+
+    def _wait_for_start(self, n_slots: int) -> None:
+        try:
+            self.wait_until(lambda: self.readiness().get("live_workers", 0) >= n_slots, "a start")
+        except TimeoutError:
+            self.close(keep=True)  # its logs tell why
+            raise
 
     @property
     def worker(self) -> Process:
