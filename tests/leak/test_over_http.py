@@ -76,7 +76,11 @@ def participant(tmp_path: Path, sqlite_url: str, protocol: Protocol) -> Iterator
         "database_url": sqlite_url,
         "file_store_url": (tmp_path / "uploads").as_uri(),
     }
-    worker = {"broker_url": "memory://", "splits_dir": SPLITS, "private_dir": tmp_path / "private"}
+    worker: dict[str, Any] = {
+        "broker_url": "memory://",
+        "splits_dir": SPLITS,
+        "private_dir": tmp_path / "private",
+    }
     doors = open_doors(WorkerSettings(**places, **worker))
     with doors.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
