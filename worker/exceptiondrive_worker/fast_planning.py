@@ -104,11 +104,12 @@ def _points_m(texts: Sequence[bytes], n_waypoints: int) -> FloatArray | None:
 def _is_within_bounds(points_m: FloatArray, geometry: GeometrySection) -> bool:
     if points_m.size == 0:
         return True
-    largest_m = max(points_m.max(), -points_m.min())
+    if not max(points_m.max(), -points_m.min()) <= geometry.max_coordinate_m:
+        return False  # first of all: squares of what is far outside overflow
     steps_m = np.diff(points_m, axis=1, prepend=0.0)
     squares_m2 = np.square(steps_m, out=steps_m)
     longest_m2 = (squares_m2[..., 0] + squares_m2[..., 1]).max()
-    return bool(largest_m <= geometry.max_coordinate_m and longest_m2 <= geometry.max_step_m**2)
+    return bool(longest_m2 <= geometry.max_step_m**2)
 
 
 def is_surely_in_frame(ends_m: FloatArray, rules: PlausibilitySection) -> bool:

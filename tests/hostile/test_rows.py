@@ -1,0 +1,298 @@
+"""Rows of the table of bad inputs (I01 to I33): one line each says what is done about it.
+
+Content is judged by the worker, which rejects the file with a stable code; the API reads no file.
+"""
+
+import ast
+import gzip
+import io
+import json
+import pickle
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from tests.hostile.conftest import Site
+
+TESTS = Path(__file__).parents[1]
+WAY = [[1.0 * step, 0.0] for step in range(1, 7)]
+
+
+def document(**first: Any) -> dict[str, Any]:
+    """A sound document; keywords replace keys of its first answer."""
+    answers = [{"sample_id": f"s{i}", "source": WAY, "edited": WAY} for i in range(2)]
+    answers[0] = {**answers[0], **first}
+    return {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": answers}
+
+
+def sound(**first: Any) -> bytes:
+    return json.dumps(document(**first)).encode()
+
+
+def with_number(text: str) -> bytes:
+    return sound(edited=[["@", 0.0], *WAY[1:]]).replace(b'"@"', text.encode())
+
+
+def with_way(way: Any) -> bytes:
+    return sound(edited=way)
+
+
+def with_id(raw: bytes) -> bytes:
+    return sound(sample_id="@").replace(b"@", raw)
+
+
+def answers_of(*ids: str) -> bytes:
+    answers = [{"sample_id": key, "source": WAY, "edited": WAY} for key in ids]
+    return json.dumps({**document(), "predictions": answers}).encode()
+
+
+def zipped() -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr("planner.json", sound())
+    return buffer.getvalue()
+
+
+def npz() -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, a=np.zeros(3))
+    return buffer.getvalue()
+
+
+def npy() -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.zeros(3))
+    return buffer.getvalue()
+
+
+CONTENT: list[tuple[str, bytes, str]] = [
+    *(
+        ("I01", with_number(text), "non_finite")
+        for text in ("NaN", "Infinity", "-Infinity", "1e309")
+    ),
+    *(("I02", with_number(text), "out_of_bounds") for text in ("1e308", "1e154", "251")),
+    ("I03", with_number("1" + "0" * 400), "non_finite"),
+    ("I03", with_number("9" * 5000), "non_finite"),
+    ("I04", with_way(WAY[:5]), "wrong_waypoint_count"),
+    ("I04", with_way([*WAY, [7.0, 0.0]]), "wrong_waypoint_count"),
+    ("I04", with_way([]), "wrong_waypoint_count"),
+    ("I04", with_way([[1.0], *WAY[1:]]), "wrong_waypoint_shape"),
+    ("I04", with_way([[1.0, 0.0, 0.0]] * 6), "wrong_waypoint_shape"),
+    *(("I05", with_number(text), "wrong_type") for text in ('"1"', "true", "null", "{}")),
+    ("I06", answers_of("s0", "s1", "s1"), "duplicate_sample"),
+    ("I06", sound().replace(b'"split"', b'"split": "tiny", "split"'), "duplicate_key"),
+    ("I07", answers_of("s0"), "missing_sample"),
+    ("I07", answers_of("s0", "s1", "s2"), "unknown_sample"),
+    ("I09", b"[" * 200_000, "wrong_type"),
+    ("I09", with_number("[" * 50_000 + "]" * 50_000), "nested_too_deeply"),
+    ("I09", b"{" + b",".join(b'"%d":0' % i for i in range(10**5)) + b"}", "unknown_key"),
+    ("I09", answers_of(*["s0"] * 6_000), "duplicate_sample"),
+    ("I10", with_id(rb"\ud800"), "unknown_sample"),
+    ("I10", with_id(rb"\u0000"), "unknown_sample"),
+    ("I10", with_id(b"\xff"), "not_utf8"),
+    ("I10", sound().decode().encode("utf-16"), "wrong_file_kind"),
+    ("I10", b"\xef\xbb\xbf" + sound(), "byte_order_mark"),
+    ("I14", gzip.compress(b" " * (80 * 2**20)), "inflates_too_large"),
+    ("I14", gzip.compress(gzip.compress(sound())), "wrong_file_kind"),
+    ("I14", zipped(), "wrong_file_kind"),
+    ("I14", b"\x28\xb5\x2f\xfd" + bytes(50), "wrong_file_kind"),
+    ("I15", b"PAR1" + bytes(50) + b"PAR1", "wrong_file_kind"),
+    ("I15", pickle.dumps({"a": 1}), "wrong_file_kind"),
+    ("I15", npy(), "wrong_file_kind"),
+    ("I15", npz(), "wrong_file_kind"),
+    ("I15", b"sample_id,x,y\ns0,1,2\n", "not_json"),
+    ("I17", with_way([[150.0, 0.0], *WAY[1:]]), "step_too_long"),
+    ("I29", answers_of(*(f"ECHO-{i}" for i in range(2500))), "unknown_sample"),
+]
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        pytest.param(data, code, id=f"{row}-{n}-{code}")
+        for n, (row, data, code) in enumerate(CONTENT)
+    ],
+)
+def test_a_hostile_file_is_rejected_with_its_code(site: "Site", data: bytes, code: str) -> None:
+    shown = site.score(data)
+    assert shown["status"] == "rejected"
+    assert shown["failure"] is None
+    assert code in [group["code"] for group in shown["report"]["faults"]]
+    assert shown["sheet"] is None
+
+
+def test_i08_a_missing_source_is_scored_and_its_coverage_shown(site: "Site") -> None:
+    shown = site.score(sound(source=None), method="No source")
+    assert shown["status"] == "scored"
+    assert shown["sheet"]["coverage"]["source"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("way", "flag"),
+    [
+        pytest.param([[0.0, 0.0]] * 6, "edited_stationary", id="I17-all-zeros"),
+        pytest.param([[30.0, 0.0], [0.5, 0.0]] * 3, "impossible", id="I17-reverse-time"),
+    ],
+)
+def test_i17_what_no_car_does_is_flagged_and_shown_on_the_board(
+    site: "Site", way: list[list[float]], flag: str
+) -> None:
+    answers = [{"sample_id": f"s{i}", "source": WAY, "edited": way} for i in range(2)]
+    data = json.dumps({**document(), "predictions": answers}).encode()
+    shown = site.score(data, method=f"Odd {flag}")
+    plausibility = shown["sheet"]["plausibility"]
+    assert plausibility["shares"][flag] == 1.0
+    codes = [found["code"] for found in plausibility["flags"]]
+    assert codes
+    site.publish()
+    board = site.client.get("/api/v1/leaderboard?phase=dev").json()
+    (entry,) = [row for row in board["entries"] if row["submission_id"] == shown["id"]]
+    assert [found["code"] for found in entry["flags"]] == codes
+    page = site.client.get("/?phase=dev").text
+    assert all(found["label"] in page for found in plausibility["flags"])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("turned\u202eround", id="I11-right-to-left"),
+        pytest.param("zero\u200bwidth", id="I11-zero-width"),
+        pytest.param("x" * 10_000, id="I11-10-kB"),
+        pytest.param("a\r\nSet-Cookie: x=1", id="I28-header-injection"),
+    ],
+)
+def test_a_name_that_cannot_be_shown_is_refused_and_not_repeated(site: "Site", name: str) -> None:
+    before = site.n_submissions
+    response = site.post(sound(), method=name)
+    assert response.status_code == 400
+    assert name not in response.text
+    assert "set-cookie" not in response.headers
+    assert site.n_submissions == before
+
+
+NAMES = {
+    "html": "<script>alert(1)</script>",
+    "attribute": "\" onmouseover='x' y=\"",
+    "formula": "=cmd|'/C calc'!A1",
+    "plus": "+1+1",
+    "at": "@SUM(1)",
+    "minus": "-2+3",
+    "latex": r"\input{/etc/passwd} & % $ #",
+    "template": "{{ 7*7 }}{% raw %}",
+    "emoji": "Planner \U0001f697",
+    "homoglyph": "Рlanner",
+}
+
+
+@pytest.fixture(scope="module")
+def named(site: "Site") -> "Site":
+    """A board with every hostile name."""
+    for number, name in enumerate(NAMES.values()):
+        way = [[1.0 * step, 0.1 * number] for step in range(1, 7)]
+        assert site.score(with_way(way), method=name)["status"] == "scored"
+    site.publish()
+    return site
+
+
+@pytest.mark.parametrize("path", ["/?phase=dev", "/feed.atom?phase=dev"])
+def test_i12_names_are_inert_on_the_page_and_in_the_feed(named: "Site", path: str) -> None:
+    response = named.client.get(path)
+    assert response.status_code == 200
+    assert "<script>alert" not in response.text
+    assert "\" onmouseover='x'" not in response.text
+    if path.startswith("/?"):
+        assert "&lt;script&gt;alert(1)" in response.text
+        assert "{{ 7*7 }}" in response.text
+    assert "default-src" in response.headers["content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    "path", ["/api/v1/leaderboard.csv?phase=dev", "/export/board.csv?phase=dev"]
+)
+def test_i12_names_are_no_formulas_in_a_spreadsheet(named: "Site", path: str) -> None:
+    import csv
+
+    rows = list(csv.reader(io.StringIO(named.client.get(path).text)))
+    cells = [cell for row in rows for cell in row]
+    for name in ("formula", "plus", "at", "minus"):
+        assert NAMES[name] not in cells
+        assert f"'{NAMES[name]}" in cells
+
+
+def test_i12_names_are_no_commands_in_latex(named: "Site") -> None:
+    text = named.client.get("/export/board.tex?phase=dev").text
+    assert r"\input{" not in text
+    assert r"\textbackslash{}input" in text
+    assert r"\& \% \$ \#" in text
+
+
+def test_i12_names_are_themselves_in_json(named: "Site") -> None:
+    response = named.client.get("/api/v1/leaderboard?phase=dev")
+    assert set(NAMES.values()) <= {row["method"] for row in response.json()["entries"]}
+    assert response.headers["content-type"] == "application/json"
+    assert response.headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize(
+    "link", ["javascript:alert(1)", "data:text/html,x", "http://10.0.0.1/", "file:///etc/passwd"]
+)
+def test_i12_a_link_that_is_not_https_is_refused(site: "Site", link: str) -> None:
+    data = sound() + b" " * len(link)  # bytes of its own: the same again are the first submission
+    assert site.post(data, code_url=link).status_code == 400
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "deflate", "zstd", "br"])
+def test_i14_an_encoded_body_is_refused(site: "Site", encoding: str) -> None:
+    response = site.client.post(
+        "/api/v1/submissions",
+        headers={"Authorization": f"Bearer {site.token}", "Content-Encoding": encoding},
+        files={"file": ("p.json", b"{}")},
+    )
+    assert response.status_code == 415
+
+
+@pytest.mark.parametrize(
+    "name", ["../../../etc/passwd", "/etc/passwd", "a\\..\\b", "x" * 4000, "%2e%2e%2fx", "nul\x00"]
+)
+def test_i28_the_name_of_a_file_is_never_used(site: "Site", name: str) -> None:
+    response = site.client.post(
+        "/api/v1/submissions",
+        headers={"Authorization": f"Bearer {site.token}"},
+        data={"phase": "dev", "method": "Path"},
+        files={"file": (name, b"{}")},
+    )
+    assert response.status_code in (200, 202, 400)
+    assert "passwd" not in response.text
+    store = Path(site.doors.settings.file_store_url.removeprefix("file://"))
+    names = [path.name for path in store.rglob("*") if path.is_file()]
+    assert names
+    assert all("passwd" not in known and len(known) <= 80 for known in names)
+
+
+ELSEWHERE = {
+    "I13": "server/test_body_limit.py::test_hundreds_of_megabytes_do_not_fill_the_memory_of_the_server",
+    "I18": "server/test_submit.py::test_20_parallel_copies_are_one_submission",
+    "I19": "server/test_submit.py::test_30_parallel_posts_at_quota_5_give_exactly_5",
+    "I20": "records/test_quotas.py::test_a_quota_admits_exactly_its_number_under_parallel_processes",
+    "I22": "server/test_access.py::test_every_wrong_token_is_told_the_same",
+    "I23": "server/test_access.py::test_a_participant_who_calls_every_organizer_route_is_told_403",
+    "I24": "server/test_receipts.py::test_another_teams_receipt_is_not_given",
+    "I26": "boundaries/test_canary.py::test_no_canary_leaves_the_worker",
+    "I27": "boundaries/test_walls.py::test_the_wheel_holds_no_split",
+    "I30": "client/test_receipts.py::test_a_receipt_holds_and_every_tampered_field_is_named",
+    "I31": "worker/test_upload_reader.py::test_any_mutation_gets_one_verdict",
+    "I32": "worker/test_split_store.py::test_an_unusable_region_is_refused",
+    "I33": "scoring/test_rank.py::test_equal_entries_share_a_rank_and_the_next_rank_is_skipped",
+}
+
+
+@pytest.mark.parametrize(("row", "place"), ELSEWHERE.items(), ids=list(ELSEWHERE))
+def test_the_other_rows_have_a_test_of_their_own(row: str, place: str) -> None:
+    file, name = place.split("::")
+    tree = ast.parse((TESTS / file).read_text("utf-8"))
+    functions = [n for n in tree.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+    assert name in [function.name for function in functions], row
