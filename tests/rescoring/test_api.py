@@ -51,13 +51,13 @@ def api(stage: Stage) -> Iterator[Api]:
 def test_an_update_goes_from_document_to_rollback_over_the_api(
     stage: Stage, api: Api, make_protocol: Callable[..., str]
 ) -> None:
-    toml = {
+    toml: dict[str, Any] = {
         "content": make_protocol("1.1", *D_SAFE),
         "headers": {"content-type": "application/toml"},
     }
-    checked = api("POST", "/organizer/protocols/check?phase=dev", **dict(toml)).json()
+    checked = api("POST", "/organizer/protocols/check?phase=dev", **toml).json()
     assert checked["sentence"] == "regrade only, 3 sheets"
-    assert api("POST", "/organizer/protocols", **dict(toml)).status_code == 201
+    assert api("POST", "/organizer/protocols", **toml).status_code == 201
     drafted = api(
         "POST", "/organizer/rescoring", json={"phase": "dev", "protocol": "1.1", **REASON}
     )

@@ -108,7 +108,8 @@ def told(stage: Stage, make_protocol: Callable[..., str], channel: Channel, addr
 
 def delivery(stage: Stage) -> Delivery:
     with stage.database.read() as session:
-        return session.scalars(select(Delivery)).one()
+        found: Delivery = session.scalars(select(Delivery)).one()
+    return found
 
 
 def test_a_webhook_is_signed_over_time_and_body_and_sent_once(
