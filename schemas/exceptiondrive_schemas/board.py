@@ -51,6 +51,18 @@ class ReminderEffect(Document):
     differences: dict[str, PairedDifference]
 
 
+class PairedComparison(Document):
+    """Two entries on the same samples and the same draws; every difference is A minus B.
+
+    Overall by metric; each family by the metric that ranks first.
+    """
+
+    a: str
+    b: str
+    overall: dict[str, PairedDifference]
+    families: dict[str, PairedDifference]
+
+
 class BoardEntry(Document):
     """One row of a board. Only scored entries carry a rank."""
 
@@ -99,6 +111,8 @@ class Board(Document):
     confidence: float
     families: tuple[FamilyHead, ...]
     entries: tuple[BoardEntry, ...]
+    comparisons: tuple[PairedComparison, ...] = Field(default=(), exclude_if=lambda it: not it)
+    """Every two of the best ranked entries, the better ranked first; submission ids."""
 
     @property
     def content_digest(self) -> str:

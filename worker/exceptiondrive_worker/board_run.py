@@ -6,7 +6,6 @@ import structlog
 
 from exceptiondrive_records.boards import (
     BoardClaim,
-    EntryRecord,
     claim_board,
     current_board,
     entries_for_board,
@@ -22,6 +21,7 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
+from exceptiondrive_worker.comparisons import Standing, comparisons
 from exceptiondrive_worker.doors import Doors
 from exceptiondrive_worker.entry_uncertainty import entry_uncertainties
 from exceptiondrive_worker.reminder_effects import reminder_effects
@@ -93,27 +93,22 @@ def _board(doors: Doors, claimed: BoardClaim) -> Board:
         ]
     challenge = CHALLENGES[ChallengeId(phase.challenge)]
     split = doors.splits.find(phase.split_name, claimed.split_revision, protocol)
-    entries = board_entries(
-        _scored(doors, records, challenge, split, protocol), challenge, protocol
-    )
+    targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
+    standings = list(zip(targets, records, strict=True))
+    entries = board_entries(_scored(doors, standings), challenge, protocol)
+    compared = comparisons(doors.private, doors.stages, standings, entries, protocol)
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, *boards)
-    return _document(phase, challenge, split, protocol, entries)
+    board = _document(phase, challenge, split, protocol, entries)
+    return board.model_copy(update={"comparisons": compared})
 
 
-def _scored(
-    doors: Doors,
-    records: list[EntryRecord],
-    challenge: Challenge,
-    split: LoadedSplit,
-    protocol: Protocol,
-) -> list[ScoredEntry]:
-    targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
-    measured = [(t, record.measurement_key) for t, record in zip(targets, records, strict=True)]
+def _scored(doors: Doors, standings: list[Standing]) -> list[ScoredEntry]:
+    measured = [(target, record.measurement_key) for target, record in standings]
     uncertainties = entry_uncertainties(doors.private, doors.stages, measured)
-    pairs = list(zip(targets, records, strict=True))
-    effects = reminder_effects(doors.private, doors.stages, pairs)
+    effects = reminder_effects(doors.private, doors.stages, standings)
+    records = (record for _, record in standings)
     return [ScoredEntry(*parts) for parts in zip(records, uncertainties, effects, strict=True)]
 
 

@@ -41,6 +41,8 @@ class Shelf(StrEnum):
     """Intervals and draws of one entry. Key: as the sums, and ranking."""
     EFFECTS = "effects"
     """An entry against its linked counterpart. Key: the sums of both, and ranking."""
+    COMPARISONS = "comparisons"
+    """Two entries against each other. Key: the sums of both, and ranking."""
 
 
 def content_key(*parts: str) -> str:

@@ -13,6 +13,7 @@ from exceptiondrive_server.pages.entry_facts import (
 )
 from exceptiondrive_server.pages.family_tiles import short_title
 from exceptiondrive_server.pages.numbers import Digits, fixed, listed, unit_of
+from exceptiondrive_server.pages.paired_table import PairedTable, paired_table
 from exceptiondrive_server.pages.scales import Scale, nice_scale, px
 
 LINE_HEIGHT = 40
@@ -79,12 +80,14 @@ class Comparison:
     narrow: DumbbellChart | None
     verdict: str
     families_sentence: str
+    paired: PairedTable | None
 
 
 def compare_entries(board: Board, a: BoardEntry, b: BoardEntry, digits: Digits) -> Comparison:
     """Compare two entries of one board under its headline average."""
     challenge = challenge_of(board)
     first = challenge.metrics[0]
+    paired = paired_table(board, entry_key(a), entry_key(b), challenge, digits)
     return Comparison(
         a=a,
         b=b,
@@ -93,7 +96,8 @@ def compare_entries(board: Board, a: BoardEntry, b: BoardEntry, digits: Digits) 
         metrics=tuple(_metric_line(board, a, b, metric, digits) for metric in challenge.metrics),
         chart=_chart(board, a, b, first, digits, WIDTH),
         narrow=_chart(board, a, b, first, digits, NARROW),
-        verdict=verdict(board, a, b, digits),
+        verdict=verdict(board, a, b, digits, paired),
+        paired=paired,
         families_sentence=_families_sentence(board, a, b, first, digits),
     )
 
@@ -110,7 +114,13 @@ def default_pair(board: Board) -> tuple[BoardEntry, BoardEntry] | None:
     return None
 
 
-def verdict(board: Board, a: BoardEntry, b: BoardEntry, digits: Digits) -> str:
+def verdict(
+    board: Board,
+    a: BoardEntry,
+    b: BoardEntry,
+    digits: Digits,
+    paired: PairedTable | None = None,
+) -> str:
     """Say in plain words which entry is ahead and whether the data can tell."""
     first = primary_metrics(challenge_of(board))[0]
     x, y = a.metrics.get(first.key), b.metrics.get(first.key)
@@ -123,7 +133,8 @@ def verdict(board: Board, a: BoardEntry, b: BoardEntry, digits: Digits) -> str:
     ahead, behind = (a, b) if is_a_ahead else (b, a)
     gap = digits.text(first, abs(x - y))
     lead = f"{ahead.method} leads {behind.method} by {gap} points of {first.label}."
-    return f"{lead} {_certainty(board, ahead, behind, first)}"
+    sure = paired.sentence if paired else _certainty(board, ahead, behind, first)
+    return f"{lead} {sure}"
 
 
 def _certainty(board: Board, ahead: BoardEntry, behind: BoardEntry, metric: Metric) -> str:

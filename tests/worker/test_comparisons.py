@@ -1,0 +1,111 @@
+"""Every two of the best entries on a board, compared sample by sample."""
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any
+
+import pytest
+
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_schemas.board import Board, PairedComparison
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.private_store import Shelf
+
+World = Any
+MakeFile = Callable[..., bytes]
+SPEEDS = {"best": 1.0, "twin": 1.0, "middle": 2.0, "last": 4.0}
+
+
+@pytest.fixture
+def phase(world: World, tiny: Split) -> World:
+    world.add_phase(tiny)
+    return world
+
+
+def build(world: World) -> Board:
+    with world.database.write() as session:
+        digest = str(session.get_one(Phase, "dev").protocol_digest)
+        want_board(session, "dev", digest)
+    build_board(world.doors, "dev", digest)
+    with world.database.read() as session:
+        row = current_board(session, "dev")
+    assert row is not None
+    return Board.model_validate_json(row.body)
+
+
+def by_method(board: Board) -> dict[tuple[str, str], PairedComparison]:
+    method = {entry.submission_id: entry.method for entry in board.entries}
+    return {(method[pair.a], method[pair.b]): pair for pair in board.comparisons}
+
+
+@pytest.fixture
+def board(phase: World, tiny: Split, planning_file: MakeFile) -> Board:
+    for method, speed in SPEEDS.items():
+        phase.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
+    return build(phase)
+
+
+def test_each_ranked_entry_is_compared_with_each_the_better_ranked_first(board: Board) -> None:
+    assert list(by_method(board)) == list(combinations(("best", "twin", "middle", "last"), 2))
+
+
+def test_a_difference_is_the_difference_of_what_the_board_shows(board: Board) -> None:
+    entry = {row.method: row for row in board.entries}
+    for (a, b), pair in by_method(board).items():
+        for key in ("hcc", "ur"):
+            shown = (entry[a].metrics[key] or 0) - (entry[b].metrics[key] or 0)
+            assert pair.overall[key].difference == pytest.approx(shown, abs=1.01e-4)
+        for family, found in pair.families.items():
+            cells = [entry[name].families[family].metrics["hcc"] or 0 for name in (a, b)]
+            assert found.difference == pytest.approx(cells[0] - cells[1], abs=1.01e-4)
+
+
+def test_the_same_answers_differ_nowhere_and_cannot_be_told_apart(board: Board) -> None:
+    same = by_method(board)["best", "twin"]
+    assert {each.difference for each in same.overall.values()} <= {0.0, None}
+    assert same.overall["hcc"].discordant == 0.0
+    assert same.overall["hcc"].verdict == "not separable on this split"
+
+
+def test_a_verdict_names_the_method_and_follows_from_the_interval(board: Board) -> None:
+    for (a, b), pair in by_method(board).items():
+        found = pair.overall["hcc"]
+        if found.interval is None or found.interval[0] <= 0 <= found.interval[1]:
+            assert found.verdict == "not separable on this split"
+        else:
+            assert found.verdict == f"{a if found.interval[0] > 0 else b} is better"
+
+
+def test_only_digits_that_the_protocol_publishes_leave(board: Board) -> None:
+    for pair in board.comparisons:
+        for found in (*pair.overall.values(), *pair.families.values()):
+            values = [found.difference, found.discordant, *(found.interval or ())]
+            assert all(value is None or value == round(value, 4) for value in values)
+
+
+def test_a_new_entry_repeats_no_comparison(
+    phase: World, tiny: Split, planning_file: MakeFile, board: Board
+) -> None:
+    folder = phase.doors.private.root / Shelf.COMPARISONS
+    kept = {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+    assert len(kept) == 6
+    phase.score(planning_file(tiny, edited_mps=3.0), method="new", team="new")
+    assert len(build(phase).comparisons) == 10
+    assert all(path.stat().st_mtime_ns == at for path, at in kept.items())
+
+
+def test_the_protocol_says_how_many_are_compared(
+    world: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    toml = packaged_protocol_toml().replace("compared_entries = 10", "compared_entries = 2")
+    with world.database.write() as session:
+        add_protocol(session, toml.replace('version = "1.0"', 'version = "1.0.1"'), "test")
+    world.add_phase(tiny, protocol="1.0.1")
+    for method, speed in SPEEDS.items():
+        world.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
+    assert list(by_method(build(world))) == [("best", "twin")]
