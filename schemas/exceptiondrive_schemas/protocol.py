@@ -133,6 +133,7 @@ class PublicationSection(Document):
     percent_decimals: Annotated[int, Field(ge=0, le=4)]
     metre_decimals: Annotated[int, Field(ge=0, le=4)]
     min_samples_per_cell: Annotated[int, Field(ge=1)]
+    compared_entries: Annotated[int, Field(ge=0, le=50)] = 0
 
 
 class Protocol(Document):
