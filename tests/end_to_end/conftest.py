@@ -173,30 +173,42 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
         yield running
 
 
-@pytest.fixture(scope="module")
-def sample_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    """Start everything with the generated sample, as `make run` does."""
-    base = tmp_path_factory.mktemp("sample")
-    with running_system(base / "data", ROOT / "hidden_splits", "--sample") as running:
-        yield running
+def open_phases(system: System, *names: str) -> None:
+    """Register the splits and open a phase over each of these."""
+    work(system, "register-splits")
+    for name in names:
+        options = ("--split", name, "--per-day", "50", "--shows-reported")
+        system.operate("exceptiondrive-server", "create-phase", name, *options)
 
 
-@pytest.fixture(scope="module")
-def phases(system: System) -> System:
-    """Register the splits, open a phase over each, and make a team."""
+def work(system: System, *arguments: str | Path) -> None:
+    """Run a command of the worker beside the system; it has to succeed."""
     done = subprocess.run(
-        [BIN / "exceptiondrive-worker", "register-splits"],
+        [BIN / "exceptiondrive-worker", *arguments],
         env=system.environment()
         | {"EXCEPTIONDRIVE_DATABASE_URL": f"sqlite:///{system.data}/records.sqlite3"},
         check=False,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=240,
     )
     assert done.returncode == 0, done.stderr
-    for name in ("nuscenes-real", "carla-pairs"):
-        options = ("--split", name, "--per-day", "50", "--shows-reported")
-        system.operate("exceptiondrive-server", "create-phase", name, *options)
+
+
+@pytest.fixture(scope="module")
+def sample_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """Start everything over the generated sample; its planners' files lie in data/planners."""
+    base = tmp_path_factory.mktemp("sample")
+    with running_system(base / "data", ROOT / "hidden_splits") as running:
+        open_phases(running, "sample")
+        work(running, "make-planners", running.data / "planners")
+        yield running
+
+
+@pytest.fixture(scope="module")
+def phases(system: System) -> System:
+    """Open a phase over each real split."""
+    open_phases(system, "nuscenes-real", "carla-pairs")
     return system
 
 

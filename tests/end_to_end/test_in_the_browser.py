@@ -1,0 +1,137 @@
+"""A team in a real browser, before every real part: sign in, submit, watch it become ranked."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from tests.end_to_end.conftest import System
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.xdist_group("end_to_end"),
+]
+CHROMIUM = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome")
+     if (found := shutil.which(name))),
+    None,
+)  # fmt: skip
+LONGEST_MS = 180_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """A headless Chromium of this machine."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed on this machine")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def team_token(sample_system: System) -> str:
+    """A team, as an operator makes it."""
+    printed = sample_system.operate(
+        "exceptiondrive-server", "create-team", "browsing", "Browsing", "--with-token"
+    )
+    return next(word for word in printed.split() if word.startswith("edk_"))
+
+
+@pytest.fixture(scope="module")
+def planner(sample_system: System) -> Path:
+    """A file of a synthetic planner, not compressed."""
+    kept = sample_system.data / "planners" / "bypass-planner.json.gz"
+    written = sample_system.data / "mine.json"
+    written.write_text(json.dumps(json.loads(gzip.decompress(kept.read_bytes())), indent=1))
+    return written
+
+
+def sign_in(context: BrowserContext, system: System, token: str) -> Page:
+    page = context.new_page()
+    page.goto(f"{system.url}/my")
+    page.fill("input[name=token]", token)
+    page.click("text=Sign in >> visible=true >> nth=-1")
+    page.wait_for_url("**/my")
+    return page
+
+
+def submit(page: Page, system: System, file: Path, method: str) -> None:
+    page.goto(f"{system.url}/submit")
+    page.set_input_files("input[name=file]", file)
+    page.fill("input[name=method]", method)
+    page.click("form.upload button")
+    page.wait_for_url(re.compile(r"/submissions/[0-9a-z]{16}$"))
+
+
+def test_a_team_submits_and_watches_it_become_ranked(
+    browser: Browser, sample_system: System, team_token: str, planner: Path
+) -> None:
+    complaints: list[str] = []
+    context = browser.new_context(viewport={"width": 1360, "height": 900}, color_scheme="dark")
+    page = sign_in(context, sample_system, team_token)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda message: complaints.append(message.text))
+    submit(page, sample_system, planner, "Watched")
+    page.evaluate("window.isStillTheSamePage = true")
+    expect(page.locator(".way-rank")).to_be_visible(timeout=LONGEST_MS)
+    assert page.evaluate("window.isStillTheSamePage"), "it was followed without a reload"
+    page.click("text=Entry on the board")
+    expect(page.locator("h1")).to_have_text("Watched")
+    page.goto(f"{sample_system.url}/my")
+    expect(page.locator(".subs .badge.scored")).to_be_visible()
+    assert complaints == []
+    context.close()
+
+
+def test_without_script_and_on_a_phone_it_works_all_the_same(
+    browser: Browser, sample_system: System, team_token: str, planner: Path
+) -> None:
+    broken = json.loads(planner.read_text())
+    broken["predictions"][3]["edited"].pop()
+    file = planner.with_name("broken.json")
+    file.write_text(json.dumps(broken))
+    context = browser.new_context(viewport={"width": 390, "height": 844}, java_script_enabled=False)
+    page = sign_in(context, sample_system, team_token)
+    submit(page, sample_system, file, "Broken")
+    expect(page.locator(".flt")).to_contain_text("wrong_waypoint_count", timeout=LONGEST_MS)
+    expect(page.locator(".flt")).to_contain_text("5 waypoints")
+    page.goto(f"{sample_system.url}/my/tokens")
+    page.fill("form.stack input[name=name]", "cluster")
+    page.click("form.stack button")
+    expect(page.locator(".issued pre")).to_have_text(re.compile(r"^edk_s_\w{8}_\w{32}_\w{6}$"))
+    page.goto(f"{sample_system.url}/my")
+    page.click("text=Sign out")
+    page.goto(f"{sample_system.url}/my")
+    expect(page.locator("h1")).to_contain_text("Sign in")
+    context.close()
+
+
+def test_a_refused_upload_is_said_in_place_and_keeps_what_was_typed(
+    browser: Browser, sample_system: System, team_token: str, planner: Path
+) -> None:
+    context = browser.new_context()
+    page = sign_in(context, sample_system, team_token)
+    empty = planner.with_name("empty.json")
+    empty.write_bytes(b"")
+    page.goto(f"{sample_system.url}/submit")
+    page.set_input_files("input[name=file]", empty)
+    page.fill("input[name=method]", "Typed")
+    page.click("form.upload button")
+    expect(page.locator(".sending p")).to_contain_text("The file holds nothing")
+    assert page.input_value("input[name=method]") == "Typed"
+    context.close()
