@@ -123,11 +123,10 @@ def full_disk(run: Run) -> str:
     """The disk of the records fills up, then there is room again."""
     ballast = run.topology.data / "ballast"
     before = run.n_sheets()
-    with ballast.open("wb") as file:
+    with ballast.open("wb", buffering=0) as file:
         try:
             while True:
                 file.write(b"\0" * 4096)
-                file.flush()
         except OSError:
             pass
     told = [run.clients.submit(run.clients.new_file(), "alpha", patient=False) for _ in range(4)]
