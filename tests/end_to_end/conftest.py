@@ -197,11 +197,9 @@ def work(system: System, *arguments: str | Path) -> None:
 
 @pytest.fixture(scope="module")
 def sample_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    """Start everything over the generated sample; its planners' files lie in data/planners."""
+    """Start everything with the generated sample, as `make run` does."""
     base = tmp_path_factory.mktemp("sample")
-    with running_system(base / "data", ROOT / "hidden_splits") as running:
-        open_phases(running, "sample")
-        work(running, "make-planners", running.data / "planners")
+    with running_system(base / "data", ROOT / "hidden_splits", "--sample") as running:
         yield running
 
 
