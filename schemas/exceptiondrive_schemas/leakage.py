@@ -97,4 +97,4 @@ def least_width_m(range_m: float, bits_per_submission: float, n_submissions: int
         bits_per_submission: What one submission tells about the sample.
         n_submissions: Submissions spent on it.
     """
-    return range_m / 2.0 ** (bits_per_submission * n_submissions)
+    return range_m / math.exp2(bits_per_submission * n_submissions)

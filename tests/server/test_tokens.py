@@ -74,7 +74,7 @@ def test_a_revoked_token_is_dead_at_once(api: "Api", as_problem: Problem) -> Non
 
 @pytest.mark.parametrize("what", ["revoke", "rotate"])
 def test_another_teams_token_is_not_there(api: "Api", as_problem: Problem, what: str) -> None:
-    body = {"json": {}} if what == "rotate" else {}
+    body: dict[str, Any] = {"json": {}} if what == "rotate" else {}
     for token_id in (own_id(api, "beta"), own_id(api, "organizer"), "nosuch00"):
         as_problem(api.post(f"/tokens/{token_id}/{what}", "alpha", **body), 404, "not_found")
     assert api.get("/me", "beta").status_code == 200
