@@ -96,7 +96,8 @@ def cut_postgres(run: Run) -> str:
 
 def wrong_clock(run: Run) -> str:
     """Workers an hour ahead and an hour behind; leases follow the database's clock."""
-    library = next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"))
+    library = next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
+    assert library is not None, "libfaketime is missing: as root, apt-get install faketime"
     skewed = [
         run.topology.add_worker(
             environment={
