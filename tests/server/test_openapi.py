@@ -97,7 +97,7 @@ def test_no_answer_on_a_hidden_split_has_a_field_for_what_is_withheld(api: "Api"
             assert name == "Task" or not HELD_BACK.search(fields), name
 
 
-EXAMPLES_PER_OPERATION = 6
+EXAMPLES_PER_OPERATION = 15
 MODES = (GenerationMode.POSITIVE, GenerationMode.NEGATIVE)
 CHECKS = [
     not_a_server_error,
