@@ -125,6 +125,11 @@ def test_any_text_gives_an_answer_that_stands_in_it_or_a_reason(text: str) -> No
     assert answer in text
 
 
+@pytest.mark.parametrize("text", ["<think>", "a </think> b", "```json\n{}\n```"])
+def test_what_stands_inside_a_text_of_the_answer_is_text(text: str) -> None:
+    assert json_object(json.dumps({"evidence": text})) == {"evidence": text}
+
+
 @given(st.dictionaries(st.text(max_size=9), st.none() | st.booleans() | st.text(), max_size=4))
 def test_every_json_object_is_read_back_as_it_is(document: dict[str, object]) -> None:
     assert json_object(json.dumps(document)) == document

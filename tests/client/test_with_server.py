@@ -69,7 +69,8 @@ def test_people_read_rank_families_quota_and_the_page(
     assert "Sudden Emergence" in done.stdout
     assert "1 of 2 submissions left today" in done.stdout
     address = next(line for line in done.stdout.splitlines() if line.startswith(working.url))
-    assert httpx.get(address).status_code == 200
+    page = httpx.get(address)  # for the team's eyes: a browser is asked to sign in first
+    assert (page.status_code, page.headers["location"].split("?")[0]) == (303, "/sign-in")
 
 
 def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: MakeFile) -> None:

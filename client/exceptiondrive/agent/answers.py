@@ -75,12 +75,10 @@ def json_object(text: str) -> dict[str, Any]:
     Raises:
         NoAnswerError: `not_json`: there is none, more than one, or a key stands twice.
     """
-    body = _after_thinking(text)
-    fences = _FENCE.findall(body)
-    if len(fences) > 1:
-        raise NoAnswerError(Reason.NOT_JSON, "more than one code block", text)
     try:
-        answer = _decode(fences[0].strip() if fences else body)
+        answer = _decode_whole(text)
+        if answer is None:
+            answer = _decode(_answer_part(text))
     except _DuplicateKeyError as error:
         raise NoAnswerError(Reason.NOT_JSON, str(error), text) from None
     except (ValueError, RecursionError):
@@ -88,6 +86,23 @@ def json_object(text: str) -> dict[str, Any]:
     if not isinstance(answer, dict):
         raise NoAnswerError(Reason.NOT_JSON, "JSON, but not an object", text)
     return answer
+
+
+def _decode_whole(text: str) -> Any:
+    """Decode an answer that is JSON and nothing else, whatever its texts hold; else None."""
+    try:
+        return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+    except json.JSONDecodeError:
+        return None
+
+
+def _answer_part(text: str) -> str:
+    """What follows the thinking, out of its code block if it stands in one."""
+    body = _after_thinking(text)
+    fences: list[str] = _FENCE.findall(body)
+    if len(fences) > 1:
+        raise NoAnswerError(Reason.NOT_JSON, "more than one code block", text)
+    return fences[0].strip() if fences else body
 
 
 def _decode(body: str) -> Any:

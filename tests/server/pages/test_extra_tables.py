@@ -31,13 +31,12 @@ def test_the_average_that_ranks_stands_first() -> None:
     assert table.heads[0] == "HCC % over samples"
 
 
-def test_confusion_and_other_rows_have_tables_of_their_own() -> None:
-    extra = {"confusion_CD": {"A": 0.25, "missing": 3.0}, "reminder": {"hazard_present": 0.5}}
+def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
+    extra = {"confusion_CD": {"A": 2.0, "missing": 3.0}, "reminder": {"presence_recall": 0.5}}
     sheet = example_score_sheet().model_copy(update={"extra": extra})
-    confusion, other = extra_tables(sheet, PROTOCOL, Digits())
-    assert confusion.lines == (("CD", ("25.0", "3")),)
-    assert other.lines == (("reminder", ("50.0",)),)
-    assert other.heads == ("hazard present",)
+    confusion, reminder = extra_tables(sheet, PROTOCOL, Digits())
+    assert confusion.lines == (("C\u00a0D", ("2", "3")),)
+    assert reminder.lines == (("hazard presence, recall", ("50.00",)),)
 
 
 def test_a_sheet_without_further_rows_has_no_table() -> None:
