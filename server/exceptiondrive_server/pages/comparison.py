@@ -256,13 +256,19 @@ def _families_sentence(
 ) -> str:
     """Name the families in which each leads, and the widest gap."""
     gaps: list[tuple[float, str]] = []
+    n_known = 0
     for head in board.families:
         x, y = _family_value(a, head.id, metric), _family_value(b, head.id, metric)
-        if x is not None and y is not None and digits.text(metric, x) != digits.text(metric, y):
+        if x is None or y is None:
+            continue
+        n_known += 1
+        if digits.text(metric, x) != digits.text(metric, y):
             sign = 1 if metric.better == "higher" else -1
             gaps.append((sign * (x - y), short_title(head.title).lower()))
-    if not gaps:
+    if not n_known:
         return "No family split is known for both."
+    if not gaps:
+        return "They are equal in every family."
     parts = []
     for entry, sign in ((a, 1), (b, -1)):
         names = [name for gap, name in gaps if gap * sign > 0]

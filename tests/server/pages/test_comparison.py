@@ -35,6 +35,16 @@ def test_equal_published_values_are_called_equal(lively_board: Board) -> None:
     assert verdict(lively_board, one, one, Digits()) == "Both stand at 61.40 % HCC."
 
 
+def test_equal_families_are_called_equal_and_unreported_ones_unknown(
+    lively_board: Board, paper_board: Board
+) -> None:
+    one, unreported = entry(lively_board, "Kestrel"), entry(paper_board, "VAD")
+    equal = compare_entries(lively_board, one, one, Digits())
+    assert equal.families_sentence == "They are equal in every family."
+    unknown = compare_entries(paper_board, unreported, unreported, Digits())
+    assert unknown.families_sentence == "No family split is known for both."
+
+
 def test_differences_are_first_minus_second(paper_board: Board) -> None:
     both = compare_entries(
         paper_board, entry(paper_board, "ST-P3"), entry(paper_board, "Impromptu"), Digits()
