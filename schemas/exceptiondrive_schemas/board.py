@@ -50,6 +50,11 @@ class ReminderEffect(Document):
     without_method: str
     differences: dict[str, PairedDifference]
 
+    @property
+    def by_metric(self) -> MetricRow:
+        """The differences alone, without their intervals."""
+        return {key: paired.difference for key, paired in self.differences.items()}
+
 
 class PairedComparison(Document):
     """Two entries on the same samples and the same draws; every difference is A minus B.

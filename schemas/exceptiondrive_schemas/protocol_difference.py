@@ -42,6 +42,14 @@ _STAGE_OF_SECTION = {
     "publication": Stage.PUBLICATION,
 }
 _SELF_DESCRIPTION = ("schema", "version", "title", "changes")
+_NAMES = {
+    "d_safe_m": "required clearance",
+    "caution": "strategies from least to most cautious",
+    "acceptable": "acceptable strategies",
+    "under_warning": "under-warning strategies",
+}
+"""Where the words of a name are not the name's own."""
+_STRATEGY_SETS = ("acceptable", "under_warning")
 _UNITS = {"_m": "m", "_s": "s", "_deg": "degrees", "_mps2": "m/s²", "_m2": "m²"}
 
 
@@ -146,8 +154,8 @@ def _document(protocol: Protocol) -> dict[str, Any]:
 
 
 def _words(name: str) -> str:
-    if name == "d_safe_m":
-        return "required clearance"
+    if name in _NAMES:
+        return _NAMES[name]
     suffix = _suffix(name)
     return (name.removesuffix(suffix) if suffix else name).replace("_", " ")
 
@@ -158,9 +166,32 @@ def _suffix(name: str) -> str | None:
 
 
 def _value_sentence(label: str, name: str, old: Any, new: Any) -> str:
+    if name == "caution":
+        return _caution_sentence(label, old, new)
+    if name in _STRATEGY_SETS:
+        return f"{label}: {_letters(old)} -> {_letters(new)}"
     suffix = _suffix(name)
     unit = f" {_UNITS[suffix]}" if suffix else ""
     return f"{label} {_text(old)} -> {_text(new)}{unit}"
+
+
+def _caution_sentence(label: str, old: dict[str, int], new: dict[str, int]) -> str:
+    before, after = _by_caution(old), _by_caution(new)
+    if before == after:
+        return f"{label}: as before, with other numbers"
+    return f"{label}: {before} -> {after}"
+
+
+def _by_caution(ranks: dict[str, int]) -> str:
+    """Strategies in order; those of equal rank side by side."""
+    groups: dict[int, list[str]] = {}
+    for strategy, rank in sorted(ranks.items()):
+        groups.setdefault(rank, []).append(strategy)
+    return " < ".join(" = ".join(groups[rank]) for rank in sorted(groups))
+
+
+def _letters(strategies: list[str]) -> str:
+    return ", ".join(strategies) or "none"
 
 
 def _text(value: Any) -> str:

@@ -4,7 +4,10 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Literal
 
+from pydantic import Field
+
 from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.protocol_difference import Difference
 from exceptiondrive_schemas.score_sheet import MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
@@ -87,6 +90,8 @@ class Standing(Document):
     unranked_because: str | None
     metrics: MetricRow
     families: dict[str, MetricRow]
+    reminder_effect: ReminderEffect | None = Field(default=None, exclude_if=lambda it: it is None)
+    """What the reminder changed, where the entry is linked; left out elsewhere."""
 
 
 class EntryChange(Document):
@@ -103,6 +108,8 @@ class EntryChange(Document):
     """Places won: positive is better."""
     metric_shifts: MetricRow
     family_shifts: dict[str, MetricRow]
+    effect_shifts: MetricRow = Field(default={}, exclude_if=lambda it: not it)
+    """By how much the effect of the reminder moves, in each metric; left out without a link."""
 
 
 class Comparison(Document):

@@ -1,229 +1,51 @@
-"""A phase with three real scored submissions, a worker's doors, and a reconciler without a broker.
+"""Stages of a protocol update, and the real application over them; SQLite, then PostgreSQL."""
 
-Jobs are run in the test's own process, as a worker runs them; the databases are real.
-"""
-
-import json
+import threading
+import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+import uvicorn
+from starlette.testclient import TestClient
+from tests.rescoring.documents import (
+    caution_protocol,
+    new_protocol,
+    split_document,
+    strategy_file,
+)
+from tests.rescoring.stage import Stage, open_stage
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.rescoring import flip, runs
-from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.rescoring.keys import find_run
-from exceptiondrive_records.rescoring.views import preview_of, run_view
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import BoardRequest, Job, JobState
-from exceptiondrive_records.tables_rescoring import VerificationItem
-from exceptiondrive_records.teams import create_team, find_team, list_teams
-from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
-from exceptiondrive_schemas.rescoring import RunView, VerifyState
+from exceptiondrive_records.teams import find_team
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.board_run import build_board
-from exceptiondrive_worker.doors import Doors, open_doors
-from exceptiondrive_worker.scoring_run import score_submission
-from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import register_all_splits
-from exceptiondrive_worker.verify_run import verify_sheet
-
-STEP = {"reason": "because", "actor": "organizer"}
-TASKS = {"a": "SE1", "b": "SE1", "c": "LB1", "d": "RS1"}
-
-
-def new_protocol(version: str = "1.1", old: str = "", new: str = "") -> str:
-    """Protocol 1.0 under another version, with the first `old` replaced."""
-    toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
-    assert old in toml
-    return toml.replace(old, new, 1)
-
-
-def split_document(ahead_m: float = 10.0) -> Split:
-    region = [(ahead_m, -1.0), (ahead_m + 2, -1.0), (ahead_m + 2, 1.0), (ahead_m, 1.0)]
-    samples = [
-        {"sample_id": key, "scene_id": f"scene-{task}", "task": task, "region": region}
-        for key, task in TASKS.items()
-    ]
-    document = {
-        "schema": "exceptiondrive.split/1",
-        "name": "tiny",
-        "title": "A tiny split",
-        "samples": samples,
-    }
-    return Split.model_validate_json(json.dumps(document))
-
-
-def planning_file(speed_mps: float) -> bytes:
-    def straight(speed: float) -> list[list[float]]:
-        return [[round(speed * step * 0.5, 3), 0.0] for step in range(1, 7)]
-
-    predictions = [
-        {"sample_id": key, "source": straight(4.0), "edited": straight(speed_mps)} for key in TASKS
-    ]
-    document = {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": predictions}
-    return json.dumps(document).encode()
-
-
-@dataclass
-class Stage:
-    """Records, files and a worker's doors; every step of an organizer in one call."""
-
-    settings: WorkerSettings
-    doors: Doors
-    submitted: list[str] = field(default_factory=list)
-
-    @property
-    def database(self) -> Database:
-        return self.doors.database
-
-    def submit(self, speed_mps: float, method: str, team: str = "alpha") -> str:
-        data = planning_file(speed_mps)
-        digest, size = self.doors.files.put_stream([data], limit_bytes=2**20)
-        with self.database.write() as session:
-            if team not in [known.slug for known in list_teams(session)]:
-                create_team(session, team, team.title(), actor="test")
-            accepted = accept(
-                session,
-                team_id=find_team(session, team).id,
-                phase_id="dev",
-                method=method,
-                file_digest=digest,
-                size_bytes=size,
-            )
-        self.submitted.append(accepted.submission.id)
-        return accepted.submission.id
-
-    def work(self, most: int = 1000) -> int:
-        """Do what reconciler and workers do until nothing is left, or `most` jobs were run."""
-        n_done = 0
-        while n_done < most:
-            tend_runs(self.database)
-            jobs = self._due_jobs()[: most - n_done]
-            for job_id in jobs:
-                score_submission(self.doors, job_id)
-            n_done += len(jobs)
-            if not jobs and not self._build_boards():
-                break
-        return n_done
-
-    def _due_jobs(self) -> list[str]:
-        query = select(Job).where(Job.state == JobState.QUEUED).order_by(Job.lane, Job.created_at)
-        with self.database.read() as session:
-            return [job.id for job in session.scalars(query) if job.available_at.year < 9999]
-
-    def _build_boards(self) -> bool:
-        wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
-        with self.database.read() as session:
-            keys = [
-                (row.phase_id, row.protocol_digest, row.split_revision)
-                for row in session.scalars(wanted)
-            ]
-        for key in keys:
-            build_board(self.doors, *key)
-        return bool(keys)
-
-    def draft(self, **target: str) -> str:
-        with self.database.write() as session:
-            return runs.create_run(session, "dev", **target, **STEP).id
-
-    def add_protocol(self, toml: str) -> None:
-        with self.database.write() as session:
-            add_protocol(session, toml, "test")
-
-    def step(self, what: str, run_id: str) -> None:
-        with self.database.write() as session:
-            getattr(runs, f"{what}_run")(session, run_id, **STEP)
-
-    def ready(self, toml: str) -> str:
-        """Carry a run to a new protocol until it may be applied."""
-        version = toml.split('version = "')[1].split('"')[0]
-        self.add_protocol(toml)
-        run_id = self.draft(protocol=version)
-        self.step("start", run_id)
-        self.work()
-        assert self.view(run_id).state.value == "ready"
-        return run_id
-
-    def view(self, run_id: str) -> RunView:
-        with self.database.read() as session:
-            return run_view(session, find_run(session, run_id))
-
-    def preview(self, run_id: str) -> Any:
-        with self.database.read() as session:
-            return preview_of(session, run_id)
-
-    def apply(self, run_id: str, preview: str | None = None) -> None:
-        digest = preview or self.preview(run_id).digest
-        with self.database.write() as session:
-            flip.apply_run(session, run_id, preview=digest, **STEP)
-
-    def rollback(self, run_id: str) -> None:
-        with self.database.write() as session:
-            flip.rollback_run(session, run_id, **STEP)
-
-    def board(self) -> str:
-        with self.database.read() as session:
-            row = current_board(session, "dev")
-        assert row is not None
-        return row.body
-
-    def put_split(self, split: Split, file_name: str = "split.json") -> str:
-        """Put a split file where workers look, register it, and return its revision."""
-        folder = self.settings.splits_dir / "tiny"
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
-        splits = SplitStore(self.settings.splits_dir)
-        registered = register_all_splits(self.database, splits, packaged_protocol())
-        return registered[0].manifest.revision
-
-    def verify_all(self) -> None:
-        """Do what workers do with a verification."""
-        query = select(VerificationItem.id).where(VerificationItem.state == VerifyState.WAITING)
-        with self.database.read() as session:
-            items = list(session.scalars(query))
-        for item in items:
-            verify_sheet(self.doors, item)
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.settings import ServerSettings
 
 
 @pytest.fixture
 def stage(database_url: str, tmp_path: Path) -> Iterator[Stage]:
     """Three planners of two teams, scored and ranked; SQLite, then PostgreSQL."""
-    settings = WorkerSettings(
-        database_url=database_url,
-        broker_url="memory://",
-        file_store_url=(tmp_path / "uploads").as_uri(),
-        splits_dir=tmp_path / "splits",
-        private_dir=tmp_path / "private",
-    )
-    made = Stage(settings, open_doors(settings))
-    with made.database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), "test")
-    made.put_split(split_document())
-    with made.database.write() as session:
-        create_phase(
-            session,
-            "dev",
-            challenge="planning",
-            title="Development",
-            split_name="tiny",
-            protocol="1.0",
-            quota_per_day=1000,
-            actor="test",
-        )
-    for speed_mps, method, team in ((1.0, "slow", "alpha"), (2.0, "middle", "alpha")):
-        made.submit(speed_mps, method, team)
-    made.submit(6.0, "fast", "beta")
-    made.work()
-    yield made
-    made.doors.close()
+    with open_stage(database_url, tmp_path, "planning") as made:
+        for speed_mps, method, team in ((1.0, "slow", "alpha"), (2.0, "middle", "alpha")):
+            made.submit(speed_mps, method, team)
+        made.submit(6.0, "fast", "beta")
+        made.work()
+        yield made
+
+
+@pytest.fixture
+def agents(database_url: str, tmp_path: Path) -> Iterator[Stage]:
+    """An agent without and with reminder, linked, and one of another team."""
+    with open_stage(database_url, tmp_path, "strategy") as made:
+        # a and b, SE1: C or D; c, LB1: C; d, RS1: C or E
+        plain = made.submit_file(strategy_file("AEAD"), "agent")
+        made.work()
+        made.submit_file(strategy_file("CEBE"), "agent+reminder", linked_to=plain)
+        made.submit_file(strategy_file("CCCC"), "careful", "beta")
+        made.work()
+        yield made
 
 
 @pytest.fixture(scope="session")
@@ -232,5 +54,74 @@ def make_protocol() -> Callable[..., str]:
 
 
 @pytest.fixture(scope="session")
+def make_caution_protocol() -> Callable[..., str]:
+    return caution_protocol
+
+
+@pytest.fixture(scope="session")
 def make_split() -> Callable[..., Split]:
     return split_document
+
+
+class Api:
+    """The application over a stage, as organizer, team Alpha, or nobody."""
+
+    def __init__(self, client: TestClient, tokens: dict[str, str]) -> None:
+        self.client = client
+        self.tokens = tokens
+
+    def __call__(self, method: str, path: str, who: str = "organizer", **more: Any) -> Any:
+        token = self.tokens.get(who)
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        headers |= more.pop("headers", {})
+        return self.client.request(method, f"/api/v1{path}", headers=headers, **more)
+
+
+def application_over(stage: Stage) -> Any:
+    return create_app(
+        ServerSettings(
+            database_url=stage.settings.database_url,
+            broker_url="memory://",
+            file_store_url=stage.settings.file_store_url,
+        )
+    )
+
+
+def organizers_token(stage: Stage) -> str:
+    with stage.database.write() as session:
+        return issue_token(session, None, "me", ORGANIZER_SCOPES, actor="test")[0]
+
+
+@pytest.fixture
+def api(stage: Stage) -> Iterator[Api]:
+    """The application over the planners, asked in this process."""
+    with stage.database.write() as session:
+        alpha, _ = issue_token(session, find_team(session, "alpha").id, "laptop", actor="test")
+    tokens = {"alpha": alpha, "organizer": organizers_token(stage)}
+    with TestClient(application_over(stage)) as client:
+        yield Api(client, tokens)
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[Stage], tuple[str, str]]]:
+    """Serve a stage on the loopback; gives the address and an organizer's token."""
+    running: list[tuple[uvicorn.Server, threading.Thread]] = []
+
+    def start(stage: Stage) -> tuple[str, str]:
+        config = uvicorn.Config(
+            application_over(stage), host="127.0.0.1", port=0, log_level="warning"
+        )
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, daemon=True)
+        thread.start()
+        running.append((server, thread))
+        while not server.started:
+            assert thread.is_alive(), "the server did not start"
+            time.sleep(0.01)
+        port = server.servers[0].sockets[0].getsockname()[1]
+        return f"http://127.0.0.1:{port}", organizers_token(stage)
+
+    yield start
+    for server, thread in running:
+        server.should_exit = True
+        thread.join()

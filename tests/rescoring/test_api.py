@@ -2,50 +2,13 @@
 
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
-import pytest
-from starlette.testclient import TestClient
-
-from exceptiondrive_records.teams import find_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
-from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
-
+Api = Any
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
 REASON = {"reason": "because"}
-
-
-class Api:
-    """The application over a stage, as organizer, team Alpha, or nobody."""
-
-    def __init__(self, client: TestClient, tokens: dict[str, str]) -> None:
-        self.client = client
-        self.tokens = tokens
-
-    def __call__(self, method: str, path: str, who: str = "organizer", **more: Any) -> Any:
-        token = self.tokens.get(who)
-        headers = {"Authorization": f"Bearer {token}"} if token else {}
-        headers |= more.pop("headers", {})
-        return self.client.request(method, f"/api/v1{path}", headers=headers, **more)
-
-
-@pytest.fixture
-def api(stage: Stage) -> Iterator[Api]:
-    app = create_app(
-        ServerSettings(
-            database_url=stage.settings.database_url,
-            broker_url="memory://",
-            file_store_url=stage.settings.file_store_url,
-        )
-    )
-    with stage.database.write() as session:
-        alpha, _ = issue_token(session, find_team(session, "alpha").id, "laptop", actor="test")
-        organizer, _ = issue_token(session, None, "me", ORGANIZER_SCOPES, actor="test")
-    with TestClient(app) as client:
-        yield Api(client, {"alpha": alpha, "organizer": organizer})
 
 
 def test_an_update_goes_from_document_to_rollback_over_the_api(
@@ -150,7 +113,7 @@ def test_a_webhook_secret_is_shown_once(api: Api) -> None:
 
 
 def test_no_route_takes_a_score_or_a_rank(api: Api) -> None:
-    document = api.client.app.openapi()  # type: ignore[attr-defined]
+    document = api.client.app.openapi()
     schemas = document["components"]["schemas"]
     numbers = {"score", "rank", "metrics", "micro", "macro_family", "sheet", "hcc", "ur", "entries"}
     for path, methods in document["paths"].items():

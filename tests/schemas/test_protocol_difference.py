@@ -41,6 +41,12 @@ def difference(old: str, new: str, n_sheets: int = 1240) -> Difference:
         ),
         ("min_coverage = 0.99", "min_coverage = 0.9", "min coverage 0.99 -> 0.9", Stage.RANK),
         (
+            "D = 3, C = 4",
+            "D = 5, C = 9",
+            "strategies from least to most cautious: as before, with other numbers",
+            Stage.GRADE,
+        ),
+        (
             "percent_decimals = 2",
             "percent_decimals = 1",
             "percent decimals 2 -> 1",
@@ -55,6 +61,28 @@ def test_a_change_is_one_sentence_with_the_stage_it_repeats(
     assert found.sentences == (sentence,)
     assert (found.stage, found.changes[0].stage) == (stage, stage)
     assert found.n_sheets == 1240
+
+
+def test_a_new_order_of_caution_names_ties_and_order() -> None:
+    old = packaged_protocol()
+    ranks = {"A": 0, "B": 0, "C": 4, "D": 2, "E": 3}
+    grading = old.grading.model_copy(update={"caution": ranks})
+    found = protocol_difference(old, old.model_copy(update={"grading": grading}), 2)
+    assert found.sentences == (
+        "strategies from least to most cautious: A < B < E < D < C -> A = B < D < E < C",
+    )
+    assert found.sentence == "regrade only, 2 sheets"
+
+
+def test_strategies_that_become_acceptable_are_told_with_what_follows() -> None:
+    old = 'acceptable = ["C", "D"]\nunder_warning = ["A", "B", "E"]'
+    new = 'acceptable = ["B", "C", "D"]\nunder_warning = ["A"]'
+    assert difference(old, new).sentences == (
+        "acceptable strategies of task SE1 (occluded pedestrian): C, D -> B, C, D",
+        "under-warning strategies of task SE1 (occluded pedestrian): A, B, E -> A",
+    )
+    first = old.replace('["A", "B", "E"]', "[]").replace('["C", "D"]', '["A", "C", "D"]')
+    assert "A, B, E -> none" in difference(old, first).sentences[1]
 
 
 def test_the_summary_names_work_and_sheets() -> None:

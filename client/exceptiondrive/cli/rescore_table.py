@@ -72,6 +72,7 @@ def preview_lines(preview: Record) -> list[RenderableType]:
         f"{comparison['n_newly_failing']} newly failing{stale}"
     )
     lines: list[RenderableType] = [head, _entries_table(comparison)]
+    lines += _effect_lines(comparison)
     lines += [f"! {blocker}" for blocker in preview["blockers"]]
     lines.append(f"preview {preview['digest']}")
     return lines
@@ -100,6 +101,32 @@ def _entries_table(comparison: Record) -> Table:
             "newly failing" if entry["newly_failing"] else entry["change"].replace("_", " "),
         )
     return table
+
+
+def _effect_lines(comparison: Record) -> list[str]:
+    """Return a line per linked entry: what its reminder changes, before and after."""
+    metrics = CHALLENGES[ChallengeId(comparison["challenge"])].metrics
+    lines = []
+    for entry in comparison["entries"]:
+        sides = [_effect(entry[side]) for side in ("old", "new")]
+        if any(sides):
+            words = (
+                f"{metric.key} {_signed(sides[0], metric.key)} -> {_signed(sides[1], metric.key)}"
+                for metric in metrics
+                if metric.role == "primary"
+            )
+            lines.append(f"reminder's effect on {entry['method']}: {', '.join(words)}")
+    return lines
+
+
+def _effect(standing: Record | None) -> Record:
+    effect = None if standing is None else standing.get("reminder_effect")
+    return {} if effect is None else dict(effect["differences"])
+
+
+def _signed(effect: Record, key: str) -> str:
+    value = effect[key]["difference"] if key in effect else None
+    return "-" if value is None else f"{value:+.4f}"
 
 
 def verification_line(found: Record) -> str:

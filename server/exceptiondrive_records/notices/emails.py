@@ -66,7 +66,12 @@ def _standing(standing: Standing | None) -> str:
         return "not on the board"
     rank = "unranked" if standing.rank is None else f"rank {standing.rank}"
     values = [f"{key} {value:g}" for key, value in standing.metrics.items() if value is not None]
-    return ", ".join([rank, *values])
+    return ", ".join([rank, *values, *_effect_words(standing)])
+
+
+def _effect_words(standing: Standing) -> list[str]:
+    effect = {} if standing.reminder_effect is None else standing.reminder_effect.by_metric
+    return [f"reminder {key} {value:+g}" for key, value in effect.items() if value is not None]
 
 
 def _server(settings: NoticeSettings) -> smtplib.SMTP:

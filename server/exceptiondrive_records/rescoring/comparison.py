@@ -63,6 +63,7 @@ def _change(old: BoardEntry | None, new: BoardEntry | None) -> EntryChange:
             family: _shifts(before.families.get(family) if before else None, row)
             for family, row in (after.families if after else {}).items()
         },
+        effect_shifts=_shifts(_effect(before), _effect(after)),
     )
 
 
@@ -75,6 +76,7 @@ def _standing(entry: BoardEntry | None) -> Standing | None:
         unranked_because=entry.unranked_because,
         metrics=entry.metrics,
         families={key: cell.metrics for key, cell in entry.families.items()},
+        reminder_effect=entry.reminder_effect,
     )
 
 
@@ -83,10 +85,21 @@ def _kind(old: Standing | None, new: Standing | None) -> Change:
         return "appears"
     if new is None:
         return "disappears"
-    if (old.metrics, old.families) != (new.metrics, new.families):
+    if _numbers(old) != _numbers(new):
         return "numbers"
     is_same = (old.rank, old.rank_interval) == (new.rank, new.rank_interval)
     return "none" if is_same else "rank_only"
+
+
+def _numbers(standing: Standing) -> tuple[object, ...]:
+    """Return the published numbers; whom the reminder is measured against is none of them."""
+    effect = standing.reminder_effect
+    return (standing.metrics, standing.families, None if effect is None else effect.differences)
+
+
+def _effect(standing: Standing | None) -> MetricRow | None:
+    effect = None if standing is None else standing.reminder_effect
+    return None if effect is None else effect.by_metric
 
 
 def _row(standing: Standing | None) -> MetricRow | None:

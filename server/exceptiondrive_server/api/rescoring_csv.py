@@ -5,7 +5,9 @@ import io
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
+from exceptiondrive_schemas.score_sheet import MetricRow
 
+_REMINDER = "reminder_effect"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -15,6 +17,8 @@ def comparison_csv(comparison: Comparison) -> str:
     families = _families(comparison)
     columns = [("all", key) for key in metrics]
     columns += [(family, key) for family in families for key in metrics]
+    if any(_effect(side) for entry in comparison.entries for side in (entry.old, entry.new)):
+        columns += [(_REMINDER, key) for key in metrics]
     head = ["submission_id", "team", "method", "change", "newly_failing"]
     head += ["old_rank", "new_rank", "old_rank_interval", "new_rank_interval"]
     for family, key in columns:
@@ -47,8 +51,15 @@ def _span(standing: Standing) -> str:
 def _value(standing: Standing | None, family: str, key: str) -> float | None:
     if standing is None:
         return None
+    if family == _REMINDER:
+        return _effect(standing).get(key)
     row = standing.metrics if family == "all" else standing.families.get(family, {})
     return row.get(key)
+
+
+def _effect(standing: Standing | None) -> MetricRow:
+    effect = None if standing is None else standing.reminder_effect
+    return {} if effect is None else effect.by_metric
 
 
 def _text(value: float | None) -> str:

@@ -1,0 +1,68 @@
+"""The documents of these tests: protocols that differ in one place, a tiny split, files for it."""
+
+import json
+
+from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.taxonomy import Strategy
+
+TASKS = {"a": "SE1", "b": "SE1", "c": "LB1", "d": "RS1"}
+
+
+def new_protocol(version: str = "1.1", old: str = "", new: str = "") -> str:
+    """Protocol 1.0 under another version, with the first `old` replaced."""
+    toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
+    assert old in toml
+    return toml.replace(old, new, 1)
+
+
+def split_document(ahead_m: float = 10.0) -> Split:
+    region = [(ahead_m, -1.0), (ahead_m + 2, -1.0), (ahead_m + 2, 1.0), (ahead_m, 1.0)]
+    samples = [
+        {"sample_id": key, "scene_id": f"scene-{task}", "task": task, "region": region}
+        for key, task in TASKS.items()
+    ]
+    document = {
+        "schema": "exceptiondrive.split/1",
+        "name": "tiny",
+        "title": "A tiny split",
+        "samples": samples,
+    }
+    return Split.model_validate_json(json.dumps(document))
+
+
+def caution_protocol(version: str, caution: dict[str, int]) -> str:
+    """Protocol 1.0 with another order of caution, and the under-warning sets that follow."""
+    ranks = ", ".join(f"{letter} = {rank}" for letter, rank in caution.items())
+    grading = packaged_protocol().grading.model_copy(update={"caution": caution})
+    lines = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
+    toml: list[str] = []
+    under: tuple[Strategy, ...] = ()
+    for line in lines.splitlines():
+        name, _, value = line.partition(" = ")
+        if name == "acceptable":
+            under = grading.under_warning([Strategy(letter) for letter in json.loads(value)])
+        if name == "under_warning":
+            line = f"under_warning = {json.dumps(list(under))}"
+        toml.append(f"caution = {{ {ranks} }}" if name == "caution" else line)
+    return "\n".join(toml)
+
+
+def strategy_file(chosen: str) -> bytes:
+    """One letter per sample, in the order of the tasks."""
+    predictions = [
+        {"sample_id": key, "strategy": letter} for key, letter in zip(TASKS, chosen, strict=True)
+    ]
+    document = {"schema": "exceptiondrive.strategy/1", "split": "tiny", "predictions": predictions}
+    return json.dumps(document).encode()
+
+
+def planning_file(speed_mps: float) -> bytes:
+    def straight(speed: float) -> list[list[float]]:
+        return [[round(speed * step * 0.5, 3), 0.0] for step in range(1, 7)]
+
+    predictions = [
+        {"sample_id": key, "source": straight(4.0), "edited": straight(speed_mps)} for key in TASKS
+    ]
+    document = {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": predictions}
+    return json.dumps(document).encode()

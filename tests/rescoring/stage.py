@@ -1,0 +1,193 @@
+"""A phase with submissions, a worker's doors, and a reconciler without a broker.
+
+Jobs are run in the test's own process, as a worker runs them; the databases are real.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+from tests.rescoring.documents import planning_file, split_document
+
+from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.phases import create_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.rescoring.keys import find_run
+from exceptiondrive_records.rescoring.views import preview_of, run_view
+from exceptiondrive_records.submissions import accept
+from exceptiondrive_records.tables import BoardRequest, Job, JobState
+from exceptiondrive_records.tables_rescoring import VerificationItem
+from exceptiondrive_records.teams import create_team, find_team, list_teams
+from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.rescoring import RunView, VerifyState
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.doors import Doors, open_doors
+from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.verify_run import verify_sheet
+
+STEP = {"reason": "because", "actor": "organizer"}
+
+
+@dataclass
+class Stage:
+    """Records, files and a worker's doors; every step of an organizer in one call."""
+
+    settings: WorkerSettings
+    doors: Doors
+    submitted: list[str] = field(default_factory=list)
+
+    @property
+    def database(self) -> Database:
+        return self.doors.database
+
+    def submit(self, speed_mps: float, method: str, team: str = "alpha") -> str:
+        return self.submit_file(planning_file(speed_mps), method, team)
+
+    def submit_file(
+        self, data: bytes, method: str, team: str = "alpha", linked_to: str | None = None
+    ) -> str:
+        digest, size = self.doors.files.put_stream([data], limit_bytes=2**20)
+        with self.database.write() as session:
+            if team not in [known.slug for known in list_teams(session)]:
+                create_team(session, team, team.title(), actor="test")
+            accepted = accept(
+                session,
+                team_id=find_team(session, team).id,
+                phase_id="dev",
+                method=method,
+                linked_to=linked_to,
+                file_digest=digest,
+                size_bytes=size,
+            )
+        self.submitted.append(accepted.submission.id)
+        return accepted.submission.id
+
+    def work(self, most: int = 1000) -> int:
+        """Do what reconciler and workers do until nothing is left, or `most` jobs were run."""
+        n_done = 0
+        while n_done < most:
+            tend_runs(self.database)
+            jobs = self._due_jobs()[: most - n_done]
+            for job_id in jobs:
+                score_submission(self.doors, job_id)
+            n_done += len(jobs)
+            if not jobs and not self._build_boards():
+                break
+        return n_done
+
+    def _due_jobs(self) -> list[str]:
+        query = select(Job).where(Job.state == JobState.QUEUED).order_by(Job.lane, Job.created_at)
+        with self.database.read() as session:
+            return [job.id for job in session.scalars(query) if job.available_at.year < 9999]
+
+    def _build_boards(self) -> bool:
+        wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+        with self.database.read() as session:
+            keys = [
+                (row.phase_id, row.protocol_digest, row.split_revision)
+                for row in session.scalars(wanted)
+            ]
+        for key in keys:
+            build_board(self.doors, *key)
+        return bool(keys)
+
+    def draft(self, **target: str) -> str:
+        with self.database.write() as session:
+            return runs.create_run(session, "dev", **target, **STEP).id
+
+    def add_protocol(self, toml: str) -> None:
+        with self.database.write() as session:
+            add_protocol(session, toml, "test")
+
+    def step(self, what: str, run_id: str) -> None:
+        with self.database.write() as session:
+            getattr(runs, f"{what}_run")(session, run_id, **STEP)
+
+    def ready(self, toml: str) -> str:
+        """Carry a run to a new protocol until it may be applied."""
+        version = toml.split('version = "')[1].split('"')[0]
+        self.add_protocol(toml)
+        run_id = self.draft(protocol=version)
+        self.step("start", run_id)
+        self.work()
+        assert self.view(run_id).state.value == "ready"
+        return run_id
+
+    def view(self, run_id: str) -> RunView:
+        with self.database.read() as session:
+            return run_view(session, find_run(session, run_id))
+
+    def preview(self, run_id: str) -> Any:
+        with self.database.read() as session:
+            return preview_of(session, run_id)
+
+    def apply(self, run_id: str, preview: str | None = None) -> None:
+        digest = preview or self.preview(run_id).digest
+        with self.database.write() as session:
+            flip.apply_run(session, run_id, preview=digest, **STEP)
+
+    def rollback(self, run_id: str) -> None:
+        with self.database.write() as session:
+            flip.rollback_run(session, run_id, **STEP)
+
+    def board(self) -> str:
+        with self.database.read() as session:
+            row = current_board(session, "dev")
+        assert row is not None
+        return row.body
+
+    def put_split(self, split: Split, file_name: str = "split.json") -> str:
+        """Put a split file where workers look, register it, and return its revision."""
+        folder = self.settings.splits_dir / "tiny"
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+        splits = SplitStore(self.settings.splits_dir)
+        registered = register_all_splits(self.database, splits, packaged_protocol())
+        return registered[0].manifest.revision
+
+    def verify_all(self) -> None:
+        """Do what workers do with a verification."""
+        query = select(VerificationItem.id).where(VerificationItem.state == VerifyState.WAITING)
+        with self.database.read() as session:
+            items = list(session.scalars(query))
+        for item in items:
+            verify_sheet(self.doors, item)
+
+
+@contextmanager
+def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stage]:
+    """A phase of a challenge on the tiny split, without submissions."""
+    settings = WorkerSettings(
+        database_url=database_url,
+        broker_url="memory://",
+        file_store_url=(folder / "uploads").as_uri(),
+        splits_dir=folder / "splits",
+        private_dir=folder / "private",
+    )
+    made = Stage(settings, open_doors(settings))
+    with made.database.write() as session:
+        add_protocol(session, packaged_protocol_toml(), "test")
+    made.put_split(split_document())
+    with made.database.write() as session:
+        create_phase(
+            session,
+            "dev",
+            challenge=challenge,
+            title="Development",
+            split_name="tiny",
+            protocol="1.0",
+            quota_per_day=1000,
+            actor="test",
+        )
+    yield made
+    made.doors.close()
