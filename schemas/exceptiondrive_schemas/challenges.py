@@ -10,6 +10,11 @@ from types import MappingProxyType
 from typing import Literal
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenge_words import (
+    PLANNING_WORDS,
+    STRATEGY_WORDS,
+    ChallengeWords,
+)
 
 
 class ChallengeId(StrEnum):
@@ -32,12 +37,13 @@ class Metric(Document):
 
 
 class Challenge(Document):
-    """A challenge: the schema of its submission file and its metrics in column order."""
+    """A challenge: the schema of its submission file, its metrics in column order, its words."""
 
     id: ChallengeId
     title: str
     file_schema: str
     metrics: tuple[Metric, ...]
+    words: ChallengeWords
     counterpart: str | None = None
     """What a submission may be linked to, and is then compared with; None: links are refused."""
 
@@ -62,6 +68,7 @@ PLANNING = Challenge(
     id=ChallengeId.PLANNING,
     title="Planning",
     file_schema="exceptiondrive.planning/1",
+    words=PLANNING_WORDS,
     metrics=(
         Metric(
             key="hcc",
@@ -127,6 +134,7 @@ STRATEGY = Challenge(
     id=ChallengeId.STRATEGY,
     title="Strategy",
     file_schema="exceptiondrive.strategy/1",
+    words=STRATEGY_WORDS,
     counterpart="the same agent without reminder",
     metrics=(
         Metric(

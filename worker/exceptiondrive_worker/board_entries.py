@@ -155,5 +155,6 @@ class _Rows:
             ]
             return f"{' and '.join(undefined)} not defined"
         least = self._ranking.min_coverage
-        parts = [f"{key} covers {share:.2%}" for key, share in uncovered.items()]
+        named = self._challenge.words.covered
+        parts = [f"{named[key]} cover {share:.2%}" for key, share in uncovered.items()]
         return f"{' and '.join(parts)} of the samples; ranking takes {least:.0%}"

@@ -59,10 +59,11 @@ def metric_columns(challenge: Challenge, query: BoardQuery) -> tuple[Column, ...
 
 
 def method_column(challenge: Challenge, query: BoardQuery) -> Column:
-    """Return the head of the planner column."""
+    """Return the head of the method column."""
     order, url = _sorting(challenge, query, "method")
     words = "sorted A to Z" if order == "ascending" else "sorted Z to A" if order else "sort A to Z"
-    return Column("method", "Planner", "", "", "Method and team", "date", url, order, words)
+    label = challenge.words.subject.capitalize()
+    return Column("method", label, "", "", "Method and team", "date", url, order, words)
 
 
 def date_column(challenge: Challenge, query: BoardQuery) -> Column:
@@ -75,7 +76,7 @@ def date_column(challenge: Challenge, query: BoardQuery) -> Column:
 
 
 def column_choices(challenge: Challenge, query: BoardQuery) -> tuple[ColumnChoice, ...]:
-    """Return the columns that may be switched off: all but rank, planner and primary metrics."""
+    """Return the columns that may be switched off: all but rank, method and primary metrics."""
     optional = [(m.key, m.label) for m in challenge.metrics if m.role == "diagnostic"]
     optional += [("outcome", "Outcome and families"), ("date", "Date")]
     return tuple(ColumnChoice(key, label, key not in query.hidden) for key, label in optional)

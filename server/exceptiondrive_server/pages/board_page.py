@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
 from exceptiondrive_server.pages.board_view import BoardView, board_view
@@ -65,11 +65,9 @@ class BoardPage:
     clear_url: str
     notice: Notice | None
     submit_command: str
-
-    @property
-    def is_strategy(self) -> bool:
-        """Whether this is the strategy challenge."""
-        return self.phase is not None and self.phase.challenge_title == STRATEGY.title
+    submit_url: str
+    challenge: Challenge
+    scene_caption: str
 
     @property
     def submit_command_wrapped(self) -> tuple[str, str]:
@@ -83,6 +81,8 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
     board = reading.board
     view = board_view(board, reading.protocol, query, reading.is_current) if board else None
     phase = reading.phase
+    challenge = phase.challenge if phase else next(iter(CHALLENGES.values()))
+    scene = scene_drawing(reading.protocol)
     return BoardPage(
         phase=phase,
         phase_title=phase.title if phase else board.phase if board else "ExceptionDrive",
@@ -90,10 +90,14 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
         protocol=reading.protocol,
         view=view,
         headline=headline(
-            board, len(reading.protocol.tasks), Digits.of(reading.protocol.publication)
+            board, challenge, len(reading.protocol.tasks), Digits.of(reading.protocol.publication)
         ),
-        scene=scene_drawing(reading.protocol),
-        metric_cards=metric_cards(view.challenge if view else _challenge(phase)),
+        scene=scene,
+        metric_cards=metric_cards(challenge),
+        challenge=challenge,
+        scene_caption=challenge.words.scene_caption.format(
+            clearance_m=scene.clearance_m, d_safe_m=scene.d_safe_m, hcc=scene.hcc
+        ),
         protocols=_protocol_choices(reading, query),
         averages=_average_choices(view),
         kept_fields=_kept_fields(query),
@@ -103,18 +107,15 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
         permalink=f"/?phase={board.phase}&board={board.board}" if board else None,
         clear_url=query.url(search="", source=None),
         notice=_notice(reading, query),
-        submit_command=submit_command(phase.id if phase else "sample"),
+        submit_url=f"/submit?phase={phase.id}" if phase else "/submit",
+        submit_command=submit_command(challenge, phase.id if phase else "sample"),
     )
 
 
-def submit_command(phase_id: str) -> str:
+def submit_command(challenge: Challenge, phase_id: str) -> str:
     """Return the command that submits a file to a phase."""
-    return f'exceptiondrive submit planner.json.gz --phase {phase_id} --method "My planner" --wait'
-
-
-def _challenge(phase: PhaseLink | None) -> Challenge:
-    titles = {challenge.title: challenge for challenge in CHALLENGES.values()}
-    return titles.get(phase.challenge_title, PLANNING) if phase else PLANNING
+    code = challenge.words.code
+    return f'exceptiondrive submit {code.file} --phase {phase_id} --method "{code.method}" --wait'
 
 
 def _protocol_choices(reading: BoardReading, query: BoardQuery) -> tuple[Choice, ...]:

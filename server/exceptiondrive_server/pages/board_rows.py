@@ -8,7 +8,6 @@ from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_server.pages.board_query import Average
 from exceptiondrive_server.pages.entry_facts import (
     BADGES,
-    OUTCOME_WORDS,
     Badge,
     challenge_of,
     entry_key,
@@ -158,7 +157,7 @@ class RowSetter:
             return None
         text = {name: self.digits.fraction(share) for name, share in parts.items()}
         first, second = primary_metrics(self.challenge)[:2]
-        between = OUTCOME_WORDS[self.challenge.id]["lost"]
+        between = self.challenge.words.outcome["lost"]
         words = (
             f"{first.label} {text['kept']} %, {between} {text['lost']} %, "
             f"{second.label} {text['hit']} %"

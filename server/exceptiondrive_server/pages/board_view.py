@@ -25,7 +25,7 @@ from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.board_selection import count_by_source, select
 from exceptiondrive_server.pages.ceiling_chart import CeilingChart, ceiling_chart
 from exceptiondrive_server.pages.comparison import Comparison, compare_entries, default_pair
-from exceptiondrive_server.pages.entry_facts import BADGES, OUTCOME_WORDS, challenge_of
+from exceptiondrive_server.pages.entry_facts import BADGES, challenge_of
 from exceptiondrive_server.pages.heat_map import HeatMap, heat_map
 from exceptiondrive_server.pages.numbers import Digits, fixed
 
@@ -157,7 +157,7 @@ def board_view(
         sources=_source_links(board, query),
         blocks=blocks,
         axes={key: _axis_ends(setter, key) for key in setter.axes},
-        outcome_words={str(k): v for k, v in OUTCOME_WORDS[challenge.id].items()},
+        outcome_words={str(k): v for k, v in challenge.words.outcome.items()},
         pages=_page_links(query, page.number, page.n_pages),
         n_found=page.n_found,
         chart=ceiling_chart(board, drawn, average),

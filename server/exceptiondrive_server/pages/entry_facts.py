@@ -1,10 +1,10 @@
 """What a page asks of one board entry: its name in addresses, values, badge, outcome parts."""
 
 from dataclasses import dataclass
-from typing import Literal
 from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
+from exceptiondrive_schemas.challenge_words import Outcome
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.pages.board_query import Average
@@ -21,7 +21,7 @@ class Badge:
 
 
 BADGES: dict[EntrySource, Badge] = {
-    "scored": Badge("shield", "Scored", "Scored by this server from an uploaded trajectory file."),
+    "scored": Badge("shield", "Scored", "Scored by this server from an uploaded file."),
     "reference": Badge("ruler", "Reference", "Scored by this server as a yardstick; never ranked."),
     "reported": Badge(
         "sheet", "Reported", "Printed in the paper; not scored by this server and never ranked."
@@ -77,9 +77,6 @@ def interval_of(entry: BoardEntry, board: Board, average: Average, key: str) -> 
     return entry.intervals.get(key) if average == board.headline else None
 
 
-Outcome = Literal["kept", "lost", "hit"]
-
-
 def outcome_parts(challenge: Challenge, values: MetricRow) -> dict[Outcome, float] | None:
     """Return the three parts of all samples: kept + lost + hit = 1.
 
@@ -91,17 +88,3 @@ def outcome_parts(challenge: Challenge, values: MetricRow) -> dict[Outcome, floa
     if kept is None or hit is None:
         return None
     return {"kept": kept, "lost": max(0.0, 1.0 - kept - hit), "hit": hit}
-
-
-OUTCOME_WORDS: dict[str, dict[Outcome, str]] = {
-    "planning": {
-        "kept": "clearance kept (HCC)",
-        "lost": "clear but too close",
-        "hit": "in the hazard (UR)",
-    },
-    "strategy": {
-        "kept": "acceptable strategy",
-        "lost": "too cautious or sideways",
-        "hit": "under-warning",
-    },
-}

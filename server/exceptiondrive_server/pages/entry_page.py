@@ -12,7 +12,6 @@ from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.breakdown import BreakdownLine, breakdown_lines
 from exceptiondrive_server.pages.effect_table import effect_tables
 from exceptiondrive_server.pages.entry_facts import (
-    OUTCOME_WORDS,
     challenge_of,
     entry_key,
     interval_of,
@@ -116,7 +115,7 @@ def entry_page(reading: EntryReading) -> EntryPage:
         other_title="over samples" if other == "micro" else "over families",
         aggregates=tuple(_aggregate(board, entry, metric, digits) for metric in challenge.metrics),
         lines=breakdown_lines(board, entry, sheet, reading.protocol, digits),
-        outcome_words={str(k): v for k, v in OUTCOME_WORDS[challenge.id].items()},
+        outcome_words={str(k): v for k, v in challenge.words.outcome.items()},
         plausibility=plausibility_lines(sheet.plausibility, section) if sheet else (),
         past=tuple(
             (past, _headline_texts(past, board, challenge, digits)) for past in reading.past

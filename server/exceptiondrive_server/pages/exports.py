@@ -78,7 +78,7 @@ def latex(board: Board, protocol: Protocol, site_url: str) -> str:
         r"% needs \usepackage{booktabs}",
         rf"\begin{{tabular}}{{rl{'r' * len(heads)}}}",
         r"\toprule",
-        " & ".join(["Rank", "Planner", *heads]) + r" \\",
+        " & ".join(["Rank", challenge.words.subject.capitalize(), *heads]) + r" \\",
     ]
     for block in in_blocks(board):
         lines.append(r"\midrule")

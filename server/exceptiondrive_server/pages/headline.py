@@ -6,7 +6,7 @@ from functools import partial
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_server.pages.entry_facts import challenge_of, entry_url, primary_metrics
+from exceptiondrive_server.pages.entry_facts import entry_url, primary_metrics
 from exceptiondrive_server.pages.numbers import (
     THIN_SPACE,
     Digits,
@@ -35,18 +35,18 @@ class Headline:
     facts: tuple[Fact, ...]
 
 
-def headline(board: Board | None, n_tasks: int, digits: Digits) -> Headline:
+def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Digits) -> Headline:
     """Say what the board shows; without a scored entry, what the paper reported, or nothing."""
+    words = challenge.words
     if board is None:
-        return Headline("Who keeps clear of the hazard?", ("No board has been published yet.",), ())
-    challenge = challenge_of(board)
+        return Headline(words.headline.question, ("No board has been published yet.",), ())
     ranked = [entry for entry in board.entries if entry.rank is not None]
     reported = [entry for entry in board.entries if entry.source == "reported"]
     shown = ranked or reported
     facts = (
-        Fact("Samples scored", grouped(board.n_samples), "source\u2013edited pairs"),
+        Fact("Samples scored", grouped(board.n_samples), words.sample_note),
         Fact("Tasks", str(n_tasks), f"in {counted(len(board.families), 'family', 'families')}"),
-        _planners_fact(board, ranked, reported),
+        _entries_fact(words.subjects.capitalize(), ranked, reported),
         *_best_facts(challenge, shown, digits, partial(entry_url, board=board)),
     )
     return Headline(
@@ -54,13 +54,11 @@ def headline(board: Board | None, n_tasks: int, digits: Digits) -> Headline:
     )
 
 
-def _planners_fact(
-    board: Board, ranked: Sequence[BoardEntry], reported: Sequence[BoardEntry]
-) -> Fact:
+def _entries_fact(label: str, ranked: Sequence[BoardEntry], reported: Sequence[BoardEntry]) -> Fact:
     if ranked:
         note = "ranked" + (f", {len(reported)} reported" if reported else "")
-        return Fact("Planners", grouped(len(ranked)), note)
-    return Fact("Planners", grouped(len(reported)), "reported, none scored yet")
+        return Fact(label, grouped(len(ranked)), note)
+    return Fact(label, grouped(len(reported)), "reported, none scored yet")
 
 
 def _best(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:
@@ -94,29 +92,15 @@ def _best_facts(
 
 
 def _title(challenge: Challenge, ranked: Sequence[BoardEntry]) -> str:
-    """One sentence about the safest ranked planner; a question where there is none."""
+    """One sentence about the safest ranked entry; a question where there is none."""
     second = primary_metrics(challenge)[1]
     safest = _best(ranked, second)
     value = safest.metrics[second.key] if safest else None
-    if challenge.id == "strategy":
-        return _strategy_title(value)
+    words = challenge.words.headline
     if value is None:
-        return "Which planner keeps clear of the hazard?"
-    if value >= 0.995:
-        return "No planner keeps clear of the hazard yet."
-    if value > 0.5:
-        return f"Even the safest planner meets the hazard {_often(value)}."
-    if value >= 0.1:
-        return f"The safest planner still meets {_often_noun(value)}."
-    return f"The safest planner keeps clear {_often(1 - value)}."
-
-
-def _strategy_title(value: float | None) -> str:
-    if value is None:
-        return "Which agent is careful enough?"
-    if value < 0.1:
-        return f"The most careful agent is careful enough {_often(1 - value)}."
-    return f"Even the most careful agent warns too little {_often(value)}."
+        return words.question
+    sentence = next((text for least, text in words.by_share if value >= least), words.question)
+    return sentence.format(often=_often(value), cases=_often_noun(value), rest=_often(1 - value))
 
 
 def _often(share: float) -> str:
@@ -146,13 +130,12 @@ def _findings(
     digits: Digits,
 ) -> tuple[str, ...]:
     if ranked:
-        return (
-            _finding(challenge, ranked, f"Of {counted(len(ranked), 'ranked planner')}", digits),
-        )
+        of = f"Of {counted(len(ranked), f'ranked {challenge.words.subject}')}"
+        return (_finding(challenge, ranked, of, digits),)
     none = "Nobody has been scored on this board yet."
     if not reported:
         return (none,)
-    of = f"Of the {len(reported)} planners in the paper"
+    of = f"Of the {len(reported)} {challenge.words.subjects} in the paper"
     return (none, _finding(challenge, reported, of, digits))
 
 

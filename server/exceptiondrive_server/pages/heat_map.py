@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.board_rows import Row
+from exceptiondrive_server.pages.entry_facts import challenge_of
 from exceptiondrive_server.pages.family_tiles import HEAT_STEPS, HeatScale, short_title
 from exceptiondrive_server.pages.numbers import fixed, grouped
 
@@ -30,6 +31,7 @@ class HeatMap:
     """Heads, lines and the legend."""
 
     metric_label: str
+    subject: str
     heads: tuple[HeatHead, ...]
     rows: tuple[Row, ...]
     n_left_out: int
@@ -54,6 +56,7 @@ def heat_map(board: Board, heat: HeatScale, rows: Sequence[Row], query: BoardQue
     )
     return HeatMap(
         metric_label=heat.metric.label,
+        subject=challenge_of(board).words.subject.capitalize(),
         heads=heads,
         rows=tuple(rows[:MAX_LINES]),
         n_left_out=max(0, len(rows) - MAX_LINES),

@@ -37,7 +37,7 @@ class PhaseLink:
 
     id: str
     title: str
-    challenge_title: str
+    challenge: Challenge
     n_samples: int
     is_open: bool
     is_current: bool
@@ -47,6 +47,11 @@ class PhaseLink:
     split: str
     split_is_public: bool
     url: str
+
+    @property
+    def challenge_title(self) -> str:
+        """Name of the challenge."""
+        return self.challenge.title
 
 
 @dataclass(frozen=True)

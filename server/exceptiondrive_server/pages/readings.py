@@ -54,7 +54,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
     return PhaseLink(
         id=phase.id,
         title=phase.title,
-        challenge_title=challenge.title,
+        challenge=challenge,
         n_samples=split.n_samples,
         is_open=is_open(phase, database_now(session)),
         is_current=is_current,
@@ -85,13 +85,14 @@ def _parsed(body_digest: str, body: str) -> Board:
 
 
 def _phase(phases: list[Phase], phase_id: str | None) -> Phase | None:
-    """The phase asked for, or the first one; planning comes first."""
+    """The phase asked for, or the first one, in the registry's order of challenges."""
     if phase_id is not None:
         found = next((phase for phase in phases if phase.id == phase_id), None)
         if found is None:
             raise NotFound("phase", phase_id)
         return found
-    return min(phases, key=lambda phase: phase.challenge != "planning", default=None)
+    order = {challenge_id.value: at for at, challenge_id in enumerate(CHALLENGES)}
+    return min(phases, key=lambda phase: order[phase.challenge], default=None)
 
 
 def _board_row(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:

@@ -29,6 +29,17 @@ def ticks(text: str) -> Markup:
     )
 
 
+def stars(text: str) -> Markup:
+    """Set what stands between double stars bold; everything is escaped."""
+    parts = str(escape(text)).split("**")
+    return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
+
+
+def with_article(noun: str) -> str:
+    """Return `a planner`, `an agent`."""
+    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -50,6 +61,8 @@ def environment() -> Environment:
         size=numbers.size_text,
         slug=numbers.slug,
         ticks=ticks,
+        stars=stars,
+        a=with_article,
     )
     return made
 

@@ -32,10 +32,11 @@ def show_submit(request: Request, services: ServicesOf, browser: MaybeSignedIn) 
     with services.database.read() as session:
         phases = tuple(phase_link(session, phase) for phase in list_phases(session))
         protocol = latest_protocol(session)
-    content = submit_page(phases, protocol, str(request.base_url).rstrip("/"))
+    wanted = request.query_params.get("phase")
+    content = submit_page(phases, protocol, str(request.base_url).rstrip("/"), wanted)
     if browser is None:
         return page(request, "submit.html", "submit", page=content, upload=None)
-    upload = _upload_view(services, browser, request.query_params.get("phase"))
+    upload = _upload_view(services, browser, wanted)
     return private_page(request, "submit.html", "submit", page=content, upload=upload)
 
 

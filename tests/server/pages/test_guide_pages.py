@@ -1,15 +1,30 @@
 """Protocol, quick start, help and API pages."""
 
 import re
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from exceptiondrive import check_file, recorder
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
 from exceptiondrive_server.pages.protocol_diff import protocol_changes
+
+MANIFEST_OF_TWO = Manifest(
+    schema_="exceptiondrive.manifest/1",
+    name="two",
+    title="Two",
+    revision="sha256:" + "0" * 64,
+    waypoints=6,
+    time_step_s=0.5,
+    sample_ids=("s0", "s1"),
+)
 
 
 async def test_protocols_lead_to_the_newest_version(site: Any) -> None:
@@ -53,6 +68,33 @@ async def test_the_quick_start_shows_real_commands_of_an_open_phase(lively_site:
     assert "exceptiondrive.planning/1" in text
     assert "exceptiondrive.strategy/1" in text
     assert "/api/v1/schemas/planning" in text
+
+
+async def test_the_quick_start_of_the_strategy_challenge_speaks_of_answers(shown_site: Any) -> None:
+    text = (await shown_site.get("/submit?phase=strategy")).text
+    assert "exceptiondrive submit agent.json.gz --phase strategy" in text
+    assert "StrategyRecorder" in text
+    start = text[text.index("<h1") : text.index('id="hp"')]
+    assert "planner" not in start
+    assert '<a href="/submit?phase=strategy" aria-current="true">Strategy</a>' in text
+    assert '<a href="/submit?phase=sample">Planning</a>' in text
+
+
+async def test_the_loops_of_the_quick_start_write_files_that_pass(
+    shown_site: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "recorder", recorder)
+    manifest = MANIFEST_OF_TWO
+    straight = [[2.0 * t, 0.0] for t in range(1, 7)]
+    for challenge in CHALLENGES.values():
+        code = challenge.words.code
+        given = [(sample_id, straight, straight) for sample_id in manifest.sample_ids]
+        samples = given if challenge.id == "planning" else [row[:2] for row in given]
+        names = {"samples": samples, "plan": lambda it: it, "decide": lambda images: "C"}
+        exec(code.loop.format(file=code.file, split=manifest.name), names)  # noqa: S102
+        report = check_file(tmp_path / code.file, manifest=manifest)
+        assert (report.is_valid, report.challenge) == (True, challenge.id)
 
 
 async def test_the_quick_start_works_before_any_phase_exists(site: Any) -> None:

@@ -3,6 +3,7 @@
 import pytest
 
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_server.pages.headline import headline
 from exceptiondrive_server.pages.numbers import Digits
 
@@ -26,23 +27,38 @@ def with_ur(board: Board, ur: float) -> Board:
 def test_the_title_follows_the_lowest_unsafe_rate(
     lively_board: Board, ur: float, title: str
 ) -> None:
-    assert headline(with_ur(lively_board, ur), 21, Digits()).title == title
+    assert headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title == title
 
 
 def test_reference_and_reported_rows_never_make_the_headline(lively_board: Board) -> None:
-    facts = {fact.label: fact for fact in headline(lively_board, 21, Digits()).facts}
+    facts = {fact.label: fact for fact in headline(lively_board, PLANNING, 21, Digits()).facts}
     assert facts["Highest HCC"].note == "Kestrel-2"
     assert facts["Planners"].note == "ranked, 7 reported"
 
 
 def test_without_a_score_the_paper_is_quoted_as_the_paper(paper_board: Board) -> None:
-    said = headline(paper_board, 21, Digits())
+    said = headline(paper_board, PLANNING, 21, Digits())
     assert said.title == "Which planner keeps clear of the hazard?"
     assert said.findings[0] == "Nobody has been scored on this board yet."
     assert said.findings[1].startswith("Of the 7 planners in the paper, ST-P3 reaches")
 
 
 def test_without_a_board_nothing_is_claimed() -> None:
-    said = headline(None, 21, Digits())
+    said = headline(None, PLANNING, 21, Digits())
     assert said.facts == ()
     assert "%" not in " ".join(said.findings)
+
+
+def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) -> None:
+    said = headline(strategy_board, STRATEGY, 21, Digits())
+    assert said.title == "Even the most careful agent warns too little 2 times in 7."
+    assert "planner" not in " ".join(said.findings)
+    assert [fact.label for fact in said.facts] == [
+        "Samples scored",
+        "Tasks",
+        "Agents",
+        "Highest Accuracy",
+        "Lowest Under-warning",
+    ]
+    assert said.facts[0].note == "edited scenes"
+    assert headline(None, STRATEGY, 21, Digits()).title == "Which agent is careful enough?"

@@ -1,0 +1,76 @@
+"""Pages say what the challenge registry says; none of them asks which challenge it is."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.score_sheet import Coverage
+from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.pages.templating import stars, with_article
+
+FOLDERS = [Path(module.__path__[0]) for module in (pages, team_pages)]
+IDS = "|".join(challenge_id.value for challenge_id in CHALLENGES)
+NAMED = re.compile(rf"""["']({IDS})["']|\b({IDS.upper()})\b|challenge\.id\s*[=!]=|is_strategy""")
+
+
+def branches(text: str) -> list[str]:
+    """Places that name a challenge, or compare its id."""
+    return [found.group() for found in NAMED.finditer(text)]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        '{% if view.challenge.id == "planning" %}',
+        "if challenge.id == STRATEGY.id:",
+        "WORDS = {'strategy': 1}",
+        "{% if page.is_strategy %}",
+    ],
+)
+def test_a_branch_would_be_found(code: str) -> None:
+    assert branches(code)
+
+
+def test_no_page_branches_on_a_challenge() -> None:
+    files = [
+        path
+        for folder in FOLDERS
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in (".py", ".html", ".svg")
+    ]
+    assert len(files) > 50
+    found = {str(path): branches(path.read_text()) for path in files}
+    assert {path: places for path, places in found.items() if places} == {}
+
+
+@pytest.mark.parametrize("challenge", CHALLENGES.values(), ids=lambda one: one.id)
+def test_every_template_of_words_can_be_filled(challenge: Challenge) -> None:
+    words = challenge.words
+    shares = [least for least, _ in words.headline.by_share]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[-1] == 0
+    for _, text in words.headline.by_share:
+        assert "{" not in text.format(often="once in 3", cases="one in 3", rest="twice in 3")
+    assert words.scene_caption.format(clearance_m=1.0, d_safe_m=2.0, hcc=0.5).count("**") % 2 == 0
+    assert set(words.covered) <= set(Coverage.model_fields)
+    assert set(words.outcome) == {"kept", "lost", "hit"}
+
+
+async def test_the_strategy_board_never_speaks_of_planners(shown_site: Any) -> None:
+    text = (await shown_site.get("/?phase=strategy")).text
+    body = text[text.index("<main") : text.index("</main>")].lower()
+    assert "planner" not in body
+    assert "trajector" not in re.sub(r"<figure.*?</figure>", "", body, flags=re.DOTALL)
+    assert "agent.json.gz" in body
+
+
+def test_bold_words_are_escaped_too() -> None:
+    assert stars("a **<b>** c") == "a <b>&lt;b&gt;</b> c"
+
+
+@pytest.mark.parametrize(("noun", "said"), [("planner", "a planner"), ("agent", "an agent")])
+def test_nouns_take_their_article(noun: str, said: str) -> None:
+    assert with_article(noun) == said
