@@ -62,6 +62,26 @@ class Organizer:
         """Make a phase: `id`, `challenge`, `title`, `split`, `protocol` and what may be set."""
         return self._create("/organizer/phases", dict(phase))
 
+    def phase(self, phase_id: str) -> Record:
+        """Return a phase: its settings and where it stands."""
+        return self._object(self._transport.get(f"/phases/{quote(phase_id, safe='')}").json())
+
+    def change_phase(self, phase_id: str, changes: Mapping[str, Any]) -> Record:
+        """Change settings of a phase; what is left out stays, None takes a limit or date away."""
+        path = f"/organizer/phases/{quote(phase_id, safe='')}"
+        body = {"json": dict(changes)}
+        return self._object(self._transport.patch(path, lambda: dict(body)).json())
+
+    def freeze_phase(self, phase_id: str, reason: str) -> Record:
+        """Freeze the public board now; scoring goes on."""
+        path = f"/organizer/phases/{quote(phase_id, safe='')}/freeze"
+        return self._create(path, {"reason": reason})
+
+    def reveal_phase(self, phase_id: str, what: str, reason: str) -> Record:
+        """Show the board behind a freeze, the names, or begin to score the revealed part."""
+        path = f"/organizer/phases/{quote(phase_id, safe='')}/reveal"
+        return self._create(path, {"what": what, "reason": reason})
+
     def protocols(self) -> list[Record]:
         """Return all protocols, oldest first."""
         return self._list("/protocols")

@@ -73,6 +73,10 @@ class Transport:
         """
         return self._send(lambda: self._http.post(path, **body()), is_repeatable)
 
+    def patch(self, path: str, body: Callable[[], dict[str, Any]]) -> "httpx.Response":
+        """PATCH; the same change twice is one."""
+        return self._send(lambda: self._http.patch(path, **body()))
+
     def _send(
         self, request: Callable[[], "httpx.Response"], is_repeatable: bool = True
     ) -> "httpx.Response":

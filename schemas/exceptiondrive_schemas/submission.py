@@ -6,6 +6,7 @@ from enum import StrEnum
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.phase_life import PhaseLife, PhaseNow
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
@@ -78,6 +79,16 @@ class SubmissionView(Document):
     rank: int | None = None
     is_duplicate: bool = False
     """The same bytes were there before: this is the first submission, and no quota was spent."""
+    is_late: bool = False
+    """It came after the deadline: it stands on the late view alone."""
+    is_chosen: bool = False
+    """The team chose it for the board."""
+    is_published: bool = True
+    """False: the phase keeps entries private, and the team has not published this one."""
+    score_hidden_since: datetime | None = None
+    """The board froze then, and this phase keeps back the scores of what came later."""
+    known_as: str | None = None
+    """The pseudonym of the team on the board of an anonymous phase."""
 
 
 class SubmissionPage(Document):
@@ -124,6 +135,8 @@ class PhaseView(Document):
     quota_total: int | None
     quota_concurrent: int | None = None
     max_upload_bytes: int
+    life: PhaseLife = PhaseLife()
+    now: PhaseNow | None = None
     quota: Quota | None = None
     """The asking team's own, when a token was sent."""
 

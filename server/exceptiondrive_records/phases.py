@@ -10,11 +10,14 @@ from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.identifiers import checked_slug, checked_text
+from exceptiondrive_records.phase_life import new_salt, phase_now
+from exceptiondrive_records.phase_rules import check_phase
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.quotas import quota_of
-from exceptiondrive_records.splits import find_split
+from exceptiondrive_records.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.phase_life import PhaseLife
 from exceptiondrive_schemas.submission import PhaseView
 
 
@@ -35,6 +38,7 @@ def create_phase(
     quota_concurrent: int | None = None,
     rejected_per_day: int = 20,
     shows_reported: bool = False,
+    life: PhaseLife = PhaseLife(),  # noqa: B008 - immutable
     actor: str,
 ) -> Phase:
     """Create a phase, and ask for its first, empty board.
@@ -55,6 +59,7 @@ def create_phase(
         quota_concurrent: Submissions of a team that may wait for a score at once; None: no limit.
         rejected_per_day: Files of a team that may be wrong per UTC day.
         shows_reported: Whether the board shows the paper's rows beside the scored entries.
+        life: What is shown when, and to whom.
         actor: Who creates it.
 
     Raises:
@@ -65,11 +70,6 @@ def create_phase(
     checked_slug("phase", phase_id)
     if challenge not in [str(known) for known in CHALLENGES]:
         raise InvalidRecord(f"Unknown challenge {challenge!r}; known: {', '.join(CHALLENGES)}.")
-    if opens_at is not None and closes_at is not None and closes_at <= opens_at:
-        raise InvalidRecord("A phase must close after it opens.")
-    limits = (quota_per_day, rejected_per_day, quota_total, quota_concurrent)
-    if any(limit is not None and limit < 1 for limit in limits):
-        raise InvalidRecord("Quotas must be at least 1.")
     if session.get(Phase, phase_id) is not None:
         raise Conflict(f"There is a phase {phase_id!r} already.")
     split = find_split(session, split_name, split_revision)
@@ -81,7 +81,7 @@ def create_phase(
             "description", description, max_length=4000, may_be_empty=True, may_have_lines=True
         ),
         split_name=split.name,
-        split_revision=split.revision,
+        split_revision=live_revision(session, split.name, split.revision, life.live_part),
         protocol_digest=find_protocol(session, protocol).digest,
         opens_at=opens_at,
         closes_at=closes_at,
@@ -92,7 +92,10 @@ def create_phase(
         current_board_id=None,
         shows_reported=shows_reported,
         created_at=database_now(session),
+        life=life,
+        pseudonym_salt=new_salt() if life.anonymous else None,
     )
+    check_phase(phase)
     session.add(phase)
     session.flush()
     want_board(session, phase.id, phase.protocol_digest)
@@ -131,7 +134,7 @@ def phase_view(
     session: Session, phase: Phase, *, max_upload_bytes: int, team_id: int | None = None
 ) -> PhaseView:
     """Return the phase as the API shows it, with the quota of a team if given."""
-    split = find_split(session, phase.split_name, phase.split_revision)
+    whole = whole_split(session, phase.split_name, phase.split_revision)
     return PhaseView(
         id=phase.id,
         challenge=phase.challenge,
@@ -139,8 +142,8 @@ def phase_view(
         description=phase.description,
         split=phase.split_name,
         split_revision=phase.split_revision,
-        split_is_public=split.public_file_digest is not None,
-        n_samples=split.n_samples,
+        split_is_public=whole.public_file_digest is not None,
+        n_samples=whole.n_samples,
         protocol=find_protocol(session, phase.protocol_digest).version,
         protocol_digest=phase.protocol_digest,
         opens_at=phase.opens_at,
@@ -150,5 +153,7 @@ def phase_view(
         quota_total=phase.quota_total,
         quota_concurrent=phase.quota_concurrent,
         max_upload_bytes=max_upload_bytes,
+        life=phase.life,
+        now=phase_now(session, phase),
         quota=None if team_id is None else quota_of(session, team_id, phase),
     )

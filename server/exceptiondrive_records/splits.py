@@ -7,11 +7,18 @@ from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.tables import SplitRow
+from exceptiondrive_schemas.phase_life import LivePart, SplitPart
 from exceptiondrive_schemas.split import Manifest
 
 
 def register_split(
-    session: Session, manifest: Manifest, family_counts: dict[str, int], actor: str
+    session: Session,
+    manifest: Manifest,
+    family_counts: dict[str, int],
+    actor: str,
+    *,
+    part: SplitPart | None = None,
+    whole_revision: str | None = None,
 ) -> SplitRow:
     """Record a split revision; registering the same again does nothing.
 
@@ -20,16 +27,20 @@ def register_split(
         manifest: Public part of the split.
         family_counts: Samples per family; they add up to the number of samples.
         actor: Who registers it.
+        part: Set for a part of a split: its manifest names the samples of the whole, and the counts
+            are those of the part; which samples it holds is never recorded.
+        whole_revision: The registered revision of which it is a part.
 
     Raises:
         InvalidRecord: The counts do not add up.
         Conflict: The revision is known with another manifest or other counts.
     """
-    n_samples = len(manifest.sample_ids)
-    if sum(family_counts.values()) != n_samples:
+    n_samples = sum(family_counts.values())
+    n_named = len(manifest.sample_ids)
+    if n_samples != n_named and (part is None or n_samples > n_named):
         raise InvalidRecord(
-            f"The family counts of split {manifest.name!r} add up to "
-            f"{sum(family_counts.values())}, but it has {n_samples} samples."
+            f"The family counts of split {manifest.name!r} add up to {n_samples}, but it has "
+            f"{n_named} samples."
         )
     held = session.get(SplitRow, (manifest.name, manifest.revision), options=[undefer("*")])
     if held is not None:
@@ -48,10 +59,12 @@ def register_split(
         n_samples=n_samples,
         public_file_digest=None,
         registered_at=database_now(session),
+        part=part,
+        whole_revision=whole_revision,
     )
     session.add(row)
     session.flush()
-    detail = {"revision": manifest.revision, "n_samples": n_samples}
+    detail = {"revision": manifest.revision, "n_samples": n_samples, "part": part}
     audit(session, actor, "split registered", manifest.name, detail)
     return row
 
@@ -82,18 +95,47 @@ def publish_split(
 
 
 def find_split(session: Session, name: str, revision: str | None = None) -> SplitRow:
-    """Return a split, by default the revision that was registered last.
+    """Return a split, by default the whole one that was registered last.
 
     Raises:
         NotFound: There is none.
     """
     query = select(SplitRow).where(SplitRow.name == name)
-    if revision is not None:
+    if revision is None:
+        query = query.where(SplitRow.whole_revision.is_(None))
+    else:
         query = query.where(SplitRow.revision == revision)
     row = session.scalars(query.order_by(SplitRow.registered_at.desc()).limit(1)).first()
     if row is None:
         raise NotFound("split", name)
     return row
+
+
+def whole_split(session: Session, name: str, revision: str) -> SplitRow:
+    """Return the whole split of a revision: of a part, that of which it is one.
+
+    Raises:
+        NotFound: There is none.
+    """
+    row = find_split(session, name, revision)
+    return row if row.whole_revision is None else find_split(session, name, row.whole_revision)
+
+
+def part_revision(session: Session, name: str, revision: str, part: SplitPart | None) -> str | None:
+    """Return the revision of a part, or of the whole for None; None when it has no parts."""
+    whole = whole_split(session, name, revision)
+    if part is None:
+        return whole.revision
+    query = select(SplitRow.revision).where(
+        SplitRow.name == name, SplitRow.whole_revision == whole.revision, SplitRow.part == part
+    )
+    return session.scalars(query).first()
+
+
+def live_revision(session: Session, name: str, revision: str, live_part: LivePart) -> str:
+    """Return what a live board counts: the public part where there are parts, unless told."""
+    public = part_revision(session, name, revision, "public") if live_part == "public" else None
+    return public or whole_split(session, name, revision).revision
 
 
 def list_splits(session: Session) -> list[SplitRow]:

@@ -11,6 +11,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from exceptiondrive_records.columns import DocumentText, UtcDateTime, enum_text
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.phase_life import PhaseLife
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -103,6 +104,10 @@ class SplitRow(Base):
     public_file_digest: Mapped[str | None]
     """Content digest of the whole split file, for development splits alone."""
     registered_at: Mapped[datetime]
+    part: Mapped[str | None]
+    """`public` or `private`: a part of `whole_revision`; its manifest names all samples, and
+    `n_samples` and `family_counts` are those of the part. Which samples it has is withheld."""
+    whole_revision: Mapped[str | None]
 
 
 class Phase(Base):
@@ -129,6 +134,13 @@ class Phase(Base):
     current_board_id: Mapped[int | None]
     shows_reported: Mapped[bool]
     created_at: Mapped[datetime]
+    life: Mapped[PhaseLife] = mapped_column(DocumentText(PhaseLife), default=PhaseLife())
+    unfrozen_at: Mapped[datetime | None]
+    names_revealed_at: Mapped[datetime | None]
+    pseudonym_salt: Mapped[str | None] = mapped_column(deferred=True)
+    """Random; pseudonyms are keyed by it. Never shown to anyone."""
+    late_board_id: Mapped[int | None]
+    """The board of the late view."""
 
 
 class Submission(Base):
@@ -165,6 +177,12 @@ class Submission(Base):
     withdrawn_at: Mapped[datetime | None]
     linked_to: Mapped[str | None] = mapped_column(ForeignKey("submissions.id"))
     """The counterpart that its board entry is compared with."""
+    arrived_at: Mapped[datetime | None]
+    """When its first byte came, where that was noted: the deadline is judged by it."""
+    chosen_at: Mapped[datetime | None]
+    """When the team chose it for the board; the latest choice counts."""
+    published_at: Mapped[datetime | None]
+    """When the team made it public, in a phase that keeps entries private."""
 
 
 class Job(Base):
@@ -240,6 +258,8 @@ class BoardRow(Base):
     """Digest of `body`: the strong ETag."""
     body: Mapped[str] = mapped_column(Text)
     published_at: Mapped[datetime]
+    view: Mapped[str] = mapped_column(default="main")
+    """`main`, or `late`: the board with late entries among the others."""
 
 
 class BoardFlip(Base):

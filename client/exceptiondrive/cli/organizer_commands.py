@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, protocol_commands, rescore_commands
+from exceptiondrive.cli import options, phase_commands, protocol_commands, rescore_commands
 from exceptiondrive.cli.output import show, show_json
 from exceptiondrive.cli.records_table import show_records
 from exceptiondrive.errors import ExceptionDriveError
@@ -116,6 +116,7 @@ def create_phase(
     shows_reported: Annotated[
         bool, typer.Option("--shows-reported", help="Show the paper's rows beside the entries.")
     ] = False,
+    settings: phase_commands.SetOption = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -133,6 +134,7 @@ def create_phase(
         "quota_total": quota_total,
         "quota_concurrent": quota_concurrent,
         "shows_reported": shows_reported,
+        **phase_commands.settings_of(settings or ()),
     }
     with _organizer(server) as organizer:
         phase = organizer.create_phase(wanted)
@@ -220,7 +222,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "phases": (
         "Phases; everyone lists them with `exceptiondrive phases`.",
-        {"create": create_phase},
+        {"create": create_phase, **phase_commands.COMMANDS},
     ),
     "protocols": (
         "Protocol documents.",

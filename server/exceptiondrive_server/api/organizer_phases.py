@@ -1,19 +1,32 @@
 """Phases, and the splits that they may use, as organizers manage them."""
 
-from typing import Annotated
+from collections.abc import Callable, Mapping
+from typing import Annotated, Literal
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, StrictBool, StrictInt
+from sqlalchemy.orm import Session
 
+from exceptiondrive_records.phase_changes import (
+    freeze_phase,
+    reveal_board,
+    reveal_names,
+    update_phase,
+)
+from exceptiondrive_records.phase_life import part_of
 from exceptiondrive_records.phases import create_phase, phase_view
 from exceptiondrive_records.splits import list_splits
+from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_life import PhaseLife, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.api.times import Time
 from exceptiondrive_server.auth import Organizer, ServicesOf
+from exceptiondrive_server.services import Services
 
 router = APIRouter()
+PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 
 
 class NewPhase(Form):
@@ -32,6 +45,35 @@ class NewPhase(Form):
     quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
     rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
     shows_reported: StrictBool = False
+    life: PhaseLife = PhaseLife()
+
+
+class PhaseChange(Form):
+    """Settings to be changed: what is left out stays, null takes a limit or date away."""
+
+    title: Annotated[str, Field(max_length=400)] = ""
+    description: Annotated[str, Field(max_length=8000)] = ""
+    opens_at: Time | None = None
+    closes_at: Time | None = None
+    quota_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 3
+    quota_total: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
+    quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
+    rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
+    shows_reported: StrictBool = False
+    life: PhaseLife = PhaseLife()
+    """Of these fields, too, only those that are sent are changed."""
+
+
+class PhaseStep(Form):
+    """An action on a phase, and why."""
+
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class Reveal(PhaseStep):
+    """What is to be shown: the board behind a freeze, or the names."""
+
+    what: Literal["board", "names"]
 
 
 class SplitView(BaseModel):
@@ -42,6 +84,8 @@ class SplitView(BaseModel):
     title: str
     n_samples: int
     is_public: bool
+    part: SplitPart | None = None
+    whole_revision: str | None = None
 
 
 @router.get("/splits", operation_id="listSplits")
@@ -55,6 +99,8 @@ def get_splits(services: ServicesOf) -> list[SplitView]:
                 title=split.title,
                 n_samples=split.n_samples,
                 is_public=split.public_file_digest is not None,
+                part=part_of(split),
+                whole_revision=split.whole_revision,
             )
             for split in list_splits(session)
         ]
@@ -79,7 +125,51 @@ def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> P
             quota_concurrent=phase.quota_concurrent,
             rejected_per_day=phase.rejected_per_day,
             shows_reported=phase.shows_reported,
+            life=phase.life,
             actor=organizer.actor,
         )
-        limit = services.settings.max_upload_bytes
-        return phase_view(session, made, max_upload_bytes=limit)
+        return _view(session, services, made)
+
+
+@router.patch("/phases/{phase_id}", operation_id="changePhase")
+def patch_phase(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, change: PhaseChange
+) -> PhaseView:
+    """Change settings of a phase; what would take back a promise is refused."""
+    sent = change.model_fields_set - {"life"}
+    with services.database.write() as session:
+        phase = update_phase(
+            session,
+            phase_id,
+            changes={key: getattr(change, key) for key in sorted(sent)},
+            life=change.life if "life" in change.model_fields_set else None,
+            actor=organizer.actor,
+        )
+        return _view(session, services, phase)
+
+
+@router.post("/phases/{phase_id}/freeze", operation_id="freezePhase")
+def post_freeze(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: PhaseStep
+) -> PhaseView:
+    """Freeze the public board now; scoring goes on."""
+    with services.database.write() as session:
+        phase = freeze_phase(session, phase_id, reason=step.reason, actor=organizer.actor)
+        return _view(session, services, phase)
+
+
+@router.post("/phases/{phase_id}/reveal", operation_id="revealPhase")
+def post_reveal(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Reveal
+) -> PhaseView:
+    """Show the board behind a freeze, or the names; names cannot be taken back."""
+    with services.database.write() as session:
+        phase = _REVEALS[step.what](session, phase_id, reason=step.reason, actor=organizer.actor)
+        return _view(session, services, phase)
+
+
+_REVEALS: Mapping[str, Callable[..., Phase]] = {"board": reveal_board, "names": reveal_names}
+
+
+def _view(session: Session, services: Services, phase: Phase) -> PhaseView:
+    return phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)

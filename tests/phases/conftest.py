@@ -1,0 +1,252 @@
+"""Worker and server over one database, one file store and one split with parts; nothing mocked.
+
+Jobs run in the test's own process, as a worker runs them. Time is moved by moving the dates of the
+phase: the database's clock is real.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+from starlette.testclient import TestClient
+
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.tables import BoardRequest, Job, JobState
+from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.doors import Doors, open_doors
+from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.splits_admin import register_all_splits
+
+TEAMS = {"alpha": "Alpha Institute", "beta": "Beta Labs", "gamma": "Gamma Works"}
+SAMPLES = {
+    "a": ("SE1", 10.0, "public"),
+    "b": ("LB1", 12.0, "public"),
+    "c": ("SE1", 14.0, "private"),
+    "d": ("RS1", 16.0, "private"),
+    "e": ("LB1", 9.0, "private"),
+}
+Step = dict[str, Any]
+REASON: Step = {"reason": "as announced"}
+
+
+def split_of(samples: Mapping[str, tuple[str, float, str | None]], name: str) -> Split:
+    document = {
+        "schema": "exceptiondrive.split/1",
+        "name": name,
+        "title": "A split",
+        "samples": [
+            {
+                "sample_id": key,
+                "scene_id": f"scene-{key}",
+                "task": task,
+                "region": [(ahead, -1.0), (ahead + 2, -1.0), (ahead + 2, 1.0), (ahead, 1.0)],
+                **({"part": part} if part else {}),
+            }
+            for key, (task, ahead, part) in samples.items()
+        ],
+    }
+    return Split.model_validate_json(json.dumps(document))
+
+
+def planning_file(speeds_mps: dict[str, float], split: str, sent_by: str = "") -> bytes:
+    def straight(speed: float) -> list[list[float]]:
+        return [[round(speed * step * 0.5, 3), 0.0] for step in range(1, 7)]
+
+    predictions = [
+        {"sample_id": key, "source": straight(4.0), "edited": straight(speed)}
+        for key, speed in speeds_mps.items()
+    ]
+    document = {"schema": "exceptiondrive.planning/1", "split": split, "predictions": predictions}
+    return (json.dumps(document) + " " * len(sent_by)).encode()
+
+
+@dataclass
+class Life:
+    """Everything a phase goes through, one call each."""
+
+    worker: WorkerSettings
+    doors: Doors
+    server: ServerSettings
+    client: TestClient
+    tokens: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def database(self) -> Database:
+        return self.doors.database
+
+    def request(self, method: str, path: str, who: str | None = None, **more: Any) -> Any:
+        headers = {} if who is None else {"Authorization": f"Bearer {self.tokens[who]}"}
+        return self.client.request(method, path, headers=headers, **more)
+
+    def get(self, path: str, who: str | None = None) -> Any:
+        return self.request("GET", path, who)
+
+    def json(self, path: str, who: str | None = None) -> Any:
+        answer = self.get(path, who)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def organize(self, path: str, document: Step | None = None, method: str = "POST") -> Any:
+        body = REASON if document is None else document
+        return self.request(method, f"/api/v1/organizer{path}", "organizer", json=body)
+
+    def done(self, path: str, document: Step | None = None, method: str = "POST") -> Any:
+        answer = self.organize(path, document, method)
+        assert answer.status_code < 300, answer.text
+        return answer.json()
+
+    def refused(self, path: str, document: Step, status: int, method: str = "POST") -> str:
+        answer = self.organize(path, document, method)
+        assert answer.status_code == status, answer.text
+        return str(answer.json()["detail"])
+
+    def make_phase(self, phase_id: str = "test", *, split: str = "parted", **more: Any) -> Any:
+        usual = {"challenge": "planning", "title": "Test", "protocol": "1.0", "split": split}
+        return self.done("/phases", {"id": phase_id, "quota_per_day": 100, **usual, **more})
+
+    def change(self, document: Step, phase_id: str = "test") -> Any:
+        return self.done(f"/phases/{phase_id}", document, "PATCH")
+
+    def add_split(self, split: Split) -> None:
+        path = self.worker.splits_dir / split.name / "split.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+        store = SplitStore(self.worker.splits_dir)
+        register_all_splits(self.database, store, packaged_protocol())
+
+    def upload(
+        self,
+        who: str,
+        speeds_mps: float | dict[str, float],
+        method: str = "Planner",
+        split: str = "parted",
+        phase: str = "test",
+    ) -> Any:
+        speeds = speeds_mps if isinstance(speeds_mps, dict) else dict.fromkeys(SAMPLES, speeds_mps)
+        return self.request(
+            "POST",
+            "/api/v1/submissions",
+            who,
+            data={"phase": phase, "method": method},
+            files={"file": ("planner.json", planning_file(speeds, split, who))},
+        )
+
+    def submit(self, who: str, speeds_mps: float | dict[str, float], *more: str) -> str:
+        answer = self.upload(who, speeds_mps, *more)
+        assert answer.status_code == 202, answer.text
+        return str(answer.json()["id"])
+
+    def work(self) -> None:
+        """Do what reconciler and workers do until nothing is left."""
+        while True:
+            tend_runs(self.database)
+            jobs = self._due_jobs()
+            for job_id in jobs:
+                score_submission(self.doors, job_id)
+            if not jobs and not self._build_boards():
+                return
+
+    def _due_jobs(self) -> list[str]:
+        query = select(Job).where(Job.state == JobState.QUEUED).order_by(Job.lane, Job.created_at)
+        with self.database.read() as session:
+            return [job.id for job in session.scalars(query) if job.available_at.year < 9999]
+
+    def _build_boards(self) -> bool:
+        wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+        with self.database.read() as session:
+            rows = list(session.scalars(wanted))
+        for row in rows:
+            build_board(self.doors, row.phase_id, row.protocol_digest, row.split_revision)
+        return bool(rows)
+
+    def now(self) -> datetime:
+        with self.database.read() as session:
+            return database_now(session)
+
+    def ago(self, minutes: float) -> str:
+        return (self.now() - timedelta(minutes=minutes)).isoformat()
+
+    def ahead(self, minutes: float) -> str:
+        return self.ago(-minutes)
+
+    def move(self, phase_id: str = "test", **dates: Any) -> None:
+        """Let time pass: set dates of the phase as no organizer may."""
+        with self.database.write() as session:
+            phase = find_phase(session, phase_id)
+            for key, value in dates.items():
+                if key in ("freezes_at", "families_from"):
+                    phase.life = phase.life.model_copy(update={key: value})
+                else:
+                    setattr(phase, key, value)
+
+    def board(self, query: str = "", phase: str = "test") -> Any:
+        return self.json(f"/api/v1/leaderboard?phase={phase}{query}")
+
+    def entry_ids(self, query: str = "") -> list[str]:
+        return [entry["submission_id"] for entry in self.board(query)["entries"]]
+
+    def start_run(self, phase: str = "test", **target: str) -> str:
+        """Carry a rescoring run until it is ready."""
+        run = self.done("/rescoring", {"phase": phase, **target, **REASON})["id"]
+        self.done(f"/rescoring/{run}/start")
+        self.work()
+        assert self.json(f"/api/v1/organizer/rescoring/{run}", "organizer")["state"] == "ready"
+        return str(run)
+
+    def apply(self, run: str) -> Any:
+        preview = self.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
+        done = self.done(f"/rescoring/{run}/apply", {"preview": preview["digest"], **REASON})
+        self.work()
+        return done
+
+
+@pytest.fixture
+def life(database_url: str, tmp_path: Path) -> Iterator[Life]:
+    """Three teams, an organizer, a split with parts; SQLite, then PostgreSQL."""
+    common: dict[str, Any] = {
+        "database_url": database_url,
+        "broker_url": f"redis+socket://{tmp_path}/nobody.sock",
+        "file_store_url": (tmp_path / "uploads").as_uri(),
+    }
+    worker = WorkerSettings(
+        splits_dir=tmp_path / "splits", private_dir=tmp_path / "private", **common
+    )
+    server = ServerSettings(receipt_key_file=tmp_path / "key.pem", **common)
+    app = create_app(server)
+    client = TestClient(app, base_url="https://server.test", follow_redirects=False)
+    made = Life(worker, open_doors(worker), server, client)
+    with made.database.write() as session:
+        add_protocol(session, packaged_protocol_toml(), "test")
+        for slug, name in TEAMS.items():
+            team = create_team(session, slug, name, actor="test")
+            made.tokens[slug] = issue_token(session, team.id, "t", TEAM_SCOPES, actor="test")[0]
+        made.tokens["organizer"] = issue_token(
+            session, None, "Ann", ORGANIZER_SCOPES, actor="test"
+        )[0]
+    made.add_split(split_of(SAMPLES, "parted"))
+    made.add_split(split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "plain"))
+    yield made
+    made.doors.close()
+    app.state.services.close()
+
+
+@pytest.fixture
+def make_split() -> Callable[..., Split]:
+    return split_of

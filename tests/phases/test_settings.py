@@ -1,0 +1,90 @@
+"""The settings of a phase: what fits together, what may still change, and that it is audited."""
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from exceptiondrive_schemas.phase_life import PhaseLife
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+LATER = "2126-11-21T12:00:00Z"
+LATER_STILL = "2126-12-21T12:00:00Z"
+
+
+def test_every_setting_can_be_shown_in_a_form() -> None:
+    for name, field in PhaseLife.model_fields.items():
+        assert field.title, name
+        assert field.description, name
+        assert field.description.endswith("."), name
+
+
+def test_a_phase_shows_its_life(life: "Life") -> None:
+    wanted = {"freezes_at": LATER, "entries_shown": "chosen", "anonymous": True}
+    made = life.make_phase(split="plain", closes_at=LATER_STILL, life=wanted)
+    shown = life.json("/api/v1/phases/test")
+    assert shown["life"] == made["life"]
+    assert shown["life"] | wanted == shown["life"]
+    assert shown["now"] == {
+        "part": None,
+        "n_counted": 5,
+        "frozen_since": None,
+        "families_hidden_until": None,
+        "is_anonymous": True,
+        "takes_late_entries": False,
+    }
+
+
+def test_a_change_touches_what_is_sent_and_leaves_an_audit_line(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=LATER_STILL, life={"freezes_at": LATER})
+    changed = life.change({"quota_total": 7, "life": {"late_entries": "own_view"}})
+    assert changed["quota_total"] == 7
+    assert changed["title"] == "Test"
+    assert changed["life"]["late_entries"] == "own_view"
+    assert changed["life"]["freezes_at"] == LATER
+    line = life.json("/api/v1/organizer/audit?limit=1", "organizer")[0]
+    assert (line["action"], line["subject"]) == ("phase changed", "test")
+    assert line["detail"] == {"quota_total": [None, 7], "late_entries": ["refused", "own_view"]}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"life": {"freezes_at": LATER_STILL}}, "freezes_at must lie before closes_at"),
+        ({"life": {"freezes_at": "2001-01-01T00:00:00Z"}}, "To freeze now, use the action freeze"),
+        ({"closes_at": None, "life": {"late_entries": "own_view"}}, "set closes_at"),
+        ({"closes_at": "2001-01-01T00:00:00Z"}, "would become late"),
+        ({"opens_at": LATER_STILL}, "must close after it opens"),
+    ],
+)
+def test_contradictions_are_named(life: "Life", change: dict[str, object], words: str) -> None:
+    life.make_phase(split="plain", closes_at=LATER_STILL)
+    before = life.json("/api/v1/phases/test")
+    assert words in life.refused("/phases/test", change, 400, "PATCH")
+    assert life.json("/api/v1/phases/test") == before
+
+
+@pytest.mark.parametrize("change", [{"anonymous": True}, {"entries_private": True}])
+def test_what_teams_were_promised_does_not_change_under_them(
+    life: "Life", change: dict[str, object]
+) -> None:
+    life.make_phase(split="plain")
+    life.submit("alpha", 1.0, "Planner", "plain")
+    words = life.refused("/phases/test", {"life": change}, 409, "PATCH")
+    assert "The phase has submissions" in words
+
+
+def test_only_organizers_change_a_phase(life: "Life") -> None:
+    life.make_phase(split="plain")
+    for path in ("", "/freeze", "/reveal"):
+        method = "POST" if path else "PATCH"
+        address = f"/api/v1/organizer/phases/test{path}"
+        assert life.request(method, address, "alpha", json={}).status_code == 403
+        assert life.request(method, address, json={}).status_code == 401
+
+
+def test_a_time_is_text_and_an_unknown_setting_an_error(life: "Life") -> None:
+    life.make_phase(split="plain")
+    for wrong in ({"freezes_at": 1900000000}, {"freezes_at": "soon"}, {"hides": True}):
+        assert life.organize("/phases/test", {"life": wrong}, "PATCH").status_code == 400
