@@ -1,6 +1,7 @@
 """The board that is not shown yet: whether it says what the sheets say now."""
 
 import json
+from functools import lru_cache
 
 from sqlalchemy.orm import Session
 
@@ -16,7 +17,7 @@ def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | 
         return None
     row = latest_board(session, phase_id, key.protocol_digest, key.split_revision)
     due = entry_ids_for_board(session, phase_id, key.protocol_digest, key.split_revision)
-    return row if row is not None and _entries_of(row) == due else None
+    return row if row is not None and _entries_of(row.body) == due else None
 
 
 def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
@@ -27,6 +28,9 @@ def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
         want_board(session, phase_id, key.protocol_digest, key.split_revision)
 
 
-def _entries_of(row: BoardRow) -> set[str]:
-    entries = json.loads(row.body)["entries"]
-    return {entry["submission_id"] for entry in entries if entry["submission_id"] is not None}
+@lru_cache(maxsize=8)
+def _entries_of(body: str) -> frozenset[str]:
+    entries = json.loads(body)["entries"]
+    return frozenset(
+        entry["submission_id"] for entry in entries if entry["submission_id"] is not None
+    )

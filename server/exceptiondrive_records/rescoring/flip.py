@@ -4,9 +4,10 @@ from sqlalchemy import Select, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards import flip_board
+from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.notices.inbox import tell_teams
-from exceptiondrive_records.rescoring.comparison import compare_boards
+from exceptiondrive_records.rescoring.compared import Compared, compare_rows
 from exceptiondrive_records.rescoring.draft_board import fresh_board
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.keys import (
@@ -21,28 +22,33 @@ from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.runs import move_run
 from exceptiondrive_records.tables import BoardRow, Job, JobState, Phase, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import Comparison, RunState
+from exceptiondrive_schemas.rescoring import RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 
 
-def comparison_of(session: Session, run: RescoringRun) -> Comparison | None:
+def comparison_of(session: Session, run: RescoringRun) -> Compared | None:
     """Return what the next flip of a run would change; None while one of the boards is missing."""
     phase = session.get_one(Phase, run.phase_id)
-    key = other_key(run)
-    new = fresh_board(session, run.phase_id, key)
+    return _compared_to(session, phase, fresh_board(session, run.phase_id, other_key(run)))
+
+
+def _compared_to(session: Session, phase: Phase, new: BoardRow | None) -> Compared | None:
     old = None if phase.current_board_id is None else session.get(BoardRow, phase.current_board_id)
-    if new is None or old is None:
-        return None
-    return compare_rows(old, new)
+    return None if new is None or old is None else compare_rows(old, new)
 
 
-def compare_rows(old: BoardRow, new: BoardRow) -> Comparison:
-    """Return what changes from one recorded board to another."""
-    return compare_boards(Board.model_validate_json(old.body), Board.model_validate_json(new.body))
+def work_out(database: Database, run_id: str) -> None:
+    """Compare the boards before a flip, so that its transaction finds the comparison made.
+
+    It decides nothing: the transaction asks for the boards again, and compares what it finds.
+    """
+    with database.read() as session:
+        run = find_run(session, run_id)
+        if not run.state.is_final:
+            comparison_of(session, run)
 
 
 def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
@@ -85,8 +91,8 @@ def apply_run(
         NotFound: No such run.
         Conflict: It is not ready, a pair is missing or failed, or the preview is stale.
     """
-    phase, row, comparison = _checked(session, run_id, (RunState.SCORING, RunState.READY))
-    if comparison.digest != preview:
+    phase, row, compared = _checked(session, run_id, (RunState.SCORING, RunState.READY))
+    if compared.digest != preview:
         raise Conflict(
             "The preview is stale: submissions or boards have changed since. Look at the new "
             "preview, and apply that one."
@@ -102,9 +108,9 @@ def apply_run(
     )
     run.from_board_id, run.to_board_id = phase.current_board_id, row.id
     run.applied_at = run.state_at
-    run.comparison = comparison
+    run.comparison = compared.comparison
     run.apply_flip_id = _flip(session, phase, row, new_key(run))
-    tell_teams(session, run, comparison, "protocol_applied")
+    tell_teams(session, run, compared.comparison, "protocol_applied")
     return run
 
 
@@ -115,7 +121,7 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
         NotFound: No such run.
         Conflict: It is not applied, or sheets of fresh submissions are missing.
     """
-    phase, row, comparison = _checked(session, run_id, (RunState.APPLIED,))
+    phase, row, compared = _checked(session, run_id, (RunState.APPLIED,))
     run = move_run(
         session,
         run_id,
@@ -127,13 +133,13 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
     )
     run.rollback_flip_id = _flip(session, phase, row, old_key(run))
     cancel_jobs(session, run, new_key(run))
-    tell_teams(session, run, comparison, "protocol_rolled_back")
+    tell_teams(session, run, compared.comparison, "protocol_rolled_back")
     return run
 
 
 def _checked(
     session: Session, run_id: str, states: tuple[RunState, ...]
-) -> tuple[Phase, BoardRow, Comparison]:
+) -> tuple[Phase, BoardRow, Compared]:
     """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
     run = find_run(session, run_id, lock=True)
     phase = session.get(Phase, run.phase_id, with_for_update=True, populate_existing=True)
@@ -148,10 +154,10 @@ def _checked(
     if key_of_phase(phase) != expected:
         raise Conflict("The phase no longer shows what this run began from; cancel it.")
     row = fresh_board(session, run.phase_id, other_key(run))
-    comparison = comparison_of(session, run)
-    if row is None or comparison is None:
+    compared = _compared_to(session, phase, row)
+    if row is None or compared is None:
         raise Conflict("The phase has no board yet; try again in a moment.")
-    return phase, row, comparison
+    return phase, row, compared
 
 
 def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int | None:

@@ -7,8 +7,9 @@ from exceptiondrive_records.boards import latest_board
 from exceptiondrive_records.errors import Conflict, NotFound
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.protocols import checked_protocol, find_protocol, list_protocols
+from exceptiondrive_records.rescoring.compared import Compared, compare_rows
 from exceptiondrive_records.rescoring.differences import difference_of
-from exceptiondrive_records.rescoring.flip import blockers_of, compare_rows, comparison_of
+from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.keys import ScoringKey, find_run, list_runs, other_key
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
 from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ScoreSheetRow
@@ -16,7 +17,6 @@ from exceptiondrive_records.tables_rescoring import RescoringRun
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
 from exceptiondrive_schemas.rescoring import (
     BoardHistoryLine,
-    Comparison,
     PreviewView,
     PublicRun,
     RunState,
@@ -31,7 +31,7 @@ _PREVIEWED = (RunState.SCORING, RunState.READY, RunState.APPLIED)
 def run_view(session: Session, run: RescoringRun) -> RunView:
     """Return a run as organizers see it."""
     phase = session.get_one(Phase, run.phase_id)
-    comparison = comparison_of(session, run) if run.state in _PREVIEWED else None
+    compared = comparison_of(session, run) if run.state in _PREVIEWED else None
     return RunView(
         id=run.id,
         phase=run.phase_id,
@@ -49,9 +49,9 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         progress=progress_of(session, run, other_key(run)),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
-        old_board=comparison.old_board if comparison else None,
-        new_board=comparison.new_board if comparison else None,
-        preview=comparison.digest if comparison else None,
+        old_board=compared.comparison.old_board if compared else None,
+        new_board=compared.comparison.new_board if compared else None,
+        preview=compared.digest if compared else None,
     )
 
 
@@ -100,22 +100,27 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     """
     run = find_run(session, run_id)
     blockers = blockers_of(session, run)
-    comparison = comparison_of(session, run) if run.state in _PREVIEWED else run.comparison
-    is_behind = comparison is None
-    if comparison is None:
-        comparison = _unfinished_comparison(session, run)
-    if comparison is None:
+    compared = comparison_of(session, run) if run.state in _PREVIEWED else _applied(run)
+    is_behind = compared is None
+    if compared is None:
+        compared = _unfinished_comparison(session, run)
+    if compared is None:
         raise Conflict("There is nothing to compare yet. " + " ".join(blockers))
     return PreviewView(
         run=run.id,
-        digest=comparison.digest,
-        is_stale=is_behind or (seen is not None and seen != comparison.digest),
+        digest=compared.digest,
+        is_stale=is_behind or (seen is not None and seen != compared.digest),
         blockers=blockers,
-        comparison=comparison,
+        comparison=compared.comparison,
     )
 
 
-def _unfinished_comparison(session: Session, run: RescoringRun) -> Comparison | None:
+def _applied(run: RescoringRun) -> Compared | None:
+    """What the run made true when it was applied, if it ever was."""
+    return None if run.comparison is None else Compared(run.comparison, run.comparison.digest)
+
+
+def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | None:
     """What the newest draft board says, though submissions have come since."""
     key = other_key(run)
     phase = session.get_one(Phase, run.phase_id)

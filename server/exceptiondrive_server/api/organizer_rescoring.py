@@ -187,16 +187,18 @@ def post_apply(
     services: ServicesOf, organizer: Organizer, run_id: RunId, step: ApplyStep
 ) -> RunView:
     """Show the new board, in one transaction; refused while anything is missing or stale."""
+    flip.work_out(services.database, run_id)
     with services.database.write() as session:
-        run = flip.apply_run(
+        flip.apply_run(
             session, run_id, preview=step.preview, reason=step.reason, actor=organizer.actor
         )
-        return run_view(session, run)
+    return get_run(services, run_id)
 
 
 @router.post("/rescoring/{run_id}/rollback", operation_id="rollbackRun")
 def post_rollback(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
     """Show the board under the earlier protocol again."""
+    flip.work_out(services.database, run_id)
     return _step(services, flip.rollback_run, organizer.actor, run_id, step)
 
 
@@ -214,6 +216,5 @@ def _step(
     step: Step,
 ) -> RunView:
     with services.database.write() as session:
-        taken: RescoringRun = take(session, run_id, reason=step.reason, actor=actor)
-        session.flush()
-        return run_view(session, taken)
+        take(session, run_id, reason=step.reason, actor=actor)
+    return get_run(services, run_id)
