@@ -95,6 +95,9 @@ class SplitRow(Base):
     """What may be known of a split revision: its manifest and how large its families are."""
 
     __tablename__ = "splits"
+    __table_args__ = (
+        Index("uq_splits_public", "name", "revision", "public_file_digest", unique=True),
+    )
     name: Mapped[str] = mapped_column(primary_key=True)
     revision: Mapped[str] = mapped_column(primary_key=True)
     title: Mapped[str]
@@ -315,4 +318,8 @@ class Leader(Base):
     lease_until: Mapped[datetime]
 
 
-from exceptiondrive_records import tables_access, tables_rescoring  # noqa: F401 - one metadata
+from exceptiondrive_records import (  # noqa: F401 - one metadata
+    tables_access,
+    tables_drawings,
+    tables_rescoring,
+)

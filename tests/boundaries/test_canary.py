@@ -33,7 +33,7 @@ from exceptiondrive_records.teams import create_team
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-CANARY_M = 23.719483
+CANARY_M = 23.719413
 CANARY_SCENE = "scene-canary-8c1f"
 REGION = [[CANARY_M, -1.0], [26.0, -1.0], [26.0, 1.0], [CANARY_M, 1.0]]
 NEEDLES = {

@@ -15,8 +15,8 @@ from exceptiondrive.evaluation import read_split
 from exceptiondrive.plot.files import plot_file
 from exceptiondrive.plot.picture import picture
 from exceptiondrive.plot.scenes import Scenes
-from exceptiondrive.plot.view import View
 from exceptiondrive_schemas.check import check
+from exceptiondrive_schemas.drawing import View
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 MakeFile = Callable[..., Path]

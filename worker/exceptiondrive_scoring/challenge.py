@@ -4,7 +4,7 @@ Answers and measurements pass as columns (named arrays over samples): what an up
 what a store keeps, and what every function here takes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge, ChallengeId
+from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_schemas.protocol import Protocol as ScoringProtocol
 from exceptiondrive_scoring.aliases import BoolArray, Columns
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
+from exceptiondrive_scoring.drawing import Drawer
 from exceptiondrive_scoring.grade import SampleScores, grade
 from exceptiondrive_scoring.measure import Measurements, measure
 from exceptiondrive_scoring.plausibility import Plausibility, plausibility
@@ -59,6 +61,16 @@ class ChallengeScoring(Protocol):
     ) -> NamedRows:
         """Further named rows of the score sheet."""
 
+    def drawings(
+        self,
+        answers: Columns,
+        measurements: Columns,
+        sample_ids: Sequence[str],
+        split: SplitArrays,
+        protocol: ScoringProtocol,
+    ) -> EntryDrawings | None:
+        """Pictures of some samples, regions and all; None where there is nothing to draw."""
+
 
 class PlanningScoring:
     """Trajectory pairs against hazard regions."""
@@ -95,6 +107,19 @@ class PlanningScoring:
         """HCC with other required clearances."""
         return clearance_sensitivity(Measurements.from_columns(measurements), split, protocol)
 
+    def drawings(
+        self,
+        answers: Columns,
+        measurements: Columns,
+        sample_ids: Sequence[str],
+        split: SplitArrays,
+        protocol: ScoringProtocol,
+    ) -> EntryDrawings | None:
+        """The worst and the middle sample of each family."""
+        pairs = TrajectoryPairs.from_columns(answers)
+        measured = Measurements.from_columns(measurements)
+        return Drawer(sample_ids, pairs, measured, split, protocol).worst_and_middle()
+
 
 class StrategyScoring:
     """Answers A to E against acceptable sets."""
@@ -130,6 +155,17 @@ class StrategyScoring:
         if answers.reminder_given.any():
             rows["reminder"] = reminder_scores(answers, split, protocol.taxonomy)
         return rows
+
+    def drawings(
+        self,
+        answers: Columns,
+        measurements: Columns,
+        sample_ids: Sequence[str],
+        split: SplitArrays,
+        protocol: ScoringProtocol,
+    ) -> EntryDrawings | None:
+        """Strategies have no trajectories to draw."""
+        return None
 
 
 def _share(given: BoolArray) -> float:

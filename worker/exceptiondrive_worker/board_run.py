@@ -23,6 +23,7 @@ from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
 from exceptiondrive_worker.comparisons import Standing, comparisons
 from exceptiondrive_worker.doors import Doors
+from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
 from exceptiondrive_worker.entry_uncertainty import entry_uncertainties
 from exceptiondrive_worker.reminder_effects import reminder_effects
 from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
@@ -45,13 +46,15 @@ def build_board(
     if claimed is None:
         return
     try:
-        board = _board(doors, claimed)
+        board, standings = _board(doors, claimed)
     except SplitUnavailableError as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
         return
     with doors.database.write() as session:
         row = publish_board(session, claimed, board)
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
+    draw_protocol(doors, protocol_digest)
+    draw_entries(doors, standings, most=DRAWN_AT_ONCE)
 
 
 def with_previous_ranks(
@@ -79,7 +82,7 @@ def _without_previous(entries: tuple[BoardEntry, ...]) -> tuple[BoardEntry, ...]
     return tuple(row.model_copy(update={"previous_rank": None}) for row in entries)
 
 
-def _board(doors: Doors, claimed: BoardClaim) -> Board:
+def _board(doors: Doors, claimed: BoardClaim) -> tuple[Board, list[Standing]]:
     with doors.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
@@ -101,7 +104,7 @@ def _board(doors: Doors, claimed: BoardClaim) -> Board:
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, *boards)
     board = _document(phase, challenge, split, protocol, entries)
-    return board.model_copy(update={"comparisons": compared})
+    return board.model_copy(update={"comparisons": compared}), standings
 
 
 def _scored(doors: Doors, standings: list[Standing]) -> list[ScoredEntry]:

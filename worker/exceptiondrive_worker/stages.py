@@ -125,17 +125,25 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        answers_digest = self._answers_digest(target)
-        key = self._measurement_key(target, answers_digest)
+        key = self._measurement_key(target, self._answers_digest(target))
         kept = self._private.read_columns(Shelf.MEASUREMENTS, key)
         if kept is not None:
             return kept
-        answers = self._private.read_columns(Shelf.ANSWERS, answers_digest) or self._read(target)[1]
+        answers = self.answers(target)
         measured = self._scoring_of(target).measure(
             answers, target.split.arrays, target.protocol.geometry
         )
         self._private.write_columns(Shelf.MEASUREMENTS, key, measured)
         return measured
+
+    def answers(self, target: Target) -> Columns:
+        """Return what an upload holds, in the split's order.
+
+        Raises:
+            RejectedUpload: The upload has faults.
+        """
+        kept = self._private.read_columns(Shelf.ANSWERS, self._answers_digest(target))
+        return kept or self._read(target)[1]
 
     def sums_key(self, target: Target, measurement_key: str) -> str:
         """Return the key of the scene sums that belong to measurements."""

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from exceptiondrive.plot.panel import caption, drawing
-from exceptiondrive.plot.scenes import Scene
+from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
 
 PAD, GAP, HEAD, LEGEND, WORDS = 24, 24, 62, 34, 58
 LARGE, SMALL = (880, 380), (430, 240)
@@ -37,7 +36,9 @@ LEGEND_WORDS = (
 )
 
 
-def picture(scenes: Sequence[Scene], title: str, *, colours: dict[str, str] | None = None) -> str:
+def picture(
+    scenes: Sequence[SampleDrawing], title: str, *, colours: dict[str, str] | None = None
+) -> str:
     """Return an SVG of one or more samples; without `colours` it follows light and dark."""
     box, columns = (LARGE, 1) if len(scenes) == 1 else (SMALL, 3 if len(scenes) > 4 else 2)
     rows = -(-len(scenes) // columns)
@@ -67,7 +68,7 @@ def picture(scenes: Sequence[Scene], title: str, *, colours: dict[str, str] | No
     )
 
 
-def _panel(scene: Scene, x: float, y: float, box: tuple[int, int], index: int) -> str:
+def _panel(scene: SampleDrawing, x: float, y: float, box: tuple[int, int], index: int) -> str:
     width, height = box
     name, words = caption(scene)
     name = f"{scene.sample_id} · {name}" if len(scene.sample_id) < 30 else name
@@ -75,7 +76,7 @@ def _panel(scene: Scene, x: float, y: float, box: tuple[int, int], index: int) -
     return (
         f'<g transform="translate({x:g} {y:g})">{clip}'
         f'<rect class="plot" width="{width}" height="{height}" rx="8"/>'
-        f'<g clip-path="url(#c{index})">{drawing(scene, width, height)}</g>'
+        f'<g clip-path="url(#c{index})">{shapes(scene, width, height)}</g>'
         f'<text class="name" x="0" y="{height + 20}">{escape(_cut(name, width / 8.2))}</text>'
         f'<text class="words" x="0" y="{height + 38}">{escape(_cut(words, width / 6.2))}</text></g>'
     )

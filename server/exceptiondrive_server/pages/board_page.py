@@ -1,9 +1,10 @@
 """The board page as one value: what was read from the records, set for one visitor."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
 from exceptiondrive_server.pages.board_view import BoardView, board_view
@@ -33,6 +34,7 @@ class BoardReading:
     protocol_versions: tuple[str, ...]
     current_protocol: str
     is_current: bool
+    drawing: ProtocolDrawing = field(default_factory=packaged_drawing)
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
     view = board_view(board, reading.protocol, query, reading.is_current) if board else None
     phase = reading.phase
     challenge = phase.challenge if phase else next(iter(CHALLENGES.values()))
-    scene = scene_drawing(reading.protocol)
+    scene = scene_drawing(reading.drawing, reading.protocol)
     return BoardPage(
         phase=phase,
         phase_title=phase.title if phase else board.phase if board else "ExceptionDrive",

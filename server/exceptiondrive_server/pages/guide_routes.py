@@ -3,6 +3,7 @@
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
+from exceptiondrive_records.drawings import protocol_drawing
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.protocols import find_protocol, list_protocols
 from exceptiondrive_schemas.problems import ProblemCode
@@ -32,9 +33,11 @@ def show_protocol(request: Request, version: str) -> Response:
             versions = list_protocols(session) or [latest_protocol(session)]
             known = {protocol.version: protocol for protocol in versions}
             protocol = known.get(version) or find_protocol(session, version)
+            drawing = protocol_drawing(session, protocol)
     except RecordsError as error:
         return refused(request, error)
-    return page(request, "protocol.html", "protocol", page=protocol_page(protocol, versions))
+    content = protocol_page(protocol, versions, drawing)
+    return page(request, "protocol.html", "protocol", page=content)
 
 
 @router.get("/problems")

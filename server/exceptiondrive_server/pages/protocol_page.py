@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.drawing import ProtocolDrawing
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.taxonomy import Family, RegionKind, Strategy, Task
 from exceptiondrive_server.pages.page_parts import MetricCard, metric_cards
@@ -58,14 +59,16 @@ class ProtocolPage:
     changes: tuple[Change, ...]
 
 
-def protocol_page(protocol: Protocol, versions: Sequence[Protocol]) -> ProtocolPage:
+def protocol_page(
+    protocol: Protocol, versions: Sequence[Protocol], drawing: ProtocolDrawing
+) -> ProtocolPage:
     """Set a protocol; `versions` are all of them, oldest first."""
     cards, strategy_cards = (metric_cards(challenge) for challenge in CHALLENGES.values())
     previous = _previous(protocol, versions)
     return ProtocolPage(
         protocol=protocol,
         versions=tuple(versions),
-        scene=scene_drawing(protocol),
+        scene=scene_drawing(drawing, protocol),
         cards=cards,
         strategy_cards=strategy_cards,
         rules=_rank_rules(protocol),

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards import board_at, current_board, find_board, latest_public_board
 from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.drawings import protocol_drawing
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
@@ -36,14 +37,16 @@ def read_board(session: Session, query: BoardQuery) -> BoardReading:
     row = _board_row(session, phase, query)
     board = parsed_board(row) if row else None
     current = find_protocol(session, phase.protocol_digest)
+    protocol = find_protocol(session, board.protocol.digest) if board else current
     return BoardReading(
         phases=links,
         phase=next(link for link in links if link.is_current),
         board=board,
-        protocol=find_protocol(session, board.protocol.digest) if board else current,
+        protocol=protocol,
         protocol_versions=_protocol_versions(session, phase.id),
         current_protocol=current.version,
         is_current=row is None or row.id == phase.current_board_id,
+        drawing=protocol_drawing(session, protocol),
     )
 
 

@@ -1,64 +1,59 @@
-"""The drawing says what the real geometry says."""
+"""The drawing of a protocol is set from what the scoring code drew, and from nothing else."""
 
-import numpy as np
+from pathlib import Path
+from typing import Any
+
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_scoring.footprint import footprints_m
-from exceptiondrive_server.pages import scene_drawing as drawing
-from exceptiondrive_server.pages.scene_geometry import (
-    convex_hull,
-    footprint,
-    headings_rad,
-    nearest_positions,
-)
+from exceptiondrive_records.drawings import keep_protocol_drawing
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing, pictured_digest
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
+from exceptiondrive_server import pages
+from exceptiondrive_server.pages.scene_drawing import scene_drawing
+
+WIDER = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
+WIDER = WIDER.replace("footprint_width_m = 1.85", "footprint_width_m = 2.40")
 
 
-def test_footprints_are_those_of_the_scorer(protocol: Protocol) -> None:
-    edited, _ = drawing._trajectories(protocol.geometry)
-    ours = drawing._footprints(edited, protocol.geometry)
-    theirs = footprints_m(np.array([edited]), protocol.geometry)[0]
-    assert np.allclose(np.array(ours), theirs, atol=1e-9)
+def test_it_shows_the_values_of_the_drawn_sample(protocol: Protocol) -> None:
+    sample, scene = packaged_drawing().sample, scene_drawing(packaged_drawing(), protocol)
+    assert scene.is_own
+    assert scene.task_id == sample.task == "BG1"
+    assert (scene.clearance_m, scene.d_safe_m) == (sample.clearance_m, 0.8)
+    assert (scene.hcc, scene.hpr, scene.shift_m) == tuple(
+        sample.metrics[key] for key in ("hcc", "hpr", "cts")
+    )
+    assert (len(scene.tube), len(scene.footprints), len(scene.waypoints)) == (6, 7, 6)
 
 
-def test_the_pictured_sample_passes_at_sixty_per_cent_of_the_required_clearance(
-    protocol: Protocol,
+def test_footprints_are_set_to_scale(protocol: Protocol) -> None:
+    scene = scene_drawing(packaged_drawing(), protocol)
+    (ax, ay), (bx, by) = (
+        tuple(map(float, corner.split(","))) for corner in scene.footprints[0].split()[:2]
+    )
+    length_px = ((ax - bx) ** 2 + (ay - by) ** 2) ** 0.5
+    px_per_m = scene.width / (20.6 + 2.2)
+    assert length_px == pytest.approx(protocol.geometry.footprint_length_m * px_per_m, abs=0.3)
+
+
+async def test_until_its_own_is_made_a_protocol_shows_that_of_the_first_and_says_so(
+    site: Any,
 ) -> None:
-    scene = drawing.scene_drawing(protocol)
-    assert scene.task.id == "BG1"
-    assert scene.clearance_m == pytest.approx(0.6 * 0.8, abs=1e-6)
-    assert scene.hcc == pytest.approx(0.6, abs=1e-6)
-    assert scene.hpr == pytest.approx(0.8 / (0.32 + 0.8), abs=1e-6)
+    with site.database.write() as session:
+        add_protocol(session, WIDER, "test")
+    assert "Drawn under protocol 1.0" in (await site.get("/protocols/1.1")).text
+    own = pictured_digest(parse_protocol(WIDER))
+    moved = packaged_drawing().sample.model_copy(update={"clearance_m": 0.4321})
+    with site.database.write() as session:
+        keep_protocol_drawing(session, ProtocolDrawing(pictured=own, sample=moved))
+    text = (await site.get("/protocols/1.1")).text
+    assert "0.432 m here" in text
+    assert "Drawn under protocol 1.0" not in text
 
 
-def test_the_drawing_follows_the_document(protocol: Protocol) -> None:
-    wider = protocol.geometry.model_copy(update={"footprint_width_m": 2.4, "waypoints": 8})
-    grading = protocol.grading.model_copy(update={"d_safe_scale": 2.0})
-    changed = protocol.model_copy(update={"geometry": wider, "grading": grading})
-    scene = drawing.scene_drawing(changed)
-    assert scene.d_safe_m == pytest.approx(1.6)
-    assert scene.clearance_m == pytest.approx(0.96, abs=1e-6)
-    assert len(scene.waypoints) == 8
-    boxes = changed.geometry.model_copy(update={"collision_tube": "footprints"})
-    assert len(drawing.scene_drawing(changed.model_copy(update={"geometry": boxes})).tube) == 9
-
-
-def test_a_straight_footprint_stands_where_the_protocol_says() -> None:
-    corners = footprint((0, 0), 0.0, 4.0, 2.0, 1.5)
-    assert corners == ((3.5, 1.0), (-0.5, 1.0), (-0.5, -1.0), (3.5, -1.0))
-
-
-def test_a_short_step_holds_the_heading_and_reversing_does_not_turn_the_car() -> None:
-    assert headings_rad([(0, 0), (0, 0.05)], 0.1, 90) == (0.0, 0.0)
-    assert headings_rad([(0, 0), (-1, 0)], 0.1, 90)[1] == pytest.approx(0.0)
-
-
-def test_the_hull_drops_inner_positions_and_distances_are_exact() -> None:
-    assert set(convex_hull([(0, 0), (2, 0), (2, 2), (0, 2), (1, 1)])) == {
-        (0, 0),
-        (2, 0),
-        (2, 2),
-        (0, 2),
-    }
-    a, b = nearest_positions(((0, 0), (1, 0), (1, 1)), ((3, 0.5), (4, 0), (4, 1)))
-    assert (a, b) == ((1.0, 0.5), (3, 0.5))
+def test_the_server_holds_no_geometry_of_its_own() -> None:
+    folder = Path(pages.__file__).parent
+    code = "\n".join(path.read_text("utf-8") for path in folder.glob("*.py"))
+    for word in ("convex_hull", "headings_rad", "nearest_positions", "footprints_m"):
+        assert word not in code

@@ -1,10 +1,10 @@
-"""From metres to the pixels of one panel: x forward points right, y left points up."""
+"""From metres to the pixels of one drawing: x forward points right, y left points up."""
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from exceptiondrive.plot.scenes import Outline, Position, Scene
+from exceptiondrive_schemas.drawing.documents import Outline, Position, SampleDrawing
 
 MARGIN_M = 2.0
 MIN_SPAN_M = 14.0
@@ -25,11 +25,11 @@ class View:
     height: float
 
     @classmethod
-    def of(cls, scene: Scene, width: float, height: float) -> "View":
+    def of(cls, sample: SampleDrawing, width: float, height: float) -> "View":
         """Return the view that holds everything that moves, and the region near it."""
-        points = [(0.0, 0.0), *scene.source, *scene.edited, *_corners(scene.footprints)]
-        points += [point for point in scene.region if math.hypot(*point) <= MAX_REACH_M]
-        points += [] if scene.segment is None else [scene.segment[1]]
+        points = [(0.0, 0.0), *sample.source, *sample.edited, *_corners(sample.footprints)]
+        points += [point for point in sample.region if math.hypot(*point) <= MAX_REACH_M]
+        points += [] if sample.segment is None else [sample.segment[1]]
         low_x, high_x = _span(point[0] for point in points)
         low_y, high_y = _span(point[1] for point in points)
         scale = min(width / max(high_x - low_x, MIN_SPAN_M), height / (high_y - low_y))

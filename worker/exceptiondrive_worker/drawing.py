@@ -1,0 +1,114 @@
+"""Draws entries of public splits, and what a protocol measures. What is drawn is public for ever.
+
+A drawing shows hazard regions. Nothing of a split is drawn unless the records say that its whole
+file is public; the records refuse such a drawing once more.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import structlog
+
+from exceptiondrive_records.boards import EntryRecord
+from exceptiondrive_records.drawings import (
+    PublicSplit,
+    drawn_submissions,
+    find_public_split,
+    has_protocol_drawing,
+    keep_entry_drawings,
+    keep_protocol_drawing,
+)
+from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_schemas import protocols
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.drawing.pictured import PACKAGED
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.made_up_sample import protocol_drawing
+from exceptiondrive_worker.doors import Doors
+from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
+
+DRAWN_AT_ONCE = 50
+"""Entries drawn after one board: a fresh one, or some of those that are missing."""
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+class WithheldSplitError(Exception):
+    """Somebody asked for a drawing of a split that is not public."""
+
+
+def draw_entries(
+    doors: Doors, standings: Sequence[tuple[Target, EntryRecord]], *, most: int | None = None
+) -> int:
+    """Draw the entries that have no drawings yet, if their split is public; return how many.
+
+    Args:
+        doors: Of this process.
+        standings: Entries of one phase under one protocol and split revision.
+        most: Leave the rest for the next time.
+    """
+    if not standings:
+        return 0
+    target = standings[0][0]
+    ref, digest = target.split.manifest.ref, target.protocol.digest
+    with doors.database.read() as session:
+        split = find_public_split(session, ref)
+        drawn = drawn_submissions(session, digest, ref.revision)
+    if split is None:
+        return 0
+    missing = [(t, record.submission_id) for t, record in standings]
+    missing = [(t, submission_id) for t, submission_id in missing if submission_id not in drawn]
+    return sum(_draw_entry(doors, split, t, name) for t, name in missing[:most])
+
+
+def _draw_entry(doors: Doors, split: PublicSplit, target: Target, submission_id: str) -> bool:
+    try:
+        drawings = drawings_of(doors.stages, split, target)
+    except RejectedUpload:
+        _log.warning("not drawn: the upload cannot be read any more", submission=submission_id)
+        return False
+    if drawings is None:
+        return False
+    with doors.database.write() as session:
+        keep_entry_drawings(session, submission_id, target.protocol.digest, split, drawings)
+    return True
+
+
+def drawings_of(stages: Stages, split: PublicSplit, target: Target) -> EntryDrawings | None:
+    """Draw samples of an upload; None where the challenge has nothing to draw.
+
+    Raises:
+        WithheldSplitError: The upload was scored on another split than this public one.
+        RejectedUpload: The answers are not kept any more, and the upload now has faults.
+    """
+    loaded = target.split
+    if loaded.manifest.ref != split.ref:
+        raise WithheldSplitError(f"split {loaded.manifest.name} is not public: nothing is drawn")
+    return SCORING[target.challenge.id].drawings(
+        stages.answers(target),
+        stages.measurements(target),
+        loaded.manifest.sample_ids,
+        loaded.arrays,
+        target.protocol,
+    )
+
+
+def draw_protocol(doors: Doors, protocol_digest: str) -> None:
+    """Draw the made-up sample under a protocol, unless that is done."""
+    with doors.database.read() as session:
+        protocol = find_protocol(session, protocol_digest)
+        if has_protocol_drawing(session, protocol):
+            return
+    drawing = protocol_drawing(protocol)
+    with doors.database.write() as session:
+        keep_protocol_drawing(session, drawing)
+
+
+def packaged_drawing_text() -> str:
+    """Return the drawing of the packaged protocol, as it ships with the schemas."""
+    return protocol_drawing(packaged_protocol()).model_dump_json(by_alias=True, indent=1) + "\n"
+
+
+if __name__ == "__main__":
+    (Path(protocols.__path__[0]) / PACKAGED).write_text(packaged_drawing_text(), encoding="utf-8")
