@@ -68,11 +68,14 @@ def migrate(data: DataOption = None) -> None:
 def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     """Serve API and pages, in one process."""
     from exceptiondrive_server.app import app_from_environment  # the other commands need it not
+    from exceptiondrive_server.slow_clients import PatientProtocol
 
     uvicorn.run(
         app_from_environment(),
         host=host,
         port=port,
+        http=PatientProtocol,
+        ws="none",
         log_config=None,
         access_log=False,
         server_header=False,

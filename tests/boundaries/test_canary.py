@@ -201,6 +201,7 @@ def seed(site: Site) -> str:
     return printed
 
 
+@pytest.mark.row("I26")
 def test_no_canary_leaves_the_worker(
     site: Site, worker: subprocess.Popen[bytes], world_settings: Any
 ) -> None:

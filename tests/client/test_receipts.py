@@ -61,6 +61,7 @@ FIELDS: dict[str, Any] = {
 }
 
 
+@pytest.mark.row("I30")
 def test_a_receipt_holds_and_every_tampered_field_is_named(receipt: Path, tmp_path: Path) -> None:
     done = verify(receipt)
     assert done.exit_code == 0, done.stderr

@@ -9,6 +9,7 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.tokens import is_well_formed, verify_token
 from exceptiondrive_server import operator_cli
+from exceptiondrive_server.slow_clients import PatientProtocol
 
 
 @pytest.fixture
@@ -88,3 +89,13 @@ def test_the_audit_chain_is_verified(
     command(monkeypatch, "create-team", "mine", "My team", "--data", str(data))
     assert command(monkeypatch, "verify-audit", "--data", str(data)) == 0
     assert capsys.readouterr().out.startswith("1 lines, whole; head ")
+
+
+def test_the_server_is_served_with_an_end_to_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slow clients are ended where no proxy does it, too (tests/hostile/test_connections.py)."""
+    served: dict[str, object] = {}
+    monkeypatch.setattr("uvicorn.run", lambda app, **keywords: served.update(keywords))
+    monkeypatch.setattr("exceptiondrive_server.app.app_from_environment", lambda: "the application")
+    operator_cli.serve(host="127.0.0.1", port=1)
+    assert served["http"] is PatientProtocol
+    assert served["ws"] == "none"

@@ -100,6 +100,7 @@ def test_a_quota_admits_exactly_its_number_under_parallel_threads(
     must_admit_exactly_the_quota(world, outcomes)
 
 
+@pytest.mark.row("I20")
 def test_a_quota_admits_exactly_its_number_under_parallel_processes(
     make_world: Callable[..., World], database_url: str
 ) -> None:

@@ -16,6 +16,7 @@ def test_higher_hcc_ranks_first_and_lower_ur_breaks_ties(order: tuple[RankKey, .
     assert ranks(values, [True] * 4, order) == [4, 1, 3, 2]
 
 
+@pytest.mark.row("I33")
 def test_equal_entries_share_a_rank_and_the_next_rank_is_skipped(
     order: tuple[RankKey, ...],
 ) -> None:

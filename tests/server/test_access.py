@@ -35,6 +35,7 @@ def operations_of(api: "Api") -> list[tuple[str, str]]:
     ]
 
 
+@pytest.mark.row("I23")
 def test_a_participant_who_calls_every_organizer_route_is_told_403(
     api: "Api", as_problem: Problem
 ) -> None:
@@ -52,6 +53,7 @@ def test_a_stranger_who_calls_an_organizer_route_is_told_401(
     as_problem(api.request(method, path), 401, "not_signed_in")
 
 
+@pytest.mark.row("I22")
 def test_every_wrong_token_is_told_the_same(api_on_both: "Api", as_problem: Problem) -> None:
     api = api_on_both
     right = api.tokens["alpha"]

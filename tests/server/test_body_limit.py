@@ -135,6 +135,7 @@ uvicorn.run(app, fd=int(sys.argv[3]), log_config=None, access_log=False)
 """
 
 
+@pytest.mark.row("I13")
 @pytest.mark.slow
 def test_hundreds_of_megabytes_do_not_fill_the_memory_of_the_server(
     api: "Api", sqlite_url: str, tmp_path: Path

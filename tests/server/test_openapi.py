@@ -125,6 +125,7 @@ def as_toml(_: SerializationContext, value: Any) -> bytes:
     return str(value).encode("utf-8", "replace")
 
 
+@pytest.mark.row("I31")
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_generated_requests_are_answered_as_the_document_says(

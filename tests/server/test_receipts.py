@@ -71,6 +71,7 @@ def test_a_signature_does_not_fit_another_submission(api: "Api") -> None:
         check(api, other)
 
 
+@pytest.mark.row("I24")
 @pytest.mark.parametrize("who", ["beta", None])
 def test_another_teams_receipt_is_not_given(api: "Api", who: str | None) -> None:
     submission_id = scored(api)

@@ -100,6 +100,7 @@ def test_a_form_from_elsewhere_is_refused(api: "Api", browse: Open) -> None:
         assert answer.status_code == 403
 
 
+@pytest.mark.row("I25")
 @pytest.mark.parametrize(
     "path", ["/sign-out", "/my/tokens", "/my/tokens/x/revoke", "/my/tokens/x/rotate",
              "/submissions/x/withdraw"]

@@ -91,12 +91,14 @@ async def post_all(api: "Api", contents: list[str]) -> list[int]:
         return list(await asyncio.gather(*(post(content) for content in contents)))
 
 
+@pytest.mark.row("I19")
 async def test_30_parallel_posts_at_quota_5_give_exactly_5(api_on_both: "Api") -> None:
     statuses = await post_all(api_on_both, [f"file {number}" for number in range(30)])
     assert sorted(statuses) == [202] * 5 + [429] * 25
     assert count(api_on_both, Submission) == 5
 
 
+@pytest.mark.row("I18")
 async def test_20_parallel_copies_are_one_submission(api_on_both: "Api") -> None:
     statuses = await post_all(api_on_both, ["the same"] * 20)
     assert sorted(statuses) == [200] * 19 + [202]

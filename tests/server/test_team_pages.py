@@ -112,6 +112,7 @@ def test_a_spent_quota_is_a_page_with_the_time_to_wait(api: "Api", alpha: "TeamB
     assert problem["code"] == "quota_exceeded"
 
 
+@pytest.mark.row("I25")
 def test_a_forged_or_stale_upload_keeps_nothing(api: "Api", alpha: "TeamBrowser") -> None:
     form = {"phase": "dev", "method": "P"}
     files = {"file": ("f", b"x")}

@@ -94,6 +94,7 @@ def test_the_manifest_carries_no_region_task_or_scene(
     assert "canary" not in manifest.model_dump_json()
 
 
+@pytest.mark.row("I32")
 @pytest.mark.parametrize(
     ("region", "what"),
     [

@@ -229,6 +229,7 @@ PIECES = (
 REPLACEMENTS = st.sampled_from([*PIECES.split(b" "), b" ", b"\n"])
 
 
+@pytest.mark.row("I31")
 @pytest.mark.parametrize("challenge", CHALLENGES.values(), ids=tuple(CHALLENGES))
 @settings(max_examples=400, deadline=None)
 @given(data=st.data())

@@ -22,8 +22,8 @@ CHUNK_BYTES = 1024 * 1024
 LONGEST_TOKEN_START = 16
 """A decoder error this close to the end of the text in view may be due to that end."""
 SAFE_INTEGER_DIGITS = 19
-MAX_SKIPPED = 1_000_000
-"""Values of a list that are read over; no split has so many samples."""
+MAX_SKIPPED = 100_000
+"""Values of a list or object that are read over; no split has so many samples."""
 
 BLANKS = " \t\n\r"
 _BLANK = re.compile(r"[ \t\n\r]*")
@@ -190,14 +190,25 @@ def skip(stream: JsonStream) -> None:
     if stream.peek() != "[":
         stream.value()
         return
-    for index in elements(stream):
-        if index == MAX_SKIPPED:
-            limit = f"a list of at most {MAX_SKIPPED:,} values"
-            raise JsonStreamError(FaultCode.VALUE_TOO_LONG, limit, "a longer one")
+    for _ in _at_most(MAX_SKIPPED, elements(stream), "a list"):
+        stream.value()
+
+
+def skip_members(stream: JsonStream) -> None:
+    """Read over the object that comes next."""
+    for _ in _at_most(MAX_SKIPPED, members(stream), "an object"):
         stream.value()
 
 
 Item = TypeVar("Item")
+
+
+def _at_most(limit: int, items: Iterator[Item], what: str) -> Iterator[Item]:
+    for number, item in enumerate(items):
+        if number == limit:
+            expected = f"{what} of at most {limit:,} values"
+            raise JsonStreamError(FaultCode.VALUE_TOO_LONG, expected, "a longer one")
+        yield item
 
 
 def _items(

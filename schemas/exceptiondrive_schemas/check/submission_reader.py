@@ -11,6 +11,7 @@ from exceptiondrive_schemas.check.json_stream import (
     elements,
     members,
     skip,
+    skip_members,
 )
 from exceptiondrive_schemas.check.repeated_keys import report_repeated_keys
 from exceptiondrive_schemas.check.rules import CHALLENGE_BY_KEY, RULES, PredictionRules
@@ -150,8 +151,7 @@ class SubmissionReader:
             FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
         )
         if is_object:
-            for _ in members(self._stream):
-                self._stream.value()
+            skip_members(self._stream)
 
     def _read_prediction(self, value: Any, index: int) -> None:
         path: Path = ("predictions", index)
