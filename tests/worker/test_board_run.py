@@ -288,5 +288,5 @@ def test_the_strategy_challenge_runs_through_the_same_code(world: World, tiny: S
     }
     assert bold.metrics["accuracy"] == 0.6667
     assert row_of(board, "silent").unranked_because == (
-        "edited trajectories cover 75.00% of the samples; ranking takes 99%"
+        "answers cover 75.00% of the samples; ranking takes 99%"
     )
