@@ -59,13 +59,16 @@ class ReminderEffect(Document):
 class PairedComparison(Document):
     """Two entries on the same samples and the same draws; every difference is A minus B.
 
-    Overall by metric; each family by the metric that ranks first.
+    Overall by metric; each family and task by the metric that ranks first. A difference of two
+    published shares is the difference of these two, to the last digit. A task's interval is rounded
+    outward to whole per cents and gives its verdict; how many of its samples differ is not said.
     """
 
     a: str
     b: str
     overall: dict[str, PairedDifference]
     families: dict[str, PairedDifference]
+    tasks: dict[str, PairedDifference] = Field(default={}, exclude_if=lambda it: not it)
 
 
 class BoardEntry(Document):

@@ -90,6 +90,22 @@ def test_families_are_compared_where_they_have_samples(
     assert ur.verdict == "not separable on this split"
 
 
+def test_tasks_are_compared_by_the_first_metric_on_the_draws_of_everything_else(
+    make_split: MakeSplit, protocol: Protocol
+) -> None:
+    """One task in a family: the task is the family, to the last bit."""
+    scenes = (np.arange(N) % SCENES).tolist()
+    split = make_split(np.zeros((N, 4, 2)), tasks=[0, 4] * (N // 2), scenes=scenes)
+    rng = np.random.default_rng(3)
+    a, b = _scores(rng.random(N) < 0.4), _scores(rng.random(N) < 0.6)
+    comparison = compare(a, b, split, protocol, PLANNING)
+    tasks = [protocol.tasks[index] for index in (0, 4)]
+    assert list(comparison.tasks) == [task.id for task in tasks]
+    for task in tasks:
+        assert list(comparison.tasks[task.id]) == ["hcc"]
+        assert comparison.tasks[task.id]["hcc"] == comparison.families[task.family]["hcc"]
+
+
 def test_samples_that_either_leaves_undefined_are_left_out(
     split: SplitArrays, protocol: Protocol
 ) -> None:

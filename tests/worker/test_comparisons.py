@@ -5,15 +5,20 @@ from itertools import combinations
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 
 from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import Phase
-from exceptiondrive_schemas.board import Board, PairedComparison
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_records.tables import Phase, ScoreSheetRow
+from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.published import example_text
+from exceptiondrive_schemas.score_sheet import BreakdownRow, ScoreSheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.comparisons import published_comparison
 from exceptiondrive_worker.private_store import Shelf
 
 World = Any
@@ -109,3 +114,89 @@ def test_the_protocol_says_how_many_are_compared(
     for method, speed in SPEEDS.items():
         world.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
     assert list(by_method(build(world))) == [("best", "twin")]
+
+
+def sheets(world: World) -> dict[str, ScoreSheet]:
+    with world.database.read() as session:
+        rows = session.scalars(select(ScoreSheetRow))
+        return {row.submission_id: row.sheet for row in rows}
+
+
+def test_tasks_say_no_more_than_the_two_published_cells(phase: World, board: Board) -> None:
+    sheet = sheets(phase)
+    assert board.comparisons
+    for pair in board.comparisons:
+        assert set(pair.tasks) == set(sheet[pair.a].tasks)
+        for task, found in pair.tasks.items():
+            a, b = (sheet[name].tasks[task].metrics["hcc"] or 0.0 for name in (pair.a, pair.b))
+            assert found.difference == round(a - b, 4)
+            assert found.discordant is None
+            if found.interval is not None:
+                low, high = found.interval
+                assert (low, high) == (round(low, 2), round(high, 2))
+                assert low <= found.difference <= high
+                if low <= 0 <= high:
+                    assert found.verdict == "not separable on this split"
+
+
+def test_small_tasks_and_families_are_left_out(
+    world: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    toml = packaged_protocol_toml().replace("min_samples_per_cell = 1", "min_samples_per_cell = 99")
+    assert "min_samples_per_cell = 99" in toml
+    with world.database.write() as session:
+        add_protocol(session, toml.replace('version = "1.0"', 'version = "1.0.1"'), "test")
+    world.add_phase(tiny, protocol="1.0.1")
+    for method, speed in SPEEDS.items():
+        world.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
+    for pair in build(world).comparisons:
+        assert (pair.tasks, pair.families) == ({}, {})
+        assert pair.overall["hcc"].difference is not None
+
+
+def _pair(difference: float, interval: tuple[float, float]) -> PairedComparison:
+    one = PairedDifference(
+        difference=difference, interval=interval, discordant=0.05, verdict="A is better"
+    )
+    overall = dict.fromkeys(PLANNING.metric_keys, one)
+    return PairedComparison(
+        a="a", b="b", overall=overall, families={"lane_blockage": one}, tasks={"LB1": one}
+    )
+
+
+def _sheet(example: ScoreSheet, hcc: float) -> ScoreSheet:
+    row = dict.fromkeys(PLANNING.metric_keys, hcc)
+    cell = BreakdownRow.of(20, dict(row))
+    return example.model_copy(
+        update={
+            "micro": row,
+            "macro_family": row,
+            "families": {"lane_blockage": cell},
+            "tasks": {"LB1": cell},
+        }
+    )
+
+
+@pytest.mark.parametrize("exact", [0.00335, 0.00345, 0.00349, 0.0031])
+def test_no_difference_of_shares_reads_the_exact_values_once_more(exact: float) -> None:
+    """Exact means 0.12344 and 0.12005, or 0.12336 and 0.12046: published, they are the same two."""
+    example = ScoreSheet.model_validate_json(example_text("score-sheet"))
+    shown = (_sheet(example, 0.1234), _sheet(example, 0.12))
+    told = published_comparison(_pair(exact, (0.0, 0.01)), PLANNING, packaged_protocol(), shown)
+    cells = [told.overall[key] for key in ("hcc", "ur", "hpr")]
+    cells += [*told.families.values(), *told.tasks.values()]
+    assert [cell.difference for cell in cells] == [0.0034] * 5
+
+
+def test_a_verdict_is_not_surer_than_the_interval_beside_it() -> None:
+    example = ScoreSheet.model_validate_json(example_text("score-sheet"))
+    shown = (_sheet(example, 0.1234), _sheet(example, 0.12))
+    barely = _pair(0.0034, (0.00004, 0.0071))
+    told = published_comparison(barely, PLANNING, packaged_protocol(), shown)
+    assert told.overall["hcc"].interval == (0.0, 0.0071)
+    assert told.overall["hcc"].verdict == "not separable on this split"
+    sure = _pair(0.0034, (0.0004, 0.0071))
+    told = published_comparison(sure, PLANNING, packaged_protocol(), shown)
+    assert told.overall["hcc"].verdict == "A is better"
+    assert told.tasks["LB1"].interval == (0.0, 0.01)
+    assert told.tasks["LB1"].verdict == "not separable on this split"

@@ -9,6 +9,7 @@ an entry's intervals do not depend, not even in the last bit, on the others of i
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -100,11 +101,18 @@ def bootstrap(
 
 def scene_weights(n_scenes: int, ranking: RankingSection) -> NDArray[np.uint16]:
     """How often each of B draws takes each of S scenes, (S, B); fixed by the protocol's seed."""
-    rng = np.random.Generator(np.random.PCG64(ranking.bootstrap_seed))
-    weights = np.empty((n_scenes, ranking.bootstrap_draws), dtype=np.uint16)
-    for draw in range(ranking.bootstrap_draws):
+    return _scene_weights(n_scenes, ranking.bootstrap_draws, ranking.bootstrap_seed)
+
+
+@lru_cache(maxsize=2)
+def _scene_weights(n_scenes: int, n_draws: int, seed: int) -> NDArray[np.uint16]:
+    """Kept for the next pair: a board compares dozens on one split. Not to be written to."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    weights = np.empty((n_scenes, n_draws), dtype=np.uint16)
+    for draw in range(n_draws):
         taken = rng.integers(0, n_scenes, size=n_scenes)
         weights[:, draw] = np.bincount(taken, minlength=n_scenes)
+    weights.setflags(write=False)
     return weights
 
 

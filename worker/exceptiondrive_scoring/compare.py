@@ -11,7 +11,7 @@ from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import resample, where_enough
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
-from exceptiondrive_scoring.scene_sums import scene_counts, scene_sums
+from exceptiondrive_scoring.scene_sums import scene_counts, scene_sums, scene_sums_by_task
 from exceptiondrive_scoring.sheet import aggregate
 
 Interval = tuple[float, float]
@@ -37,10 +37,14 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Differences by metric key: the headline aggregate, and each family that has samples."""
+    """Differences by metric key: the headline aggregate, each family and each task with samples.
+
+    Tasks carry the challenge's first metric alone.
+    """
 
     overall: dict[str, Difference]
     families: dict[str, dict[str, Difference]]
+    tasks: dict[str, dict[str, Difference]]
 
 
 def compare(
@@ -82,7 +86,37 @@ def compare(
             for index, family in enumerate(taxonomy.families)
             if family.id in means.families
         },
+        tasks=_by_task(difference, split, protocol, challenge),
     )
+
+
+def _by_task(
+    difference: SampleScores, split: SplitArrays, protocol: Protocol, challenge: Challenge
+) -> dict[str, dict[str, Difference]]:
+    """Differences of the first metric by task; the same draws of scenes as everything else."""
+    taxonomy, first = protocol.taxonomy, challenge.metrics[0]
+    column = difference.metric_keys.index(first.key)
+    alone = SampleScores((first.key,), difference.values[:, column : column + 1])
+    differs = np.where(alone.defined, (alone.values != 0).astype(np.float64), np.nan)
+    means = aggregate(alone, split, taxonomy).tasks
+    discordant = aggregate(SampleScores(alone.metric_keys, differs), split, taxonomy).tasks
+    sums = scene_sums_by_task(alone, split, taxonomy)
+    ((_, draws),) = resample([sums], protocol.ranking)
+    n = scene_counts(sums).families
+    found = percentile_intervals(draws.families, n, protocol.ranking.confidence)
+    intervals = where_enough(found, n)
+    return {
+        task.id: {
+            first.key: _difference(
+                first,
+                means[task.id].metrics[first.key],
+                discordant[task.id].metrics[first.key],
+                intervals[index][0],
+            )
+        }
+        for index, task in enumerate(taxonomy.tasks)
+        if task.id in means
+    }
 
 
 def _differences(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exceptiondrive_schemas.taxonomy import Taxonomy
-from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
 
@@ -32,9 +32,19 @@ class SceneSums:
 
 def scene_sums(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> SceneSums:
     """Sum sample scores by scene and family, in canonical order."""
-    n_families = len(taxonomy.families)
-    shape = (split.n_scenes, n_families, len(scores.metric_keys))
-    cell = split.scene_index * n_families + split.family_index
+    return _sums_by(scores, split, split.family_index, len(taxonomy.families))
+
+
+def scene_sums_by_task(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> SceneSums:
+    """Sum sample scores by scene and task: tasks stand where else families do."""
+    return _sums_by(scores, split, split.task_index, len(taxonomy.tasks))
+
+
+def _sums_by(
+    scores: SampleScores, split: SplitArrays, group_index: IntArray, n_groups: int
+) -> SceneSums:
+    shape = (split.n_scenes, n_groups, len(scores.metric_keys))
+    cell = split.scene_index * n_groups + group_index
     defined = scores.defined
     filled = np.where(defined, scores.values, 0.0)
     sums, counts = np.empty(shape), np.empty(shape)

@@ -12,10 +12,10 @@ from pydantic import ValidationError
 from exceptiondrive_records.boards import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import BoardEntry, PairedComparison, PairedDifference
-from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_scoring.compare import Comparison, Difference, compare
+from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
+from exceptiondrive_scoring.compare import NOT_SEPARABLE, Comparison, Difference, compare
 from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.stages import Stages, Target
@@ -44,7 +44,7 @@ def comparisons(
     best = [by_id[name] for name in ranked[: protocol.publication.compared_entries]]
     return tuple(
         published_comparison(
-            _kept_or_made(private, stages, a, b), a[0].challenge, protocol, a[1].sheet
+            _kept_or_made(private, stages, a, b), a[0].challenge, protocol, (a[1].sheet, b[1].sheet)
         )
         for a, b in combinations(best, 2)
     )
@@ -63,31 +63,66 @@ def exact_comparison(
             family: _difference(metrics[first_metric], words)
             for family, metrics in found.families.items()
         },
+        tasks={
+            task: _difference(metrics[first_metric], words) for task, metrics in found.tasks.items()
+        },
     )
 
 
 def published_comparison(
-    exact: PairedComparison, challenge: Challenge, protocol: Protocol, sheet: ScoreSheet
+    exact: PairedComparison,
+    challenge: Challenge,
+    protocol: Protocol,
+    sheets: tuple[ScoreSheet, ScoreSheet],
 ) -> PairedComparison:
     """Round a comparison, metrics in column order; only this may leave the worker.
 
-    Families with fewer samples than the protocol publishes are left out.
+    Families and tasks with fewer samples than the protocol publishes are left out. A difference of
+    shares is taken between the published values of the sheets: rounded by itself, it would be one
+    more reading of the exact ones, and nine comparisons would be nine (docs/leakage.md).
     """
     rounding, first = Rounding(challenge, protocol.publication), challenge.metrics[0].key
-    least = protocol.publication.min_samples_per_cell
-    sizes = {family: row.n or 0 for family, row in sheet.families.items()}
+    headlines = [_headline(sheet, protocol) for sheet in sheets]
+
+    def cells(group: str, key: str) -> list[MetricRow]:
+        return [getattr(sheet, group)[key].metrics for sheet in sheets]
+
     return exact.model_copy(
         update={
             "overall": {
-                key: _rounded(exact.overall[key], key, rounding) for key in challenge.metric_keys
+                metric.key: _rounded(exact.overall[metric.key], metric, headlines, rounding)
+                for metric in challenge.metrics
             },
             "families": {
-                family.id: _rounded(exact.families[family.id], first, rounding)
+                family.id: _rounded(
+                    exact.families[family.id],
+                    challenge.metric(first),
+                    cells("families", family.id),
+                    rounding,
+                )
                 for family in protocol.families
-                if family.id in exact.families and sizes.get(family.id, 0) >= least
+                if family.id in exact.families
+                and _is_shown(sheets, "families", family.id, protocol)
+            },
+            "tasks": {
+                task.id: _coarse(exact.tasks[task.id], first, cells("tasks", task.id), rounding)
+                for task in protocol.tasks
+                if task.id in exact.tasks and _is_shown(sheets, "tasks", task.id, protocol)
             },
         }
     )
+
+
+def _headline(sheet: ScoreSheet, protocol: Protocol) -> MetricRow:
+    return sheet.micro if protocol.grading.headline == "micro" else sheet.macro_family
+
+
+def _is_shown(
+    sheets: tuple[ScoreSheet, ScoreSheet], group: str, key: str, protocol: Protocol
+) -> bool:
+    rows = [getattr(sheet, group).get(key) for sheet in sheets]
+    least = protocol.publication.min_samples_per_cell
+    return all(row is not None and (row.n or 0) >= least for row in rows)
 
 
 def _kept_or_made(
@@ -95,7 +130,7 @@ def _kept_or_made(
 ) -> PairedComparison:
     target = a[0]
     key = content_key(
-        "comparison",
+        "comparison/2",
         *(stages.sums_key(each, record.measurement_key) for each, record in (a, b)),
         target.protocol.ranking_digest,
         target.protocol.grading.headline,
@@ -133,11 +168,49 @@ def _difference(found: Difference, words: Mapping[str, str]) -> PairedDifference
     )
 
 
-def _rounded(exact: PairedDifference, key: str, rounding: Rounding) -> PairedDifference:
+def _rounded(
+    exact: PairedDifference, metric: Metric, rows: list[MetricRow], rounding: Rounding
+) -> PairedDifference:
+    interval = rounding.interval(metric.key, exact.interval)
     return exact.model_copy(
         update={
-            "difference": rounding.metric(key, exact.difference),
-            "interval": rounding.interval(key, exact.interval),
+            "difference": _published_difference(exact, metric, rows, rounding),
+            "interval": interval,
             "discordant": rounding.fraction(exact.discordant),
+            "verdict": _verdict(exact, interval),
         }
     )
+
+
+def _coarse(
+    exact: PairedDifference, key: str, rows: list[MetricRow], rounding: Rounding
+) -> PairedDifference:
+    """A task's difference: few samples, so nothing finer than the two published cells."""
+    interval = rounding.coarse_interval(exact.interval)
+    return PairedDifference(
+        difference=_between(key, rows, rounding),
+        interval=interval,
+        discordant=None,
+        verdict=_verdict(exact, interval),
+    )
+
+
+def _published_difference(
+    exact: PairedDifference, metric: Metric, rows: list[MetricRow], rounding: Rounding
+) -> float | None:
+    """Shares are defined for every sample; a shift may be undefined, and is its own team's to know."""
+    if metric.unit == "fraction":
+        return _between(metric.key, rows, rounding)
+    return rounding.metric(metric.key, exact.difference)
+
+
+def _between(key: str, rows: list[MetricRow], rounding: Rounding) -> float | None:
+    a, b = (row.get(key) for row in rows)
+    return None if a is None or b is None else rounding.metric(key, a - b)
+
+
+def _verdict(exact: PairedDifference, interval: tuple[float, float] | None) -> str:
+    """The exact verdict, unless the published interval no longer shows it."""
+    if interval is None or interval[0] <= 0 <= interval[1]:
+        return NOT_SEPARABLE
+    return exact.verdict

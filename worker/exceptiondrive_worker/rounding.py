@@ -4,6 +4,8 @@ Exact values stay in the private store. A score sheet is rounded once, here, and
 is shown, ranked or sorted is made from the rounded one.
 """
 
+import math
+
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import (
@@ -53,6 +55,13 @@ class Rounding:
             return None
         low, high = self.metric(key, interval[0]), self.metric(key, interval[1])
         return None if low is None or high is None else (low, high)
+
+    def coarse_interval(self, interval: Interval | None) -> Interval | None:
+        """Round an interval of shares outward to whole per cents: it may only grow."""
+        if interval is None:
+            return None
+        low, high = (round(end * 100, 9) for end in interval)
+        return (math.floor(low) / 100 + 0.0, math.ceil(high) / 100 + 0.0)
 
     def cell(self, row: BreakdownRow) -> BreakdownRow:
         """Round a family or task; below the least number of samples its metrics are withheld."""
