@@ -33,6 +33,6 @@ def want_board(
         )
         .on_conflict_do_update(
             index_elements=["phase_id", "protocol_digest", "split_revision"],
-            set_={"wanted": BoardRequest.wanted + 1, "rung_at": None},
+            set_={"wanted": BoardRequest.wanted + 1},
         )
     )

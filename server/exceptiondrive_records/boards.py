@@ -187,6 +187,8 @@ def publish_board(session: Session, claim: BoardClaim, board: Board) -> BoardRow
         return None
     request.built = claim.wanted
     request.lease_until = None
+    request.built_at = database_now(session)
+    request.build_s = (request.built_at - claim.claimed_at).total_seconds()
     phase = session.get(Phase, claim.phase_id, with_for_update=True, populate_existing=True)
     assert phase is not None
     row = _latest(session, claim)

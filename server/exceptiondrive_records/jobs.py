@@ -6,7 +6,7 @@ A claim raises the fence; whoever comes with an older fence has lost the lease a
 from datetime import timedelta
 from typing import Any, cast
 
-from sqlalchemy import CursorResult, and_, or_, select, update
+from sqlalchemy import CursorResult, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
@@ -14,7 +14,9 @@ from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.claims import Claim, Finish
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.tables import Job, JobState, Phase, ScoreSheetRow, Submission
+from exceptiondrive_records.turns import is_claimable, note_served
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -35,13 +37,9 @@ def claim(session: Session, job_id: str, lease_s: float, max_attempts: int) -> C
     """
     now = database_now(session)
     lease_until = now + timedelta(seconds=lease_s)
-    is_free = or_(
-        and_(Job.state == JobState.QUEUED, Job.available_at <= now),
-        and_(Job.state == JobState.LEASED, Job.lease_until < now),
-    )
     taken = session.scalars(
         update(Job)
-        .where(Job.id == job_id, Job.attempts < max_attempts, is_free)
+        .where(Job.id == job_id, Job.attempts < max_attempts, is_claimable(now))
         .values(
             state=JobState.LEASED,
             attempts=Job.attempts + 1,
@@ -58,6 +56,8 @@ def claim(session: Session, job_id: str, lease_s: float, max_attempts: int) -> C
         return None
     if taken.is_first:
         _set_status(session, taken.submission_id, SubmissionStatus.SCORING)
+    if taken.lane is Lane.LIVE:
+        note_served(session, taken.submission_id, now)
     return _describe(session, taken, max_attempts)
 
 

@@ -8,14 +8,14 @@ import os
 import socket
 import threading
 from dataclasses import dataclass
-from datetime import timedelta
 
 import structlog
-from sqlalchemy import or_, select, update
+from sqlalchemy import or_, update
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
+from exceptiondrive_records.board_rings import ring_due_boards
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
@@ -24,9 +24,9 @@ from exceptiondrive_records.jobs import set_failed
 from exceptiondrive_records.leaders import give_up_lead, take_lead
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.verification import due_items, mark_items_rung
-from exceptiondrive_records.ringing import due_jobs, mark_rung
+from exceptiondrive_records.ringing import ring_due_jobs
 from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.tables import BoardRequest, Job, JobState
+from exceptiondrive_records.tables import Job, JobState
 from exceptiondrive_schemas.jobs import Lane
 
 _log = structlog.get_logger("exceptiondrive.reconciler")
@@ -56,8 +56,8 @@ def reconcile_once(database: Database, doorbell: Doorbell, settings: RecordsSett
         dead_jobs = give_up_exhausted(session, settings.max_attempts)
     rescoring_jobs = tend_runs(database)
     return Pass(
-        rung_jobs=sum(_ring_jobs(database, doorbell, settings, lane) for lane in Lane),
-        rung_boards=_ring_boards(database, doorbell, settings),
+        rung_jobs=sum(ring_due_jobs(database, doorbell, settings, lane) for lane in Lane),
+        rung_boards=ring_due_boards(database, doorbell, settings),
         dead_jobs=dead_jobs,
         rescoring_jobs=rescoring_jobs,
         rung_verifications=_ring_verifications(database, doorbell, settings),
@@ -112,29 +112,6 @@ def give_up_exhausted(session: Session, max_attempts: int) -> int:
     return len(dead)
 
 
-def _ring_jobs(
-    database: Database, doorbell: Doorbell, settings: RecordsSettings, lane: Lane
-) -> int:
-    with database.read() as session:
-        due = due_jobs(session, lane, settings)
-    rung = [job for job in due if doorbell.ring_score(job.job_id, job.lane)]
-    if rung:
-        with database.write() as session:
-            for job in rung:
-                mark_rung(session, job)
-    return len(rung)
-
-
-def _ring_boards(database: Database, doorbell: Doorbell, settings: RecordsSettings) -> int:
-    with database.read() as session:
-        wanted = _wanted_boards(session, settings.ring_again_after_s)
-    rung = [key for key in wanted if doorbell.ring_board(*key[:2], split_revision=key[2])]
-    if rung:
-        with database.write() as session:
-            _mark_boards_rung(session, rung)
-    return len(rung)
-
-
 def _ring_verifications(database: Database, doorbell: Doorbell, settings: RecordsSettings) -> int:
     with database.read() as session:
         due = due_items(session, settings.ring_again_after_s)
@@ -143,33 +120,3 @@ def _ring_verifications(database: Database, doorbell: Doorbell, settings: Record
         with database.write() as session:
             mark_items_rung(session, rung)
     return len(rung)
-
-
-def _wanted_boards(session: Session, ring_again_after_s: float) -> list[tuple[str, str, str]]:
-    now = database_now(session)
-    query = select(
-        BoardRequest.phase_id, BoardRequest.protocol_digest, BoardRequest.split_revision
-    ).where(
-        BoardRequest.wanted > BoardRequest.built,
-        or_(BoardRequest.lease_until.is_(None), BoardRequest.lease_until < now),
-        or_(
-            BoardRequest.rung_at.is_(None),
-            BoardRequest.rung_at < now - timedelta(seconds=ring_again_after_s),
-        ),
-    )
-    return [(phase_id, digest, revision) for phase_id, digest, revision in session.execute(query)]
-
-
-def _mark_boards_rung(session: Session, keys: list[tuple[str, str, str]]) -> None:
-    now = database_now(session)
-    for phase_id, digest, revision in keys:
-        session.execute(
-            update(BoardRequest)
-            .where(
-                BoardRequest.phase_id == phase_id,
-                BoardRequest.protocol_digest == digest,
-                BoardRequest.split_revision == revision,
-            )
-            .values(rung_at=now)
-            .execution_options(synchronize_session=False)
-        )

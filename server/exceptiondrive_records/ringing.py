@@ -1,14 +1,17 @@
-"""Ringing for jobs: what is due, in which order, and how many messages may be outstanding.
+"""Ringing for jobs: how many workers are called, and when they are called again.
 
 A job is *rung* while a message for it is under way; a claim ends that. Messages may be lost, so a
 job rung long ago is due again; at most a window of them is outstanding, so that a dead worker
 does not fill the broker (research/reliability.md A4).
+
+A live ring says "come", not "take this one": the worker takes the job whose turn it is when it
+comes (`turns`). So the marks of waiting live jobs only count the messages under way.
 """
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import Select, and_, func, or_, select, update
+from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
@@ -17,6 +20,7 @@ from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.heartbeats import live_workers
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.tables import Job, JobState, Submission
+from exceptiondrive_records.turns import NextJob, is_claimable
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -37,32 +41,43 @@ class DueJob:
 def ring_job(
     database: Database, doorbell: Doorbell, job_id: str, settings: RecordsSettings
 ) -> bool:
-    """Call a worker for a job that was just accepted; otherwise the reconciler does it soon.
+    """Call a worker for a job that was just accepted; otherwise others do it soon.
 
     Returns:
-        Whether it was rung: not while others wait, the window is full or the broker is away.
+        Whether it was rung: not while the window is full or the broker is away.
     """
     with database.read() as session:
         job = session.get(Job, job_id)
         if job is None or job.state is not JobState.QUEUED or job.rung_at is not None:
             return False
-        if _others_wait(session, job):
-            return False  # the reconciler gives each team its turn
         if outstanding(session, job.lane) >= window(session, job.lane, settings):
             return False
         due = DueJob(job.id, job.fence, job.lane)
-    if not doorbell.ring_score(due.job_id, due.lane):
-        return False
-    with database.write() as session:
-        mark_rung(session, due)
-    return True
+    return bool(_ring(database, doorbell, [due]))
+
+
+def ring_due_jobs(
+    database: Database, doorbell: Doorbell, settings: RecordsSettings, lane: Lane
+) -> int:
+    """Fill the window of a lane and call again for lost messages; return how many were rung.
+
+    Workers do this after each job, so that no slot waits for the reconciler's next pass.
+    """
+    with database.read() as session:
+        due = due_jobs(session, lane, settings)
+    return _ring(database, doorbell, due)
 
 
 def window(session: Session, lane: Lane, settings: RecordsSettings) -> int:
-    """Return how many messages may be outstanding in a lane."""
+    """Return how many messages may be outstanding in a lane.
+
+    Live ones are few, since boards wait behind them: what the slots take next, and a little more
+    for the time that a new ring takes.
+    """
     if settings.window is not None:
         return settings.window
-    return max(16, 4 * live_workers(session, lane, ttl_s=settings.heartbeat_ttl_s).slots)
+    slots = live_workers(session, lane, ttl_s=settings.heartbeat_ttl_s).slots
+    return max(4, slots + 2) if lane is Lane.LIVE else max(16, 4 * slots)
 
 
 def outstanding(session: Session, lane: Lane) -> int:
@@ -76,11 +91,7 @@ def outstanding(session: Session, lane: Lane) -> int:
 
 
 def due_jobs(session: Session, lane: Lane, settings: RecordsSettings) -> list[DueJob]:
-    """Return the jobs to ring for now: lost rings, then new ones up to the window.
-
-    Teams take turns, and within a team the oldest job goes first: whoever floods the queue delays
-    nobody's first file but its own later ones.
-    """
+    """Return the jobs to ring for now: lost rings, then new ones up to the window."""
     now = database_now(session)
     alive = live_workers(session, lane, ttl_s=settings.heartbeat_ttl_s)
     longest_s = _LONGEST_WAIT_S if alive.workers else _LONGEST_WAIT_WITHOUT_WORKERS_S
@@ -88,11 +99,8 @@ def due_jobs(session: Session, lane: Lane, settings: RecordsSettings) -> list[Du
     rung = session.scalars(claimable.where(Job.rung_at.is_not(None)))
     again = [job for job in rung if _is_lost(job, now, settings.ring_again_after_s, longest_s)]
     room = window(session, lane, settings) - outstanding(session, lane)
-    if room <= 0:
-        fresh: list[Job] = []
-    elif lane is Lane.LIVE:
-        fresh = list(session.scalars(_in_turn(claimable).limit(room)))
-    else:
+    fresh: list[Job] = []
+    if room > 0:
         fresh = list(session.scalars(claimable.where(Job.rung_at.is_(None)).limit(room)))
     return [DueJob(job.id, job.fence, job.lane) for job in (*again, *fresh)]
 
@@ -121,50 +129,42 @@ def mark_rung(session: Session, due: DueJob) -> None:
     )
 
 
-def _others_wait(session: Session, job: Job) -> bool:
-    query = select(Job.id).where(
-        Job.lane == job.lane,
-        Job.state == JobState.QUEUED,
-        Job.rung_at.is_(None),
-        Job.created_at < job.created_at,
-        Job.available_at <= job.created_at,
+def hand_ring_over(session: Session, taken: NextJob) -> None:
+    """Note, in the transaction of a claim, which message is used up.
+
+    The worker came for some job and took another. If that one had no message of its own, one of
+    the others now has none: the youngest, which is rung again when there is room.
+    """
+    if taken.is_rung:
+        return
+    youngest = (
+        select(Job.id)
+        .where(Job.lane == Lane.LIVE, Job.state == JobState.QUEUED, Job.rung_at.is_not(None))
+        .order_by(Job.created_at.desc(), Job.id.desc())
+        .limit(1)
     )
-    return session.scalars(query.limit(1)).first() is not None
+    session.execute(
+        update(Job)
+        .where(Job.id == youngest.scalar_subquery())
+        .values(rung_at=None, rings=0)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _ring(database: Database, doorbell: Doorbell, due: list[DueJob]) -> int:
+    rung = [job for job in due if doorbell.ring_score(job.job_id, job.lane)]
+    if rung:
+        with database.write() as session:
+            for job in rung:
+                mark_rung(session, job)
+    return len(rung)
 
 
 def _claimable(lane: Lane, now: datetime, max_attempts: int) -> Select[Job]:
-    is_free = or_(
-        and_(Job.state == JobState.QUEUED, Job.available_at <= now),
-        and_(Job.state == JobState.LEASED, Job.lease_until < now),
-    )
     return (
         select(Job)
-        .where(Job.lane == lane, Job.attempts < max_attempts, is_free)
+        .where(Job.lane == lane, Job.attempts < max_attempts, is_claimable(now))
         .order_by(Job.created_at, Job.id)
-    )
-
-
-def _in_turn(claimable: Select[Job]) -> Select[Job]:
-    """Order live jobs by turns: every team's next one, then every team's second, and so on.
-
-    What a team has under way counts: its next job stands behind the first of an idle team.
-    """
-    is_open = Job.state.in_((JobState.QUEUED, JobState.LEASED))
-    is_waiting = Job.rung_at.is_(None) & (Job.state == JobState.QUEUED)
-    turn = func.row_number().over(
-        partition_by=Submission.team_id, order_by=(is_waiting, Job.created_at, Job.id)
-    )
-    turns = (
-        select(Job.id, turn.label("turn"))
-        .join(Submission, Submission.id == Job.submission_id)
-        .where(Job.lane == Lane.LIVE, is_open)
-        .subquery()
-    )
-    return (
-        claimable.join(turns, turns.c.id == Job.id)
-        .where(Job.rung_at.is_(None))
-        .order_by(None)
-        .order_by(turns.c.turn, Job.created_at, Job.id)
     )
 
 

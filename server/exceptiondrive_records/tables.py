@@ -243,6 +243,9 @@ class BoardRequest(Base):
     fence: Mapped[int]
     lease_until: Mapped[datetime | None]
     rung_at: Mapped[datetime | None]
+    built_at: Mapped[datetime | None]
+    build_s: Mapped[float | None]
+    """How long the last build took, by the database's clock."""
 
 
 class BoardRow(Base):
@@ -322,4 +325,5 @@ from exceptiondrive_records import (  # noqa: F401 - one metadata
     tables_access,
     tables_drawings,
     tables_rescoring,
+    tables_turns,
 )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from statistics import median
 
-from sqlalchemy import func, select, tuple_
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards import current_board
@@ -18,13 +18,13 @@ from exceptiondrive_records.tables import (
     Submission,
     Team,
 )
+from exceptiondrive_records.turns import live_jobs_ahead
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import Failure, QueuePlace, SubmissionStatus, SubmissionView
 
 _WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
-_UNFINISHED = (JobState.QUEUED, JobState.LEASED)
 _RECENT = 20
 
 
@@ -70,14 +70,17 @@ def views(session: Session, submissions: Sequence[Submission]) -> tuple[Submissi
 def queue_place(
     session: Session, submission: Submission, *, heartbeat_ttl_s: float = 15.0
 ) -> QueuePlace | None:
-    """Return how many live jobs stand ahead and how long that may take; None when it has ended."""
+    """Return how many live jobs come before it as turns go now, and how long that may take.
+
+    None when it has ended.
+    """
     if submission.status not in _WAITING:
         return None
     query = select(Job).where(Job.submission_id == submission.id, Job.is_first)
     job = session.scalars(query).first()
     if job is None or job.state.is_final:
         return None
-    position = 0 if job.state is JobState.LEASED else _live_jobs_ahead(session, job)
+    position = 0 if job.state is JobState.LEASED else live_jobs_ahead(session, job)
     alive = live_workers(session, Lane.LIVE, ttl_s=heartbeat_ttl_s)
     return QueuePlace(
         position=position,
@@ -101,10 +104,10 @@ def current_rank(session: Session, submission: Submission) -> int | None:
 
 
 def recent_scoring_s(session: Session) -> float | None:
-    """Return the median duration of the last scoring runs, measured by the database's clock."""
+    """Return the median duration of the last live scoring runs, measured by the database's clock."""
     query = (
         select(Job.leased_at, Job.finished_at)
-        .where(Job.state == JobState.DONE, Job.finished_at.is_not(None))
+        .where(Job.lane == Lane.LIVE, Job.state == JobState.DONE, Job.finished_at.is_not(None))
         .order_by(Job.finished_at.desc())
         .limit(_RECENT)
     )
@@ -116,21 +119,12 @@ def recent_scoring_s(session: Session) -> float | None:
     return median(durations_s) if durations_s else None
 
 
-def _live_jobs_ahead(session: Session, job: Job) -> int:
-    place = tuple_(Job.created_at, Job.id)
-    query = select(func.count()).where(
-        Job.lane == job.lane,
-        Job.state.in_(_UNFINISHED),
-        place < tuple_(job.created_at, job.id),
-    )
-    return session.scalar(query) or 0
-
-
 def _expected_wait_s(session: Session, position: int, alive: LiveWorkers) -> float | None:
+    """Until a slot is free: `position` jobs come first, and the slots work side by side."""
     scoring_s = recent_scoring_s(session)
     if scoring_s is None or alive.slots == 0:
         return None
-    return round(position * scoring_s / alive.slots, 1)
+    return round(max(0, position - alive.slots + 1) * scoring_s / alive.slots, 1)
 
 
 def _failure(submission: Submission) -> Failure | None:

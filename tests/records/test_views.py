@@ -9,6 +9,7 @@ from exceptiondrive_records import jobs
 from exceptiondrive_records.heartbeats import beat, forget_worker, live_workers
 from exceptiondrive_records.submissions import find_submission, withdraw
 from exceptiondrive_records.tables import Job, JobState, WorkerHeartbeat
+from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.views import recent_scoring_s, view, views
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
@@ -48,7 +49,21 @@ def test_the_expected_wait_comes_from_measured_durations_and_live_slots(world: W
     place = seen(world, waiting[3].submission.id).queue
     assert place is not None
     assert (place.position, place.workers_alive) == (3, 1)
-    assert place.expected_wait_s == 3 * 4 / 2  # position x median / slots
+    assert (
+        place.expected_wait_s == 2 * 4 / 2
+    )  # two must end before a slot is free, x median / slots
+
+
+def test_the_place_in_the_queue_goes_by_turns_not_by_arrival(world: World) -> None:
+    flood = [world.submit(f"flood {i}") for i in range(5)]
+    with world.database.write() as session:
+        beta = create_team(session, "beta", "Beta", actor="test").id
+    quiet = [world.submit(f"quiet {i}", team_id=beta) for i in range(2)]
+    places = [seen(world, one.submission.id).queue for one in (*flood, *quiet)]
+    assert [place and place.position for place in places] == [0, 2, 4, 5, 6, 1, 3]
+    world.claim(flood[0].job_id)
+    places = [seen(world, one.submission.id).queue for one in (*flood, *quiet)]
+    assert [place and place.position for place in places] == [0, 3, 4, 5, 6, 1, 2]
 
 
 def test_no_wait_is_promised_without_a_worker_or_a_measurement(world: World) -> None:

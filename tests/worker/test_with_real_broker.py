@@ -203,14 +203,15 @@ def test_a_flushed_broker_loses_nothing(
     broker: Any,
 ) -> None:
     embedded.add_phase(tiny)
-    submission_ids = []
+    submission_ids, rung = [], []
     doorbell = Doorbell(embedded.settings.broker_url)
     for i in range(10):
         submission_id, job_id = embedded.submit(
             planning_file(tiny, edited_mps=i / 10), method=f"m{i}"
         )
         submission_ids.append(submission_id)
-        assert ring_job(embedded.database, doorbell, job_id, embedded.settings)
+        rung.append(ring_job(embedded.database, doorbell, job_id, embedded.settings))
+    assert sum(rung) == 4, "a small window"
     doorbell.close()
     with broker.client() as client:
         assert client.dbsize() > 0
@@ -267,6 +268,8 @@ def test_live_jobs_overtake_rescoring(
     for i, lane in enumerate([Lane.RESCORE] * 8 + [Lane.LIVE] * 2):
         _, job_id = embedded.submit(planning_file(tiny, edited_mps=i / 10), method=f"m{i}")
         job_ids[job_id] = lane
+        with embedded.database.write() as session:
+            session.get_one(Job, job_id).lane = lane
         assert doorbell.ring_score(job_id, lane)
     doorbell.close()
     run_worker(embedded, "--concurrency", "1")
@@ -277,6 +280,41 @@ def test_live_jobs_overtake_rescoring(
     # with prefetch switched off, one message may be taken before the first is begun
     assert set(order[:3]) >= {Lane.LIVE}
     assert order[:3].count(Lane.LIVE) == 2
+
+
+def test_a_quiet_team_overtakes_a_flood_that_is_rung_already(
+    make_world: Callable[..., World],
+    database_url: str,
+    broker_url: str,
+    tiny: Split,
+    planning_file: Callable[..., bytes],
+    run_worker: Callable[..., Any],
+    wait_until: Callable[..., None],
+) -> None:
+    """No reconciler runs: the worker itself keeps ringing until nothing waits."""
+    world = make_world(database_url, broker_url=broker_url, **QUICK)
+    world.add_phase(tiny)
+    doorbell = Doorbell(broker_url)
+
+    def submit(team: str, n: int) -> list[str]:
+        made = []
+        for i in range(n):
+            data = planning_file(tiny, edited_mps=1 + i / 10)
+            made.append(world.submit(data, method=f"m{i}", team=team)[1])
+            ring_job(world.database, doorbell, made[-1], world.settings)
+        return made
+
+    flood = submit("flood", 12)
+    quiet = submit("quiet", 2)
+    doorbell.close()
+    worker = run_worker(world, "--concurrency", "2")
+    wait_until(lambda: count_scored(world) == 14, "all to be scored")
+    assert worker.stop() == 0
+    with world.database.read() as session:
+        order = list(session.scalars(select(Job.id).order_by(Job.leased_at)))
+    assert order.index(quiet[0]) <= 1, "before the flood's second file"
+    assert order.index(quiet[1]) <= 4
+    assert [job for job in order if job in flood] == flood
 
 
 def test_nothing_but_ids_goes_through_the_broker(

@@ -4,20 +4,30 @@ from dataclasses import dataclass
 
 import structlog
 
-from exceptiondrive_records.claims import Claim, Finish
+from exceptiondrive_records.board_rings import ring_boards, ring_due_boards, take_due_boards
+from exceptiondrive_records.claims import Claim
 from exceptiondrive_records.jobs import claim, finish_failed, finish_rejected, finish_scored
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.rescoring.reading import accepted_under
+from exceptiondrive_records.ringing import hand_ring_over, ring_due_jobs
 from exceptiondrive_records.tables import Job, Phase, Submission
+from exceptiondrive_records.turns import NextJob, next_in_turn
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.doors import Doors
-from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.failures import Failure, job_boundary, places
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
+
+_MOST_LOOKS = 100
+"""Each look but the last found a job that another worker took first, or a missing split."""
+
+_CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)
+"""One split that trips the loader must not keep the jobs of all others waiting."""
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -26,10 +36,53 @@ _log = structlog.get_logger("exceptiondrive.worker")
 class _Wanted:
     """What a job asks for, looked at before it is claimed."""
 
+    job_id: str
     split_name: str
     split_revision: str
     protocol: Protocol
     read_under: Protocol
+
+
+def answer_ring(doors: Doors, job_id: str) -> None:
+    """Come when called: score what is to be scored now, then call for what waits.
+
+    For a live job the ring says "come": the job whose turn it is may be another one by now.
+    """
+    with doors.database.read() as session:
+        job = session.get(Job, job_id)
+    if job is None:
+        return
+    if job.lane is Lane.LIVE:
+        score_next(doors)
+    else:
+        score_submission(doors, job_id)
+    ring_on(doors, job.lane)
+
+
+def ring_on(doors: Doors, lane: Lane = Lane.LIVE) -> None:
+    """Call for the boards that are due, and for what waits in a lane."""
+    ring_due_boards(doors.database, doors.doorbell, doors.settings)
+    ring_due_jobs(doors.database, doors.doorbell, doors.settings, lane)
+
+
+def score_next(doors: Doors) -> None:
+    """Score the live job whose turn it is, if any waits.
+
+    While no file holds the registered split revision of a job, others have their turn.
+    """
+    without_splits: set[str] = set()
+    for _ in range(_MOST_LOOKS):
+        with doors.database.read() as session:
+            found = next_in_turn(session, doors.settings.max_attempts, without_splits)
+        if found is None:
+            return
+        wanted = _look_at(doors, found.job_id)
+        if wanted is None:
+            continue
+        if not _split_is_there(doors, wanted):
+            without_splits.add(wanted.split_revision)
+        elif _claim_and_score(doors, wanted, found):
+            return
 
 
 def score_submission(doors: Doors, job_id: str) -> None:
@@ -39,14 +92,22 @@ def score_submission(doors: Doors, job_id: str) -> None:
     registered split revision the job is not claimed: it stays queued.
     """
     wanted = _look_at(doors, job_id)
-    if wanted is None or not _split_is_there(doors, job_id, wanted):
-        return
+    if wanted is not None and _split_is_there(doors, wanted):
+        _claim_and_score(doors, wanted)
+
+
+def _claim_and_score(doors: Doors, wanted: _Wanted, taken: NextJob | None = None) -> bool:
+    """Whether the job could be claimed; it is then scored, or its failure recorded."""
+    settings = doors.settings
     with doors.database.write() as session:
-        claimed = claim(session, job_id, doors.settings.lease_s, doors.settings.max_attempts)
+        claimed = claim(session, wanted.job_id, settings.lease_s, settings.max_attempts)
+        if claimed is not None and taken is not None:
+            hand_ring_over(session, taken)
     if claimed is None:
-        return
-    with job_boundary(job_id, lambda failure: _record_failure(doors, claimed, failure)):
+        return False
+    with job_boundary(wanted.job_id, lambda failure: _record_failure(doors, claimed, failure)):
         _score(doors, claimed, wanted)
+    return True
 
 
 def _look_at(doors: Doors, job_id: str) -> _Wanted | None:
@@ -58,18 +119,26 @@ def _look_at(doors: Doors, job_id: str) -> _Wanted | None:
         phase = session.get_one(Phase, submission.phase_id)
         protocol = find_protocol(session, job.protocol_digest)
         read_under = accepted_under(session, submission.id) or protocol
-        return _Wanted(phase.split_name, job.split_revision, protocol, read_under)
+        return _Wanted(job_id, phase.split_name, job.split_revision, protocol, read_under)
 
 
-def _split_is_there(doors: Doors, job_id: str, wanted: _Wanted) -> bool:
+def _split_is_there(doors: Doors, wanted: _Wanted) -> bool:
     try:
         doors.splits.find(wanted.split_name, wanted.split_revision, wanted.protocol)
     except SplitUnavailableError as error:
-        _log.error("split unavailable: job stays queued", job=job_id, reason=str(error))
+        _log.error("split unavailable: job stays queued", job=wanted.job_id, reason=str(error))
         return False
     except SplitRefusedError as error:
-        _log.error("split refused", job=job_id, reason=str(error))
+        _log.error("split refused", job=wanted.job_id, reason=str(error))
+    except _CANNOT_LOAD as error:
+        _log.error("split cannot be loaded: job stays queued", **_kind(wanted, error))
+        return False
     return True
+
+
+def _kind(wanted: _Wanted, error: Exception) -> dict[str, object]:
+    """What the log may say of an error: its kind and place, never its text."""
+    return {"job": wanted.job_id, "error": type(error).__qualname__, "places": places(error)}
 
 
 def _score(doors: Doors, claimed: Claim, wanted: _Wanted) -> None:
@@ -95,14 +164,9 @@ def _score(doors: Doors, claimed: Claim, wanted: _Wanted) -> None:
             measurement_key=scored.measurement_key,
             scorer_version=SCORER_VERSION,
         )
+        boards = take_due_boards(session, doors.settings)
+    ring_boards(doors.database, doors.doorbell, boards)
     _log.info("scored", job=claimed.job_id, outcome=outcome.value)
-    if outcome is Finish.RECORDED and claimed.is_first:
-        doors.doorbell.ring_board(
-            claimed.phase_id,
-            claimed.protocol_digest,
-            claimed.lane,
-            split_revision=claimed.split_revision,
-        )
 
 
 def _record_failure(doors: Doors, claimed: Claim, failure: Failure) -> None:
