@@ -21,6 +21,8 @@ from exceptiondrive_server.launcher.broker import (
 )
 
 BIN = Path(sys.executable).parent
+LANES = ("live", "live,rescore")
+"""What each worker serves: as in production, one slot is never busy with a rescoring job."""
 SHORT_LEASE = {
     "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S": "10",
     "EXCEPTIONDRIVE_TIME_LIMIT_S": "11",
@@ -68,7 +70,7 @@ class Deployment:
         server = str(BIN / "exceptiondrive-server")
         self._others.append(self._run([server, "serve", "--port", str(self._port)], "server"))
         self._others.append(self._run([server, "reconcile"], "reconciler"))
-        self._workers = [self._run(_worker(), f"worker-{number}") for number in (1, 2)]
+        self._workers = [self._worker(number) for number in range(len(LANES))]
         while not self._answers():
             time.sleep(0.1)
 
@@ -79,7 +81,7 @@ class Deployment:
         if chance.random() < 0.5:
             _kill(os.killpg, worker.pid)
             worker.wait()
-            self._workers[number] = self._run(_worker(), f"worker-{number}-again")
+            self._workers[number] = self._worker(number)
             return 1
         children = Path(f"/proc/{worker.pid}/task/{worker.pid}/children").read_text().split()
         for child in children:
@@ -98,16 +100,16 @@ class Deployment:
                 command, env=self._environment, stdout=log, stderr=log, start_new_session=True
             )
 
+    def _worker(self, number: int) -> subprocess.Popen[bytes]:
+        worker = [str(BIN / "exceptiondrive-worker"), "run", "--concurrency", "1"]
+        return self._run([*worker, "--lanes", LANES[number]], f"worker-{number}")
+
     def _answers(self) -> bool:
         try:
             with urllib.request.urlopen(f"{self.url}/healthz", timeout=2) as answer:
                 return bool(answer.status == 200)
         except (urllib.error.URLError, ConnectionError, TimeoutError):
             return False
-
-
-def _worker() -> list[str]:
-    return [str(BIN / "exceptiondrive-worker"), "run", "--concurrency", "1"]
 
 
 def _kill(kill: Callable[[int, int], None], pid: int) -> None:
