@@ -104,11 +104,22 @@ def verify_audit(session: Session) -> AuditVerdict:
     return AuditVerdict(number, head)
 
 
-def audit_page(session: Session, *, before: int | None = None, limit: int = 100) -> list[AuditLine]:
-    """Return lines, newest first, from before line `before`."""
+def audit_page(
+    session: Session,
+    *,
+    before: int | None = None,
+    limit: int = 100,
+    actor: str | None = None,
+    subject: str | None = None,
+) -> list[AuditLine]:
+    """Return lines, newest first, from before line `before`; of one actor or subject if given."""
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:
         query = query.where(AuditLine.id < before)
+    if actor is not None:
+        query = query.where(AuditLine.actor == actor)
+    if subject is not None:
+        query = query.where(AuditLine.subject == subject)
     return list(session.scalars(query))
 
 

@@ -57,6 +57,15 @@ def checked_text(
     return text
 
 
+def checked_reason(reason: str) -> str:
+    """Return a reason that can be kept.
+
+    Raises:
+        InvalidRecord: It is empty, too long, or cannot be shown.
+    """
+    return checked_text("reason", reason, max_length=1000, may_have_lines=True)
+
+
 def checked_link(kind: str, url: str | None) -> str | None:
     """Return `url` if it is an https address, or None.
 

@@ -163,6 +163,12 @@ def set_failed(session: Session, submission_id: str, code: str, message: str) ->
     _set_status(session, submission_id, status, failure_code=code, failure_message=message)
 
 
+def jobs_of(session: Session, submission_id: str) -> list[Job]:
+    """Return the jobs of a submission, oldest first."""
+    query = select(Job).where(Job.submission_id == submission_id)
+    return list(session.scalars(query.order_by(Job.created_at, Job.id)))
+
+
 def _is_shown(session: Session, claim: Claim) -> bool:
     """Whether the phase shows what was scored under this protocol and split revision."""
     phase = session.get_one(Phase, claim.phase_id)

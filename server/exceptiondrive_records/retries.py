@@ -6,14 +6,24 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, NotFound
+from exceptiondrive_records.identifiers import checked_reason
 from exceptiondrive_records.tables import Job, JobState, Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
-def retry_submission(session: Session, submission_id: str, *, actor: str) -> Submission:
+def retry_submission(
+    session: Session, submission_id: str, *, actor: str, reason: str | None = None
+) -> Submission:
     """Queue a failed submission again, with all its attempts.
 
+    Args:
+        session: Of a write transaction.
+        submission_id: The submission.
+        actor: Who.
+        reason: Why; kept in the audit log if given.
+
     Raises:
+        InvalidRecord: The reason cannot be kept.
         NotFound: No such submission.
         Conflict: It has not failed, or the team has submitted the same bytes again since.
     """
@@ -35,7 +45,8 @@ def retry_submission(session: Session, submission_id: str, *, actor: str) -> Sub
     submission.status = SubmissionStatus.RECEIVED
     submission.status_at = now
     submission.failure_code = submission.failure_message = None
-    audit(session, actor, "scoring retried by hand", submission_id)
+    detail = {} if reason is None else {"reason": checked_reason(reason)}
+    audit(session, actor, "scoring retried by hand", submission_id, detail)
     return submission
 
 

@@ -9,6 +9,7 @@ import hmac
 import secrets
 import string
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
@@ -25,6 +26,7 @@ from exceptiondrive_records.tables import Team, Token
 
 _ALPHABET = string.ascii_letters + string.digits
 _UNKNOWN = hashlib.sha256(b"no such token").hexdigest()
+_ACTOR = "token:"
 _USE_IS_COARSE = timedelta(minutes=10)
 
 
@@ -65,7 +67,7 @@ class Principal:
     @property
     def actor(self) -> str:
         """How audit lines name it."""
-        return f"token:{self.token_id}"
+        return f"{_ACTOR}{self.token_id}"
 
 
 def issue_token(
@@ -182,6 +184,16 @@ def list_tokens(session: Session, team_id: int | None = None) -> list[Token]:
     if team_id is not None:
         query = query.where(Token.team_id == team_id)
     return list(session.scalars(query))
+
+
+def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:
+    """Return who stands behind the actors of audit lines: a token's name, and its team's."""
+    ids = {actor.removeprefix(_ACTOR) for actor in actors if actor.startswith(_ACTOR)}
+    query = select(Token.id, Token.name, Team.name).outerjoin(Team, Team.id == Token.team_id)
+    return {
+        f"{_ACTOR}{token_id}": f"{name} ({team_name})" if team_name else name
+        for token_id, name, team_name in session.execute(query.where(Token.id.in_(ids)))
+    }
 
 
 def is_well_formed(text: str) -> bool:

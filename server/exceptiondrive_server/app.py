@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 
 from exceptiondrive_records.settings import load_settings
-from exceptiondrive_server import api, health, pages, team_pages
+from exceptiondrive_server import api, health, organizer_pages, pages, team_pages
 from exceptiondrive_server.board_reader import BoardReader
 from exceptiondrive_server.body_limit import BodyLimit
 from exceptiondrive_server.head_requests import HeadRequests
@@ -48,6 +48,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
     app.include_router(health.router)
     app.include_router(pages.router)
     app.include_router(team_pages.router)
+    app.include_router(organizer_pages.router)
     team_pages.lead_to_sign_in(app)
     pages.mount_static(app)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]

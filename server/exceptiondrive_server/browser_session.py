@@ -18,7 +18,7 @@ from exceptiondrive_records.page_sessions import LIFETIME, find_page_session
 from exceptiondrive_records.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.auth import ServicesOf
-from exceptiondrive_server.pages.site import SESSION_COOKIES
+from exceptiondrive_server.pages.site import ORGANIZER_COOKIE, SESSION_COOKIES
 from exceptiondrive_server.problems import ApiProblem
 from exceptiondrive_server.services import services_of
 from exceptiondrive_server.upload_form import FORM_TOKEN
@@ -130,6 +130,16 @@ def set_session_cookie(request: Request, response: Response, secret: str) -> Non
     """Hand the session to the browser, in place of the visitor's cookie."""
     _set(request, response, SESSION_COOKIES, secret, int(LIFETIME.total_seconds()))
     forget_cookies(response, VISITOR_COOKIES)
+
+
+def note_organizer(request: Request, response: Response, *, is_organizer: bool) -> None:
+    """Let pages show the link to the organizers' pages, or no longer; no right depends on it."""
+    if not is_organizer:
+        response.delete_cookie(ORGANIZER_COOKIE, path="/", httponly=True, samesite="lax")
+        return
+    age_s = int(LIFETIME.total_seconds())
+    names = (ORGANIZER_COOKIE, ORGANIZER_COOKIE)
+    _set(request, response, names, "yes", age_s)
 
 
 def visitor_secret(request: Request) -> str:

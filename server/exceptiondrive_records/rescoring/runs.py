@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord
-from exceptiondrive_records.identifiers import checked_text, random_id
+from exceptiondrive_records.identifiers import checked_reason, random_id
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs, hold_jobs, release_jobs
@@ -154,15 +154,6 @@ def move_run(
     detail = {"phase": run.phase_id, "reason": reason, "was": was.value}
     audit(session, actor, f"rescoring {what}", run.id, detail)
     return run
-
-
-def checked_reason(reason: str) -> str:
-    """Return a reason that can be kept.
-
-    Raises:
-        InvalidRecord: It is empty, too long, or cannot be shown.
-    """
-    return checked_text("reason", reason, max_length=1000, may_have_lines=True)
 
 
 def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:

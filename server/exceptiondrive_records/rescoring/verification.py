@@ -9,10 +9,9 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import InvalidRecord, NotFound
-from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.identifiers import checked_reason, random_id
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.rescoring.runs import checked_reason
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission
 from exceptiondrive_records.tables_rescoring import Verification, VerificationItem
 from exceptiondrive_schemas.rescoring import VerificationView, VerifyItemView, VerifyState

@@ -38,6 +38,8 @@ def get_audit(
     services: ServicesOf,
     before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
+    actor: Annotated[str | None, Query(max_length=200, description="only by this one")] = None,
+    subject: Annotated[str | None, Query(max_length=200, description="only about this")] = None,
 ) -> list[AuditLineView]:
     """Read the audit log, newest first."""
     with services.database.read() as session:
@@ -51,7 +53,9 @@ def get_audit(
                 detail=line.detail,
                 hash=line.hash,
             )
-            for line in audit_page(session, before=before, limit=limit)
+            for line in audit_page(
+                session, before=before, limit=limit, actor=actor, subject=subject
+            )
         ]
 
 

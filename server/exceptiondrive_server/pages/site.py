@@ -5,6 +5,8 @@ from exceptiondrive_server.pages.page_parts import THEMES, Site, Theme
 THEME_COOKIE = "theme"
 SESSION_COOKIES = ("__Host-session", "session")
 """Secure, on https; plain, on this machine alone."""
+ORGANIZER_COOKIE = "organizer"
+"""Shows the link to the organizers' pages; it opens nothing."""
 YEAR_S = 365 * 24 * 3600
 
 
@@ -17,7 +19,8 @@ def site_of(cookies: dict[str, str], path: str, query: str, current: str) -> Sit
     """Return the frame of a page."""
     here = path + (f"?{query}" if query else "")
     has_session = any(name in cookies for name in SESSION_COOKIES)
-    return Site(theme_of(cookies.get(THEME_COOKIE)), here, current, has_session)
+    is_organizer = has_session and cookies.get(ORGANIZER_COOKIE) == "yes"
+    return Site(theme_of(cookies.get(THEME_COOKIE)), here, current, has_session, is_organizer)
 
 
 def safe_back(path: str) -> str:

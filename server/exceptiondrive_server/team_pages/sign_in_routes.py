@@ -15,6 +15,7 @@ from exceptiondrive_server.browser_session import (
     PostedForm,
     forget_cookies,
     form_token,
+    note_organizer,
     require_form_token,
     require_private_channel,
     require_same_origin,
@@ -30,6 +31,7 @@ router = APIRouter(include_in_schema=False)
 MAX_TOKEN_LENGTH = 200
 REFUSED = "The token is not valid: unknown, expired or revoked."
 HERE = "/my"
+ORGANIZERS_HERE = "/organize"
 
 
 @router.get("/sign-in")
@@ -58,11 +60,13 @@ def sign_in(
     require_same_origin(request)
     require_form_token(visitor_secret(request), given)
     address = request.client.host if request.client else "unknown"
-    secret = _session_for(services, token.strip(), address)
-    if secret is None:
+    opened = _session_for(services, token.strip(), address)
+    if opened is None:
         return _form(request, back, status=401, fault=REFUSED)
-    answer = _go(back)
+    secret, is_organizer = opened
+    answer = _go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
     set_session_cookie(request, answer, secret)
+    note_organizer(request, answer, is_organizer=is_organizer)
     return answer
 
 
@@ -76,8 +80,11 @@ def sign_out(services: ServicesOf, browser: Browser, form: PostedForm) -> Respon
     return answer
 
 
-def _session_for(services: Services, token: str, address: str) -> str | None:
-    """Count the attempt, then look at the token; a success is not counted."""
+def _session_for(services: Services, token: str, address: str) -> tuple[str, bool] | None:
+    """Count the attempt, then look at the token; a success is not counted.
+
+    Returns the secret of the session, and whether it is an organizer's.
+    """
     limits = keys_of(address, token)
     with services.database.write() as session:
         count_attempt(session, limits)
@@ -88,7 +95,7 @@ def _session_for(services: Services, token: str, address: str) -> str | None:
     note_use(services.database, principal)
     with services.database.write() as session:
         give_attempt_back(session, limits)
-        return open_page_session(session, principal)
+        return open_page_session(session, principal), principal.is_organizer
 
 
 def _form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:

@@ -99,6 +99,7 @@
 
   // What is live follows the server: every event fetches the page anew and swaps the live part.
   const sources = [];
+  const again = (live) => { if (live?.dataset.againS) setTimeout(renew, 1000 * Number(live.dataset.againS)); };
   const follow = () => {
     const live = document.getElementById("live");
     for (const address of (live?.dataset.live ?? "").split(" ").filter(Boolean)) {
@@ -106,20 +107,20 @@
       source.addEventListener("submission", () => renew());
       sources.push(source);
     }
-    if (live?.dataset.againS) setTimeout(renew, 1000 * Number(live.dataset.againS));
+    again(live);
   };
   let shown = document.getElementById("live")?.outerHTML;
   const renew = async () => {
     const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
-    if (!answer?.ok) return;
+    if (!answer?.ok) { again(document.getElementById("live")); return; }
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").getElementById("live");
     const now = document.getElementById("live");
     if (!fresh || !now) return;
-    if (fresh.outerHTML === shown) { if (fresh.dataset.againS) setTimeout(renew, 1000 * Number(fresh.dataset.againS)); return; }
+    if (fresh.outerHTML === shown) { again(fresh); return; }
     const isOther = fresh.dataset.live !== now.dataset.live || fresh.dataset.againS !== now.dataset.againS;
     shown = fresh.outerHTML;
     now.replaceWith(document.adoptNode(fresh));
-    if (!isOther) return;
+    if (!isOther) { again(fresh); return; }
     for (const source of sources.splice(0)) source.close();
     follow();
   };

@@ -1,0 +1,194 @@
+"""The pages under /organize: who may see them, that forms cannot be forged, what each step does."""
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from fastapi.routing import APIRoute
+from sqlalchemy import select
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.heartbeats import beat
+from exceptiondrive_records.registrations import register_team
+from exceptiondrive_records.tables import AuditLine, Job
+from exceptiondrive_server.organizer_pages import audit_routes, overview_routes, submission_routes
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+Open = Callable[..., "TeamBrowser"]
+
+
+@pytest.fixture
+def organizer(api: "Api", browse: Open) -> "TeamBrowser":
+    """A browser in which an organizer signed in."""
+    browser = browse(api)
+    browser.sign_in("organizer")
+    return browser
+
+
+def fail(api: "Api", submission_id: str) -> None:
+    """Do what a worker does when our own part is broken for good."""
+    with api.database.write() as session:
+        job = session.query(Job).filter_by(submission_id=submission_id).one()
+        claim = jobs.claim(session, job.id, 120, 1)
+    assert claim is not None
+    with api.database.write() as session:
+        jobs.finish_failed(session, claim, "store_broken", "The store is away.", retry=False)
+
+
+PARTS = (overview_routes, submission_routes, audit_routes)
+
+
+def routes(method: str) -> list[str]:
+    """Every address of the organizers' pages that takes this method, with a made-up id."""
+    found = [
+        route.path
+        for part in PARTS
+        for route in part.router.routes
+        if isinstance(route, APIRoute) and method in route.methods
+    ]
+    return [re.sub(r"{[a-z_]+}", "x1", path) for path in found]
+
+
+def test_only_organizers_see_the_pages(api: "Api", browse: Open) -> None:
+    stranger, alpha = browse(api), browse(api)
+    alpha.sign_in("alpha")
+    addresses = routes("GET")
+    assert len(addresses) > 4
+    for path in addresses:
+        led = stranger.get(path)
+        assert (led.status_code, led.headers["location"][:8]) == (303, "/sign-in"), path
+        assert alpha.get(path).status_code == 403, path
+
+
+def test_only_organizers_change_anything(api: "Api", browse: Open) -> None:
+    stranger, alpha = browse(api), browse(api)
+    alpha.sign_in("alpha")
+    with api.database.read() as session:
+        before = session.query(AuditLine).count()
+    addresses = routes("POST")
+    assert addresses
+    for path in addresses:
+        assert stranger.send(path, {}).status_code == 303, path
+        forged = alpha.send(path, {**alpha.form("/my"), "reason": "because"})
+        assert forged.status_code == 403, path
+    with api.database.read() as session:
+        assert session.query(AuditLine).count() == before
+
+
+def test_a_form_from_elsewhere_or_without_its_token_changes_nothing(
+    api: "Api", organizer: "TeamBrowser"
+) -> None:
+    with api.database.read() as session:
+        before = session.query(AuditLine).count()
+    for path in routes("POST"):
+        bare = organizer.send(path, {"reason": "because"})
+        assert bare.status_code == 403, path
+        far = organizer.client.post(
+            path,
+            data={**organizer.form("/my"), "reason": "because"},
+            headers={"Origin": "https://evil.test"},
+        )
+        assert far.status_code == 403, path
+    with api.database.read() as session:
+        assert session.query(AuditLine).count() == before
+
+
+def test_an_organizer_is_led_to_the_pages_and_finds_back_from_the_board(
+    api: "Api", browse: Open
+) -> None:
+    browser = browse(api)
+    assert browser.sign_in("organizer").headers["location"] == "/organize"
+    assert 'href="/organize"' in browser.get("/").text
+    browser.post("/sign-out", {}, page="/my")
+    assert 'href="/organize"' not in browser.get("/").text
+    browser.sign_in("alpha")
+    assert 'href="/organize"' not in browser.get("/").text
+
+
+def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> None:
+    quiet = organizer.get("/organize").text
+    assert "No worker is alive" in quiet
+    submission_id = api.submit("a").json()["id"]
+    fail(api, submission_id)
+    with api.database.write() as session:
+        register_team(session, "newcomers", "New Comers", "We are <b>new</b>.")
+        beat(session, "worker-7")
+    page = organizer.get("/organize").text
+    assert "No worker is alive" not in page
+    for words in ("1 submission failed", "1 team waits", "worker-7", "store_broken", "New Comers"):
+        assert words in page
+    assert "<b>new</b>" not in page
+
+
+def test_submissions_are_narrowed_and_paged(
+    api: "Api", organizer: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("exceptiondrive_server.organizer_pages.submission_routes.SHOWN", 2)
+    for number in range(3):
+        api.submit(f"file {number}", "alpha", method=f"Alpha {number}")
+    api.submit("file b", "beta", method="Beta 1")
+    page = organizer.get("/organize/submissions?team=alpha").text
+    first = re.findall(r"Alpha \d", page)
+    assert len(first) == 2
+    assert "Beta 1" not in page
+    older = page.split('class="btn" href="/organize/submissions?')[1].split('"')[0]
+    page = organizer.get("/organize/submissions?" + older.replace("&amp;", "&")).text
+    assert len({*first, *re.findall(r"Alpha \d", page)}) == 3
+    assert "Beta 1" not in page
+    assert "No submission is so" in organizer.get("/organize/submissions?status=scored").text
+    assert organizer.get("/organize/submissions?team=nobody").status_code == 404
+
+
+def test_a_failed_submission_is_tried_again_with_a_reason(
+    api: "Api", organizer: "TeamBrowser"
+) -> None:
+    submission_id = api.submit("a").json()["id"]
+    here = f"/organize/submissions/{submission_id}"
+    early = organizer.post(f"{here}/retry", {"reason": "x"}, page=f"{here}/retry")
+    assert early.status_code == 409
+    fail(api, submission_id)
+    shown = organizer.get(here).text
+    assert "store_broken" in shown
+    assert f"{here}/retry" in shown
+    bare = organizer.post(f"{here}/retry", {"reason": " "}, page=f"{here}/retry")
+    assert (bare.status_code, "must not be empty" in bare.text) == (400, True)
+    done = organizer.post(f"{here}/retry", {"reason": "the store is back"}, page=f"{here}/retry")
+    assert (done.status_code, done.headers["location"]) == (303, f"{here}?done=submission_retried")
+    assert api.get(f"/submissions/{submission_id}", "alpha").json()["status"] == "received"
+    with api.database.read() as session:
+        query = select(AuditLine).where(AuditLine.action == "scoring retried by hand")
+        line = session.scalars(query).one()
+    assert line.detail == {"reason": "the store is back"}
+    assert line.actor.startswith("token:")
+    page = organizer.get(done.headers["location"]).text
+    assert "queued again" in page
+    assert "the store is back" in page
+
+
+def test_the_log_is_filtered_paged_and_verified(
+    api: "Api", organizer: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("exceptiondrive_server.organizer_pages.audit_routes.SHOWN", 2)
+    page = organizer.get("/organize/audit?subject=dev").text
+    assert "phase created" in page
+    assert "team created" not in page
+    assert "Older lines" in organizer.get("/organize/audit").text
+    assert "The chain is whole" in organizer.get("/organize/audit?verify=true").text
+    with api.database.write() as session:
+        session.query(AuditLine).filter_by(subject="dev").update({"actor": "nobody"})
+    broken = organizer.get("/organize/audit?verify=true").text
+    assert "The chain is broken at line" in broken
+
+
+def test_an_unknown_key_of_what_was_done_says_nothing(organizer: "TeamBrowser") -> None:
+    assert "notice good" not in organizer.get("/organize?done=<script>").text
+
+
+def test_answers_are_kept_by_nobody(organizer: "TeamBrowser") -> None:
+    for path in ("/organize", "/organize/submissions", "/organize/audit"):
+        answer: Any = organizer.get(path)
+        assert answer.headers["cache-control"] == "no-store"
+        assert "script-src 'self'" in answer.headers["content-security-policy"]
