@@ -88,8 +88,13 @@ def find_protocol(session: Session, version_or_digest: str) -> Protocol:
 
 def list_protocols(session: Session) -> list[Protocol]:
     """Return all protocols, oldest first."""
-    rows = session.scalars(select(ProtocolRow).order_by(ProtocolRow.created_at, ProtocolRow.digest))
-    return [find_protocol(session, row.digest) for row in rows]
+    return [find_protocol(session, row.digest) for row in list_protocol_rows(session)]
+
+
+def list_protocol_rows(session: Session) -> list[ProtocolRow]:
+    """Return the rows of all protocols, oldest first."""
+    order = (ProtocolRow.created_at, ProtocolRow.digest)
+    return list(session.scalars(select(ProtocolRow).order_by(*order)))
 
 
 @lru_cache(maxsize=32)

@@ -5,10 +5,13 @@ from fastapi import APIRouter, Depends
 from exceptiondrive_server.organizer_pages.audit_routes import router as _audit
 from exceptiondrive_server.organizer_pages.frame import organizing
 from exceptiondrive_server.organizer_pages.overview_routes import router as _overview
+from exceptiondrive_server.organizer_pages.protocol_routes import router as _protocols
+from exceptiondrive_server.organizer_pages.run_routes import router as _runs
 from exceptiondrive_server.organizer_pages.submission_routes import router as _submissions
+from exceptiondrive_server.organizer_pages.verification_routes import router as _verifications
 
 __all__ = ["router"]
 
 router = APIRouter(include_in_schema=False, dependencies=[Depends(organizing)])
-for _part in (_overview, _submissions, _audit):
+for _part in (_overview, _submissions, _protocols, _runs, _verifications, _audit):
     router.include_router(_part)

@@ -1,0 +1,182 @@
+"""The steps of a run, as data: what each does, when it is offered, what the button says."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.rescoring import RunState, RunView
+from exceptiondrive_server.organizer_pages.forms import REASON
+from exceptiondrive_server.organizer_pages.run_words import change_words, progress_words
+from exceptiondrive_server.organizer_pages.steps import Step
+
+_OPEN = (RunState.DRAFT, RunState.SCORING, RunState.PAUSED, RunState.READY)
+MOST_SENTENCES = 8
+
+
+@dataclass(frozen=True)
+class RunStep:
+    """A step of a run."""
+
+    key: str
+    button: str
+    title: str
+    meaning: str
+    offered: tuple[RunState, ...]
+    done: str
+    take: Callable[..., RescoringRun]
+    command: str
+    is_main: bool = False
+    is_grave: bool = False
+    needs_preview: bool = False
+    is_flip: bool = False
+    """Moves the pointer to what readers see."""
+
+
+RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
+    {
+        step.key: step
+        for step in (
+            RunStep(
+                "start",
+                "Start scoring",
+                "Start scoring",
+                "Workers score in the background, behind fresh submissions. "
+                "The public board does not change.",
+                (RunState.DRAFT,),
+                "run_started",
+                runs.start_run,
+                "begin",
+                is_main=True,
+            ),
+            RunStep(
+                "pause",
+                "Pause",
+                "Pause the run",
+                "No further sheet begins; those that run are finished.",
+                (RunState.SCORING,),
+                "run_paused",
+                runs.pause_run,
+                "pause",
+            ),
+            RunStep(
+                "resume",
+                "Resume",
+                "Resume the run",
+                "Scoring goes on, and sheets that failed are tried again.",
+                (RunState.PAUSED,),
+                "run_resumed",
+                runs.resume_run,
+                "resume",
+                is_main=True,
+            ),
+            RunStep(
+                "apply",
+                "Apply",
+                "Apply the run",
+                "One transaction shows the new board to every reader, and tells the teams whose "
+                "numbers change. It can be rolled back until you close the run.",
+                (RunState.SCORING, RunState.PAUSED, RunState.READY),
+                "run_applied",
+                flip.apply_run,
+                "apply",
+                is_main=True,
+                is_grave=True,
+                needs_preview=True,
+                is_flip=True,
+            ),
+            RunStep(
+                "rollback",
+                "Roll back",
+                "Roll back",
+                "Readers see the board under the earlier protocol again, and the teams are told.",
+                (RunState.APPLIED,),
+                "run_rolled_back",
+                flip.rollback_run,
+                "rollback",
+                is_grave=True,
+                is_flip=True,
+            ),
+            RunStep(
+                "close",
+                "Close",
+                "Close the run",
+                "The new protocol stays: fresh submissions are scored under it alone, and the run "
+                "can no longer be rolled back.",
+                (RunState.APPLIED,),
+                "run_closed",
+                runs.close_run,
+                "close",
+                is_grave=True,
+            ),
+            RunStep(
+                "cancel",
+                "Cancel",
+                "Cancel the run",
+                "It ends here. The public board never changed, and sheets that were made are kept.",
+                _OPEN,
+                "run_cancelled",
+                runs.cancel_run,
+                "cancel",
+                is_grave=True,
+            ),
+        )
+    }
+)
+
+
+def offered(state: RunState) -> tuple[RunStep, ...]:
+    """Return the steps that a run in this state offers."""
+    return tuple(step for step in RUN_STEPS.values() if state in step.offered)
+
+
+def take_step(
+    session: Session, step: RunStep, run_id: str, *, reason: str, preview: str, actor: str
+) -> None:
+    """Take a step, as the API takes it.
+
+    Raises:
+        RecordsError: It is refused; the sentence says why.
+    """
+    if step.needs_preview:
+        step.take(session, run_id, preview=preview, reason=reason, actor=actor)
+        return
+    step.take(session, run_id, reason=reason, actor=actor)
+
+
+def page_of_step(step: RunStep, run: RunView, preview: str) -> Step:
+    """Return the page that asks for a step; `preview` is the digest that was looked at."""
+    here = f"/organize/rescoring/{run.id}"
+    facts = [("Run", change_words(run)), ("Phase", run.phase)]
+    facts += [("Changes", sentence) for sentence in run.difference.sentences[:MOST_SENTENCES]]
+    facts.append(("Sheets", progress_words(run.progress)))
+    if preview:
+        facts.append(("Preview", preview))
+    with_preview = f" --preview {preview}" if preview else ""
+    return Step(
+        section="rescoring",
+        title=step.title,
+        meaning=step.meaning,
+        button=step.button,
+        back=f"{here}/preview" if step.needs_preview else here,
+        back_words="The preview" if step.needs_preview else "The run",
+        fields=(REASON,),
+        facts=tuple(facts),
+        command=f"exceptiondrive organizer rescore {step.command} {run.id}{with_preview} "
+        '--reason "…"',
+        is_grave=step.is_grave,
+        hidden=(("preview", preview),) if step.needs_preview else (),
+        blockers=_blockers(step, run, preview),
+    )
+
+
+def _blockers(step: RunStep, run: RunView, preview: str) -> tuple[str, ...]:
+    """Why a step that readers see would be refused now."""
+    if not step.is_flip:
+        return ()
+    if step.needs_preview and not run.blockers and preview != run.preview:
+        return ("The preview is stale: something came in since. Look at the new one.",)
+    return run.blockers

@@ -1,0 +1,236 @@
+"""An organizer's pages of protocols and runs, from document to rollback, with what each refuses."""
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+from starlette.testclient import TestClient
+
+from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_records.teams import find_team
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.settings import ServerSettings
+
+Stage = Any
+Make = Callable[..., str]
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+SITE = "https://server.test"
+RUNS = "/organize/rescoring"
+
+
+class Visitor:
+    """A signed-in browser before the pages of a stage."""
+
+    def __init__(self, client: TestClient, token: str) -> None:
+        self.client = client
+        client.cookies.clear()
+        self.post("/sign-in", {"token": token}, page="/sign-in")
+
+    def get(self, path: str) -> Any:
+        return self.client.get(path, headers={"Accept": "text/html"})
+
+    def post(self, path: str, data: dict[str, Any], page: str = "/my", **more: Any) -> Any:
+        token = re.search(r'name="form_token" value="([0-9a-f]{64})"', self.get(page).text)
+        assert token is not None, page
+        form = {**data, "form_token": token[1]}
+        headers = {"Accept": "text/html", "Origin": SITE}
+        return self.client.post(path, data=form, headers=headers, **more)
+
+    def step(self, run_id: str, step: str, **data: str) -> Any:
+        return self.post(f"{RUNS}/{run_id}/{step}", {"reason": "because", **data})
+
+    def document(self, toml: str, do: str, **more: Any) -> Any:
+        return self.post("/organize/protocols/new", {"toml": toml, "do": do}, **more)
+
+    def draft(self, protocol: str = "1.1") -> str:
+        form = {"phase": "dev", "protocol": protocol, "reason": "pedestrians need more room"}
+        answer = self.post(f"{RUNS}/new", form)
+        assert answer.status_code == 303, answer.text
+        return str(answer.headers["location"].removeprefix(f"{RUNS}/").split("?")[0])
+
+    def seen_digest(self, run_id: str) -> str:
+        """What the link on the preview page carries."""
+        found = re.search(r"apply\?preview=([^\"]+)\"", self.get(f"{RUNS}/{run_id}/preview").text)
+        assert found is not None
+        return found[1].replace("%3A", ":")
+
+
+@pytest.fixture
+def visit(stage: Stage) -> Iterator[Callable[[str], Visitor]]:
+    """Opens a browser as organizer or as team Alpha."""
+    app = create_app(
+        ServerSettings(
+            database_url=stage.settings.database_url,
+            broker_url="memory://",
+            file_store_url=stage.settings.file_store_url,
+        )
+    )
+    with stage.database.write() as session:
+        alpha = find_team(session, "alpha").id
+        tokens = {
+            "alpha": issue_token(session, alpha, "laptop", actor="test")[0],
+            "organizer": issue_token(session, None, "Olga", ORGANIZER_SCOPES, actor="test")[0],
+        }
+    with TestClient(app, base_url=SITE, follow_redirects=False) as client:
+        yield lambda who: Visitor(client, tokens[who])
+
+
+def test_an_update_goes_from_document_to_rollback_over_the_pages(
+    stage: Stage, visit: Callable[[str], Visitor], make_protocol: Make
+) -> None:
+    organizer = visit("organizer")
+    toml = make_protocol("1.1", *D_SAFE)
+    checked = organizer.document(toml, "check").text
+    assert "required clearance" in checked
+    assert "9.5 m" in checked
+    assert "regrade only, 3 sheets" in checked
+    assert organizer.document(toml, "add").headers["location"].endswith("done=protocol_added")
+    run_id = organizer.draft()
+    here = f"{RUNS}/{run_id}"
+    assert "nothing is scored until you start it" in organizer.get(here).text
+    assert organizer.step(run_id, "start").status_code == 303
+    stage.work()
+    before = stage.board()
+    preview = organizer.get(f"{here}/preview").text
+    assert "What readers would see change" in preview
+    csv = organizer.get(f"{here}/preview.csv")
+    assert len(csv.text.splitlines()) == 4
+    assert "attachment" in csv.headers["content-disposition"]
+    digest = organizer.seen_digest(run_id)
+    assert organizer.get(f"{here}/preview.json").json()["digest"] == digest
+    assert "The preview is stale" in organizer.step(run_id, "apply", preview="sha256:0").text
+    assert stage.board() == before
+    assert organizer.get(f"{here}/apply").headers["location"] == f"{here}/preview"
+    applied = organizer.step(run_id, "apply", preview=digest)
+    assert (applied.status_code, stage.board() != before) == (303, True)
+    assert "What a rollback would change" in organizer.get(f"{here}/preview").text
+    rolled = organizer.step(run_id, "rollback")
+    assert (rolled.status_code, stage.board() == before) == (303, True)
+    with stage.database.read() as session:
+        query = select(AuditLine).where(AuditLine.subject == run_id).order_by(AuditLine.id)
+        lines = [
+            (line.action, line.detail.get("reason"), line.actor[:6])
+            for line in session.scalars(query)
+            if line.action != "rescoring ready"
+        ]
+    assert lines == [
+        ("rescoring drafted", "pedestrians need more room", "token:"),
+        ("rescoring started", "because", "token:"),
+        ("rescoring applied", "because", "token:"),
+        ("rescoring rolled back", "because", "token:"),
+    ]
+    assert "Olga" in organizer.get(here).text
+
+
+def test_each_step_of_a_run_is_offered_asked_for_and_refused_in_words(
+    stage: Stage, visit: Callable[[str], Visitor], make_protocol: Make
+) -> None:
+    organizer = visit("organizer")
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = organizer.draft()
+    here = f"{RUNS}/{run_id}"
+    assert organizer.get(f"{here}/preview").status_code == 409
+    wanted = {"phase": "dev", "protocol": "1.1", "reason": "twice"}
+    again = organizer.post(f"{RUNS}/new", wanted)
+    assert (again.status_code, "open run" in again.text, "twice" in again.text) == (409, True, True)
+    organizer.step(run_id, "start")
+    stage.work(most=1)
+    page = organizer.get(here).text
+    assert "1 of 3 sheets" in page
+    assert "still missing" in page
+    assert "data-again-s" in page
+    assert 'http-equiv="refresh"' in page
+    organizer.step(run_id, "pause")
+    assert "The run is paused: resume it" in organizer.get(f"{here}/apply?preview=x").text
+    refused = organizer.step(run_id, "apply", preview="x")
+    assert (refused.status_code, "paused: resume it" in refused.text) == (409, True)
+    bare = organizer.step(run_id, "resume", reason=" ")
+    assert (bare.status_code, "must not be empty" in bare.text) == (400, True)
+    organizer.step(run_id, "resume")
+    assert stage.view(run_id).state.value == "scoring"
+    assert "public board never changed" in organizer.get(f"{here}/cancel").text
+    organizer.step(run_id, "cancel")
+    assert stage.view(run_id).state.value == "cancelled"
+    assert organizer.step(run_id, "no-such-step").status_code == 404
+    assert organizer.get(f"{RUNS}/no-such-run").status_code == 404
+
+
+def test_a_document_that_is_refused_stays_in_the_form(
+    visit: Callable[[str], Visitor], make_protocol: Make
+) -> None:
+    organizer = visit("organizer")
+    broken = make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = -4.25  # </textarea><b>")
+    page = organizer.document(broken, "add")
+    assert page.status_code == 400
+    assert "tasks.0" in page.text
+    assert "d_safe_m = -4.25  # &lt;/textarea&gt;&lt;b&gt;" in page.text
+    taken = organizer.document(make_protocol("1.0", *D_SAFE), "check")
+    assert (taken.status_code, "give the new content a new version" in taken.text) == (409, True)
+    assert "There is no document" in organizer.document(" ", "check").text
+    filed = organizer.document(
+        "not this", "check", files={"file": ("new.toml", make_protocol("1.2", *D_SAFE).encode())}
+    )
+    assert "Protocol 1.2 is valid" in filed.text
+    wild = organizer.document("kept", "check", files={"file": ("new.toml", b"\xff\xfe")})
+    assert "not UTF-8" in wild.text
+    assert ">\nkept</textarea>" in wild.text
+
+
+def test_a_protocol_form_from_elsewhere_is_refused(
+    visit: Callable[[str], Visitor], make_protocol: Make
+) -> None:
+    organizer = visit("organizer")
+    form = {"toml": make_protocol("1.1", *D_SAFE), "do": "add"}
+    for headers in ({"Origin": SITE}, {"Origin": "https://evil.test"}):
+        answer = organizer.client.post("/organize/protocols/new", data=form, headers=headers)
+        assert answer.status_code == 403
+    assert "1.1" not in re.findall(
+        r"/protocols/(1\.\d)\"", organizer.get("/organize/protocols").text
+    )
+
+
+def test_sheets_are_verified_from_a_page(stage: Stage, visit: Callable[[str], Visitor]) -> None:
+    organizer = visit("organizer")
+    form = {"phase": "dev", "sample": "2", "reason": "before the deadline"}
+    answer = organizer.post("/organize/verifications/new", form)
+    address = answer.headers["location"]
+    assert "Recomputing" in organizer.get(address).text
+    stage.verify_all()
+    assert "Every bit came again" in organizer.get(address).text
+    wrong = organizer.post("/organize/verifications/new", {**form, "sample": "-1"})
+    assert (wrong.status_code, "before the deadline" in wrong.text) == (400, True)
+
+
+def test_no_page_of_the_organizers_tells_a_value_of_a_sample_or_opens_to_a_team(
+    stage: Stage, visit: Callable[[str], Visitor], make_protocol: Make
+) -> None:
+    organizer = visit("organizer")
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    paths = [
+        "/organize",
+        "/organize/submissions",
+        f"/organize/submissions/{stage.submitted[0]}",
+        "/organize/protocols",
+        "/organize/protocols/new",
+        RUNS,
+        f"{RUNS}/{run_id}",
+        f"{RUNS}/{run_id}/preview",
+        f"{RUNS}/{run_id}/preview.csv",
+        f"{RUNS}/{run_id}/preview.json",
+        f"{RUNS}/{run_id}/apply?preview=x",
+        "/organize/audit",
+    ]
+    folders = (str(stage.settings.splits_dir), str(stage.settings.private_dir))
+    secrets = ("scene-SE1", "scene-LB1", "scene_id", "clearance_m", "10.0, -1.0", *folders)
+    for path in paths:
+        answer = organizer.get(path)
+        assert answer.status_code == 200, path
+        assert len(answer.content) < 150_000, path
+        for withheld in secrets:
+            assert withheld not in answer.text, (path, withheld)
+    alpha = visit("alpha")
+    for path in paths:
+        assert alpha.get(path).status_code == 403, path
