@@ -6,6 +6,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_server.pages.board_changes import BoardBefore, ChangeLine, change_line
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
 from exceptiondrive_server.pages.board_view import BoardView, board_view
 from exceptiondrive_server.pages.entry_facts import entry_key
@@ -35,6 +36,7 @@ class BoardReading:
     current_protocol: str
     is_current: bool
     drawing: ProtocolDrawing = field(default_factory=packaged_drawing)
+    before: BoardBefore | None = None
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ class BoardPage:
     permalink: str | None
     clear_url: str
     notice: Notice | None
+    change: ChangeLine | None
     submit_command: str
     submit_url: str
     challenge: Challenge
@@ -109,6 +112,7 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
         permalink=f"/?phase={board.phase}&board={board.board}" if board else None,
         clear_url=query.url(search="", source=None),
         notice=_notice(reading, query),
+        change=change_line(board, reading.before) if board else None,
         submit_url=f"/submit?phase={phase.id}" if phase else "/submit",
         submit_command=submit_command(challenge, phase.id if phase else "sample"),
     )
@@ -185,8 +189,9 @@ def _notice(reading: BoardReading, query: BoardQuery) -> Notice | None:
     board = reading.board
     if board is None or reading.is_current:
         return None
+    asked = f", the board as of {query.as_of}" if query.as_of and query.board is None else ""
     words = (
-        f"You are looking at board {board.board} of {minute(board.published_at)}, "
+        f"This is history{asked}: board {board.board} of {minute(board.published_at)}, "
         f"scored under protocol {board.protocol.version}. It is not the current one."
     )
     return Notice(words, f"/?phase={board.phase}#board", "Show the current board")

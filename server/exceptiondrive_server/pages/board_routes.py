@@ -4,15 +4,18 @@ from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.pages.board_changes import history_lines
 from exceptiondrive_server.pages.board_page import board_page
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.exports import EXPORTS
 from exceptiondrive_server.pages.feed import atom_feed
-from exceptiondrive_server.pages.readings import read_board, read_history
+from exceptiondrive_server.pages.readings import read_board, read_history, read_phases
 from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, problem_page, refused
 
 router = APIRouter(include_in_schema=False)
+MAX_HISTORY = 100
 
 
 @router.get("/")
@@ -27,6 +30,29 @@ def show_board(request: Request) -> Response:
     except RecordsError as error:
         return refused(request, error)
     return page(request, "board.html", "board", page=board_page(reading, query))
+
+
+@router.get("/history")
+def show_history(request: Request) -> Response:
+    """Show every board that a phase ever had."""
+    query = BoardQuery.parse(request.query_params.multi_items())
+    try:
+        with request.app.state.services.database.read() as session:
+            phases, phase = read_phases(session, query.phase)
+            lines = board_history(session, phase.id) if phase else []
+    except RecordsError as error:
+        return refused(request, error)
+    if phase is None:
+        return problem_page(request, 404, ProblemCode.NOT_FOUND, "There is no phase yet.")
+    return page(
+        request,
+        "history.html",
+        "board",
+        phase=phase,
+        phases=phases,
+        lines=history_lines(phase.id, lines[:MAX_HISTORY]),
+        n_more=max(0, len(lines) - MAX_HISTORY),
+    )
 
 
 @router.get("/export/board.{form}")

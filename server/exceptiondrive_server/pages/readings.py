@@ -3,7 +3,7 @@
 from datetime import UTC, date, datetime, time, timedelta
 from functools import lru_cache
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards import board_at, current_board, find_board, latest_public_board
@@ -12,10 +12,11 @@ from exceptiondrive_records.drawings import protocol_drawing
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.tables import BoardRow, Phase, ProtocolRow, SplitRow
+from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ProtocolRow, SplitRow
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_server.pages.board_changes import BoardBefore
 from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.feed import BoardNote, History
@@ -47,7 +48,22 @@ def read_board(session: Session, query: BoardQuery) -> BoardReading:
         current_protocol=current.version,
         is_current=row is None or row.id == phase.current_board_id,
         drawing=protocol_drawing(session, protocol),
+        before=_board_before(session, row) if row else None,
     )
+
+
+def read_phases(
+    session: Session, wanted: str | None
+) -> tuple[tuple[PhaseLink, ...], PhaseLink | None]:
+    """Read all phases, and the one asked for.
+
+    Raises:
+        NotFound: The phase does not exist.
+    """
+    phases = list_phases(session)
+    phase = _phase(phases, wanted)
+    links = tuple(phase_link(session, each, each is phase) for each in phases)
+    return links, next((link for link in links if link.is_current), None)
 
 
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
@@ -125,6 +141,25 @@ def parse_moment(text: str) -> datetime | None:
     except (ValueError, OverflowError):
         return None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
+def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
+    """The board that was shown until this one was first shown; None for the first."""
+    first = (
+        select(func.min(BoardFlip.id))
+        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.board_id == row.id)
+        .scalar_subquery()
+    )
+    query = (
+        select(BoardRow.number, ProtocolRow.version, BoardRow.published_at)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.id < first)
+        .order_by(BoardFlip.id.desc())
+        .limit(1)
+    )
+    found = session.execute(query).first()
+    return None if found is None else BoardBefore(*found)
 
 
 def _protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:

@@ -1,0 +1,80 @@
+"""What changed since the board before, in one line; and boards of the past say that they are."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_server.pages.board_changes import BoardBefore, change_line
+
+BEFORE = BoardBefore(6, "1.0", datetime(2026, 11, 20, 9, 0, tzinfo=UTC))
+
+
+def with_ranks(board: Board, previous: dict[int, int | None]) -> Board:
+    """The ranked entries, with the rank that each had before; where none is given, the same."""
+    entries = tuple(
+        entry.model_copy(update={"previous_rank": previous.get(entry.rank or 0, entry.rank)})
+        for entry in board.entries
+        if entry.rank is not None
+    )
+    return board.model_copy(update={"entries": entries})
+
+
+def test_entries_and_moves_are_counted_and_a_few_are_named(lively_board: Board) -> None:
+    board = with_ranks(lively_board, {3: None, 1: 2, 2: 1})
+    assert change_line(board, BEFORE).words == (
+        "Since board 6 of 20 Nov 2026: 1 new entry (brake-late to rank 3); "
+        "1 moved up (Kestrel-2 to rank 1); "
+        "1 moved down (LaneKeeper XL (bypass head, 3 s) to rank 2)."
+    )
+
+
+def test_many_are_counted_and_not_named(lively_board: Board) -> None:
+    board = with_ranks(lively_board, dict.fromkeys(range(1, 5)))
+    assert change_line(board, BEFORE).words == "Since board 6 of 20 Nov 2026: 4 new entries."
+
+
+def test_a_protocol_update_comes_first_and_leads_to_its_page(lively_board: Board) -> None:
+    line = change_line(with_ranks(lively_board, {}), BoardBefore(6, "0.9", BEFORE.published_at))
+    assert line.words == "Since board 6 of 20 Nov 2026: protocol 0.9 became 1.0."
+    assert line.protocol_url == "/protocols/1.0"
+
+
+def test_nothing_new_and_nothing_before_are_said(lively_board: Board) -> None:
+    quiet = change_line(with_ranks(lively_board, {}), BEFORE)
+    assert (quiet.words, quiet.protocol_url) == (
+        "Since board 6 of 20 Nov 2026 no rank moved.",
+        None,
+    )
+    assert change_line(lively_board, None).words == "This is the first board of its phase."
+
+
+async def test_the_page_of_an_old_board_says_so_and_leads_to_the_current_one(
+    lively_site: Any, lively_board: Board
+) -> None:
+    between = datetime.now(UTC).isoformat().replace("+00:00", "Z")
+    lively_site.publish(with_ranks(lively_board, {1: 2, 2: 1}))
+    current = (await lively_site.get("/?phase=sample")).text
+    assert "This is history" not in current
+    assert "Since board 1 of" in current
+    assert "1 moved up (Kestrel-2 to rank 1)" in current
+    assert 'href="/history?phase=sample"' in current
+    old = (await lively_site.get("/?phase=sample&board=1")).text
+    assert "This is history: board 1 of" in old
+    then = (await lively_site.get(f"/?phase=sample&as_of={between}")).text
+    assert f"This is history, the board as of {between}: board 1 of" in then
+    for text in (old, then):
+        assert "It is not the current one." in text
+        assert '<a href="/?phase=sample#board">Show the current board</a>' in text
+        assert "This is the first board of its phase." in text
+
+
+async def test_the_history_lists_every_board(lively_site: Any, lively_board: Board) -> None:
+    lively_site.publish(with_ranks(lively_board, {1: 2, 2: 1}))
+    text = (await lively_site.get("/history?phase=sample")).text
+    assert text.index("No. 2") < text.index("No. 1")
+    assert text.count("the current one") == 1
+    assert (await lively_site.get("/history?phase=nowhere")).status_code == 404
+
+
+async def test_without_a_phase_there_is_no_history(site: Any) -> None:
+    assert (await site.get("/history")).status_code == 404
