@@ -1,7 +1,7 @@
 """All rows of all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
 
 Documents keep their exact text. What describes running processes only (signs of life, leadership)
-is left out: it means nothing elsewhere.
+and sign-ins that are under way is left out: it means nothing elsewhere.
 """
 
 import base64
@@ -16,14 +16,15 @@ from sqlalchemy.types import TypeEngine
 
 from exceptiondrive_records.columns import DocumentText, UtcDateTime
 from exceptiondrive_records.tables import Base, Leader, WorkerHeartbeat
+from exceptiondrive_records.tables_people import SignInFlow
 
-_OF_PROCESSES = {Leader.__tablename__, WorkerHeartbeat.__tablename__}
+_PASSING = {Leader.__tablename__, SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}
 _AT_ONCE = 500
 
 
 def dumped_tables() -> list[Table]:
     """Return the tables that a dump holds, referred ones first."""
-    return [table for table in Base.metadata.sorted_tables if table.name not in _OF_PROCESSES]
+    return [table for table in Base.metadata.sorted_tables if table.name not in _PASSING]
 
 
 def begin_snapshot(session: Session) -> None:

@@ -24,10 +24,10 @@ def open_page_session(session: Session, principal: Principal) -> str:
     """
     now = database_now(session)
     session.execute(delete(PageSession).where(PageSession.expires_at <= now))
-    secret = secrets.token_urlsafe(32)
+    secret = new_secret()
     session.add(
         PageSession(
-            secret_digest=_digest(secret),
+            secret_digest=secret_digest(secret),
             token_id=principal.token_id,
             created_at=now,
             expires_at=now + LIFETIME,
@@ -47,7 +47,7 @@ def find_page_session(session: Session, secret: str) -> Principal | None:
     row = session.execute(
         select(PageSession, Token)
         .join(Token, Token.id == PageSession.token_id)
-        .where(PageSession.secret_digest == _digest(secret))
+        .where(PageSession.secret_digest == secret_digest(secret))
     ).first()
     if row is None or row[0].expires_at <= database_now(session):
         return None
@@ -56,8 +56,14 @@ def find_page_session(session: Session, secret: str) -> Principal | None:
 
 def end_page_session(session: Session, secret: str) -> None:
     """End a session; ending it twice does nothing."""
-    session.execute(delete(PageSession).where(PageSession.secret_digest == _digest(secret)))
+    session.execute(delete(PageSession).where(PageSession.secret_digest == secret_digest(secret)))
 
 
-def _digest(secret: str) -> str:
+def new_secret() -> str:
+    """Return the secret of a new session: 256 bits."""
+    return secrets.token_urlsafe(32)
+
+
+def secret_digest(secret: str) -> str:
+    """Return what is kept of a secret."""
     return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()

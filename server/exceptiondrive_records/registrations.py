@@ -18,11 +18,24 @@ MAX_PENDING = 200
 def register_team(session: Session, slug: str, name: str, note: str) -> tuple[str, Token, Team]:
     """Make a team that waits for approval, and its first token, whose text is returned once.
 
+    Raises:
+        InvalidRecord: A text cannot be used.
+        Conflict: Id or name is taken, or too many teams wait for approval.
+    """
+    team = make_pending_team(session, slug, name, note, actor="registration")
+    text, token = issue_token(session, team.id, "first token", TEAM_SCOPES, actor="registration")
+    return text, token, team
+
+
+def make_pending_team(session: Session, slug: str, name: str, note: str, *, actor: str) -> Team:
+    """Make a team that waits for approval.
+
     Args:
         session: Of a write transaction.
         slug: Id of the team.
         name: As the board would show it.
         note: Who they are and how to reach them; for organizers alone.
+        actor: Who registers it, for the audit line.
 
     Raises:
         InvalidRecord: A text cannot be used.
@@ -32,11 +45,10 @@ def register_team(session: Session, slug: str, name: str, note: str) -> tuple[st
     if waiting >= MAX_PENDING:
         raise Conflict("Too many teams wait for approval; ask an organizer.")
     note = checked_text("note", note, max_length=500, may_have_lines=True)
-    team = create_team(session, slug, name, actor="registration")
+    team = create_team(session, slug, name, actor=actor)
     team.pending_since = database_now(session)
     team.registration_note = note
-    text, token = issue_token(session, team.id, "first token", TEAM_SCOPES, actor="registration")
-    return text, token, team
+    return team
 
 
 def approve_team(session: Session, slug: str, *, actor: str) -> Team:

@@ -324,6 +324,7 @@ class Leader(Base):
 from exceptiondrive_records import (  # noqa: F401 - one metadata
     tables_access,
     tables_drawings,
+    tables_people,
     tables_rescoring,
     tables_turns,
 )

@@ -23,10 +23,12 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.identifiers import checked_text, random_id
 from exceptiondrive_records.tables import Team, Token
+from exceptiondrive_records.tables_people import Person
 
 _ALPHABET = string.ascii_letters + string.digits
 _UNKNOWN = hashlib.sha256(b"no such token").hexdigest()
 _ACTOR = "token:"
+_PERSON = "person:"
 _USE_IS_COARSE = timedelta(minutes=10)
 
 
@@ -48,7 +50,7 @@ ORGANIZER_SCOPES = (Scope.SUBMIT, Scope.READ_OWN, Scope.ORGANIZE)
 
 @dataclass(frozen=True)
 class Principal:
-    """Who a verified token speaks for."""
+    """Who a verified token speaks for, or who signed in as a person."""
 
     token_id: str
     token_name: str
@@ -58,6 +60,9 @@ class Principal:
     team_slug: str | None
     team_name: str | None
     use_is_stale: bool = False
+    person_id: str | None = None
+    """Somebody who signed in through the provider, with no token at all."""
+    person_name: str = ""
 
     @property
     def is_organizer(self) -> bool:
@@ -67,7 +72,9 @@ class Principal:
     @property
     def actor(self) -> str:
         """How audit lines name it."""
-        return f"{_ACTOR}{self.token_id}"
+        return (
+            f"{_ACTOR}{self.token_id}" if self.person_id is None else f"{_PERSON}{self.person_id}"
+        )
 
 
 def issue_token(
@@ -187,13 +194,17 @@ def list_tokens(session: Session, team_id: int | None = None) -> list[Token]:
 
 
 def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:
-    """Return who stands behind the actors of audit lines: a token's name, and its team's."""
-    ids = {actor.removeprefix(_ACTOR) for actor in actors if actor.startswith(_ACTOR)}
+    """Return who stands behind the actors of audit lines: a token and its team, or a person."""
+    given = list(actors)
+    ids = {actor.removeprefix(_ACTOR) for actor in given if actor.startswith(_ACTOR)}
     query = select(Token.id, Token.name, Team.name).outerjoin(Team, Team.id == Token.team_id)
-    return {
+    names = {
         f"{_ACTOR}{token_id}": f"{name} ({team_name})" if team_name else name
         for token_id, name, team_name in session.execute(query.where(Token.id.in_(ids)))
     }
+    people = {actor.removeprefix(_PERSON) for actor in given if actor.startswith(_PERSON)}
+    found = session.execute(select(Person.id, Person.name).where(Person.id.in_(people)))
+    return names | {f"{_PERSON}{person_id}": name for person_id, name in found}
 
 
 def is_well_formed(text: str) -> bool:

@@ -15,9 +15,11 @@ from fastapi.responses import Response
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.page_sessions import LIFETIME, find_page_session
+from exceptiondrive_records.person_sessions import find_person_session
 from exceptiondrive_records.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.auth import ServicesOf
+from exceptiondrive_server.oidc import LOOPBACK
 from exceptiondrive_server.pages.site import ORGANIZER_COOKIE, SESSION_COOKIES
 from exceptiondrive_server.problems import ApiProblem
 from exceptiondrive_server.services import services_of
@@ -25,14 +27,13 @@ from exceptiondrive_server.upload_form import FORM_TOKEN
 
 VISITOR_COOKIES = ("__Host-visitor", "visitor")
 """Before anybody has signed in: what the sign-in form is bound to."""
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 MAX_FIELDS = 20
 _FORGED = "The form did not come from this site, or is too old. Open the page again and send it."
 
 
 @dataclass(frozen=True)
 class SignedIn:
-    """Who signed in, and the secret of the session."""
+    """Who signed in, with a token or through the provider, and the secret of the session."""
 
     principal: Principal
     secret: str
@@ -47,13 +48,17 @@ class SignInNeeded(Exception):  # noqa: N818 - named for what it asks
     """A page is for teams; the browser is led to the sign-in page and back."""
 
 
+class TeamNeeded(Exception):  # noqa: N818 - named for what it asks
+    """A page is for members of a team; the browser is led to where one is joined or chosen."""
+
+
 def signed_in_or_none(request: Request, services: ServicesOf) -> SignedIn | None:
     """Return who signed in with this browser, if anybody."""
     secret = _cookie(request, SESSION_COOKIES)
     if not secret:
         return None
     with services.database.read() as session:
-        principal = find_page_session(session, secret)
+        principal = find_page_session(session, secret) or find_person_session(session, secret)
     return None if principal is None else SignedIn(principal, secret)
 
 
@@ -91,9 +96,15 @@ PostedForm = Annotated[FormData, Depends(posted_form)]
 
 def require_scope(browser: SignedIn, scope: Scope) -> None:
     """Refuse what the token of the session may not do."""
-    if scope not in browser.principal.scopes:
-        detail = f"You signed in with a token that lacks the scope {scope.value!r}."
-        raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+    who = browser.principal
+    if scope in who.scopes:
+        return
+    if who.person_id is not None and who.team_id is None and scope is not Scope.ORGANIZE:
+        raise TeamNeeded
+    detail = f"You signed in with a token that lacks the scope {scope.value!r}."
+    if who.person_id is not None:
+        detail = "This is for organizers."
+    raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 
 def form_token(secret: str) -> str:

@@ -8,6 +8,7 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_server.metrics import RequestMetrics
+from exceptiondrive_server.oidc import CALLBACK, Provider
 from exceptiondrive_server.receipts import ReceiptSigner
 from exceptiondrive_server.settings import ServerSettings
 
@@ -21,6 +22,8 @@ class Services:
     doorbell: Doorbell
     settings: ServerSettings
     signer: ReceiptSigner
+    provider: Provider | None = None
+    """Through whom people sign in, where the settings name somebody."""
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
 
     @classmethod
@@ -33,12 +36,25 @@ class Services:
             doorbell=Doorbell(settings.broker_url),
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
+            provider=_provider(settings),
         )
 
     def close(self) -> None:
         """Let all connections go."""
         self.doorbell.close()
         self.database.dispose()
+
+
+def _provider(settings: ServerSettings) -> Provider | None:
+    if not settings.oidc_issuer:
+        return None
+    return Provider(
+        issuer=settings.oidc_issuer,
+        client_id=settings.oidc_client_id,
+        client_secret=settings.oidc_client_secret.get_secret_value(),
+        redirect_uri=settings.public_url.rstrip("/") + CALLBACK,
+        name=settings.oidc_name,
+    )
 
 
 def services_of(request: Request) -> Services:

@@ -7,6 +7,7 @@ from pydantic import BaseModel, Field
 
 from exceptiondrive_records.registrations import register_team
 from exceptiondrive_records.sign_in_limits import count_attempt, registration_keys_of
+from exceptiondrive_records.site_settings import self_registration_is_on
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.auth import ServicesOf
@@ -43,7 +44,9 @@ def post_registration(
     request: Request, services: ServicesOf, wanted: NewRegistration
 ) -> Registration:
     """Register a team; it may submit when an organizer has approved it."""
-    if not services.settings.self_registration:
+    with services.database.read() as session:
+        is_on = self_registration_is_on(session, services.settings.self_registration)
+    if not is_on:
         detail = "Teams do not register themselves here; ask an organizer for a token."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     address = request.client.host if request.client else "unknown"

@@ -38,6 +38,9 @@ class MyPage:
     followed: tuple[str, ...]
     form_token: str
     has_tokens: bool
+    person_name: str
+    """Empty when a token signed in."""
+    has_team_page: bool
 
 
 def my_view(
@@ -59,6 +62,9 @@ def my_view(
         followed=tuple(waiting[:MAX_FOLLOWED]),
         form_token=form_token,
         has_tokens=Scope.TOKENS in who.scopes and who.team_id is not None,
+        person_name=who.person_name,
+        has_team_page=who.person_id is not None
+        or (Scope.TOKENS in who.scopes and who.team_id is not None),
     )
 
 

@@ -1,4 +1,7 @@
-"""Sign in with a team token, sign out. The token is seen once and never kept by the browser."""
+"""Sign in with a team token, sign out. The token is seen once and never kept by the browser.
+
+`show_form` is the page of both ways to sign in; `provider_routes` holds the other one.
+"""
 
 from typing import Annotated
 
@@ -6,6 +9,7 @@ from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.page_sessions import end_page_session, open_page_session
+from exceptiondrive_records.person_sessions import end_person_session
 from exceptiondrive_records.sign_in_limits import count_attempt, give_attempt_back, keys_of
 from exceptiondrive_records.tokens import note_use, verify_token
 from exceptiondrive_server.auth import ServicesOf
@@ -25,7 +29,7 @@ from exceptiondrive_server.browser_session import (
 )
 from exceptiondrive_server.pages.responses import private_page
 from exceptiondrive_server.pages.site import safe_back
-from exceptiondrive_server.services import Services
+from exceptiondrive_server.services import Services, services_of
 
 router = APIRouter(include_in_schema=False)
 MAX_TOKEN_LENGTH = 200
@@ -43,8 +47,8 @@ def show_sign_in(
     """Show the form, or go on when somebody has signed in already."""
     require_private_channel(request)
     if browser is not None:
-        return _go(back)
-    return _form(request, back)
+        return go(back)
+    return show_form(request, back)
 
 
 @router.post("/sign-in")
@@ -62,9 +66,9 @@ def sign_in(
     address = request.client.host if request.client else "unknown"
     opened = _session_for(services, token.strip(), address)
     if opened is None:
-        return _form(request, back, status=401, fault=REFUSED)
+        return show_form(request, back, status=401, fault=REFUSED)
     secret, is_organizer = opened
-    answer = _go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
+    answer = go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
     set_session_cookie(request, answer, secret)
     note_organizer(request, answer, is_organizer=is_organizer)
     return answer
@@ -75,7 +79,8 @@ def sign_out(services: ServicesOf, browser: Browser, form: PostedForm) -> Respon
     """End the session here and in the browser."""
     with services.database.write() as session:
         end_page_session(session, browser.secret)
-    answer = _go("/")
+        end_person_session(session, browser.secret)
+    answer = go("/")
     forget_cookies(answer)
     return answer
 
@@ -98,7 +103,9 @@ def _session_for(services: Services, token: str, address: str) -> tuple[str, boo
         return open_page_session(session, principal), principal.is_organizer
 
 
-def _form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:
+def show_form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:
+    """Answer with the sign-in page, bound to the secret of the visitor."""
+    provider = services_of(request).provider
     secret = visitor_secret(request)
     answer = private_page(
         request,
@@ -107,12 +114,14 @@ def _form(request: Request, back: str, *, status: int = 200, fault: str = "") ->
         status=status,
         back=safe_back(back),
         fault=fault,
+        provider=None if provider is None else provider.name,
         form_token=form_token(secret),
     )
     set_visitor_cookie(request, answer, secret)
     return answer
 
 
-def _go(path: str) -> Response:
+def go(path: str) -> Response:
+    """Lead to a page of this site, and nowhere else."""
     headers = {"Cache-Control": "no-store"}
     return RedirectResponse(safe_back(path), status_code=303, headers=headers)

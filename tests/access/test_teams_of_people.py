@@ -1,0 +1,256 @@
+"""Members, invitations, self-registration of a person, and for whom somebody acts."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from sqlalchemy import select, update
+
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.memberships import accept_invitation, invite, is_member
+from exceptiondrive_records.people import Identity, set_organizer, welcome_person
+from exceptiondrive_records.site_settings import switch_self_registration
+from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_records.tables_people import Invitation, Person, PersonSession
+
+if TYPE_CHECKING:
+    from tests.access.conftest import PersonBrowser, RunningProvider
+    from tests.server.conftest import Api, TeamBrowser
+
+    from exceptiondrive_records.database import Database
+
+Open = Callable[["Api"], "PersonBrowser"]
+Browse = Callable[..., "TeamBrowser"]
+EVE = {"sub": "sub-eve", "name": "Eve <b>Example</b>", "email": "eve@example.org"}
+
+
+def invitation_from(page: Any) -> str:
+    """Return the path of the link that a page shows."""
+    assert page.status_code == 200, page.text
+    start = page.text.index("https://server.test/join/") + len("https://server.test")
+    return str(page.text[start:].split("<")[0].split('"')[0])
+
+
+def invited_by_token(site: "Api", browse: Browse) -> str:
+    browser = browse(site)
+    browser.sign_in("alpha")
+    return invitation_from(browser.post("/my/team/invitations", {}, page="/my/team"))
+
+
+def actions(site: "Api") -> list[str]:
+    with site.database.read() as session:
+        return list(session.scalars(select(AuditLine.action).order_by(AuditLine.id)))
+
+
+def test_somebody_invited_joins_submits_and_invites_the_next(
+    site: "Api", person: Open, browse: Browse, provider: "RunningProvider"
+) -> None:
+    link = invited_by_token(site, browse)
+    ada = person(site)
+    shown = ada.get(link)
+    assert "Sign in with Example University" in shown.text
+    assert ada.sign_in(back=link).headers["location"] == link
+    assert "Join Alpha" in ada.get(link).text
+    joined = ada.post(link, {}, page=link)
+    assert joined.headers["location"] == "/my/team"
+    assert "Ada Example" in ada.get("/my/team").text
+    assert ada.browser.submit("a").status_code == 303
+    assert "Planner" in ada.get("/my").text
+    provider.order(person=EVE)
+    eve = person(site)
+    second = invitation_from(ada.post("/my/team/invitations", {}, page="/my/team"))
+    eve.sign_in(back=second)
+    eve.post(second, {}, page=second)
+    page = ada.get("/my/team").text
+    assert "Eve &lt;b&gt;Example&lt;/b&gt;" in page
+    assert "eve@example.org" in page
+    told = [action for action in actions(site) if "invit" in action or "member" in action]
+    assert told == ["invitation made", "member joined"] * 2
+
+
+def test_looking_at_an_invitation_uses_nothing_up(
+    small_site: "Api", person: Open, browse: Browse
+) -> None:
+    link = invited_by_token(small_site, browse)
+    for _ in range(3):
+        assert browse(small_site).get(link).status_code == 200
+    ada = person(small_site)
+    ada.sign_in()
+    assert ada.get("/my").headers["location"] == "/my/team"
+    assert ada.post(link, {}, page=link).status_code == 303
+
+
+def test_an_invitation_works_once_within_its_week_and_only_whole(
+    small_site: "Api", person: Open, browse: Browse, provider: "RunningProvider"
+) -> None:
+    ada, eve = person(small_site), person(small_site)
+    ada.sign_in()
+    provider.order(person=EVE)
+    eve.sign_in()
+    link = invited_by_token(small_site, browse)
+    for wrong in (link[:-1], link + "x", link.split(".")[0], "/join/x", "/join/" + "x" * 200):
+        assert eve.get(wrong).status_code == 404
+        assert eve.post(wrong, {}, page="/my/team").status_code == 404
+    ada.post(link, {}, page=link)
+    assert eve.get(link).status_code == 404
+    assert eve.post(link, {}, page="/my/team").status_code == 404
+    link = invited_by_token(small_site, browse)
+    with small_site.database.write() as session:
+        session.execute(update(Invitation).values(expires_at=datetime.now(UTC)))
+    assert eve.post(link, {}, page="/my/team").status_code == 404
+
+
+def test_an_invitation_is_kept_as_a_digest(small_site: "Api", browse: Browse) -> None:
+    secret = invited_by_token(small_site, browse).partition(".")[2]
+    with small_site.database.read() as session:
+        (kept,) = session.scalars(select(Invitation))
+    assert secret not in repr(vars(kept))
+
+
+def test_a_withdrawn_invitation_is_useless(small_site: "Api", person: Open, browse: Browse) -> None:
+    link = invited_by_token(small_site, browse)
+    keeper = browse(small_site)
+    keeper.sign_in("alpha")
+    name = link.removeprefix("/join/").partition(".")[0]
+    stranger = browse(small_site)
+    stranger.sign_in("beta")
+    path = f"/my/team/invitations/{name}/withdraw"
+    assert stranger.post(path, {}, page="/my/team").status_code == 404
+    assert keeper.post(path, {}, page="/my/team").status_code == 303
+    ada = person(small_site)
+    ada.sign_in()
+    assert ada.get(link).status_code == 404
+
+
+def test_a_removed_member_is_out_at_once(
+    site: "Api", person: Open, browse: Browse, provider: "RunningProvider"
+) -> None:
+    link = invited_by_token(site, browse)
+    ada = person(site)
+    ada.sign_in(back=link)
+    ada.post(link, {}, page=link)
+    with site.database.read() as session:
+        person_id = session.scalars(select(Person.id)).one()
+    path = f"/my/team/members/{person_id}/remove"
+    stranger = browse(site)
+    stranger.sign_in("beta")
+    assert stranger.post(path, {}, page="/my/team").status_code == 404
+    assert ada.get("/my").status_code == 200
+    keeper = browse(site)
+    keeper.sign_in("alpha")
+    assert keeper.post(path, {}, page="/my/team").status_code == 303
+    for page in ("/my", "/my/tokens", "/submissions/x"):
+        assert ada.get(page).headers["location"] == "/my/team"
+    assert "No team yet" in ada.get("/my/team").text
+    refused = ada.browser.send("/submit", {}, files={"file": ("planner.json", b"a")})
+    assert refused.headers["location"] == "/my/team"
+    assert "member removed" in actions(site)
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/my/team/act-for", "/my/team/invitations", "/my/team/invitations/x/withdraw",
+     "/my/team/members/x/remove", "/my/team/register", "/join/x"],
+)  # fmt: skip
+def test_no_form_is_taken_from_elsewhere(small_site: "Api", person: Open, path: str) -> None:
+    ada = person(small_site)
+    ada.sign_in()
+    good = ada.browser.form_token("/my/team")
+    assert ada.browser.send(path, {"form_token": "wrong"}).status_code == 403
+    headers = {"Origin": "https://evil.test"}
+    answer = ada.browser.client.post(path, data={"form_token": good}, headers=headers)
+    assert answer.status_code == 403
+
+
+def test_a_person_of_no_team_gets_into_no_page_of_one(small_site: "Api", person: Open) -> None:
+    ada = person(small_site)
+    ada.sign_in()
+    for page in ("/my", "/my/tokens", "/submissions/x", "/submissions/x/events"):
+        assert ada.get(page).headers.get("location") == "/my/team"
+    for path in ("/my/tokens", "/my/team/invitations", "/submissions/x/withdraw"):
+        assert ada.post(path, {}, page="/my/team").headers.get("location") == "/my/team"
+
+
+def test_one_acts_for_own_teams_alone_and_organizers_do_not_mix(
+    site: "Api", person: Open, browse: Browse
+) -> None:
+    link = invited_by_token(site, browse)
+    ada = person(site)
+    ada.sign_in(back=link)
+    ada.post(link, {}, page=link)
+    beta = str(site.team_ids["beta"])
+    for wrong in (beta, "9999", "x", "-1", "1e3"):
+        answer = ada.post("/my/team/act-for", {"team": wrong}, page="/my/team")
+        assert answer.status_code in (400, 403)
+    with site.database.write() as session:
+        person_id = session.scalars(select(Person.id)).one()
+        set_organizer(session, person_id, True, actor="test")
+    assert "My submissions" in ada.get("/my").text
+    ada.post("/my/team/act-for", {"team": ""}, page="/my/team")
+    assert "All submissions" in ada.get("/my").text
+    with site.database.write() as session:
+        set_organizer(session, person_id, False, actor="test")
+    assert ada.get("/my").headers["location"] == "/my/team"
+
+
+def test_a_person_registers_a_team_where_that_is_switched_on(
+    small_site: "Api", person: Open
+) -> None:
+    ada = person(small_site)
+    ada.sign_in()
+    wanted = {"id": "gamma", "name": "Gamma", "note": "Gamma group"}
+    assert "Register a team" not in ada.get("/my/team").text
+    assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 403
+    with small_site.database.write() as session:
+        switch_self_registration(session, True, actor="test")
+    assert "Register a team" in ada.get("/my/team").text
+    assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
+    assert "An organizer has not approved the team yet" in ada.get("/my/team").text
+    refused = ada.browser.submit("a")
+    assert refused.status_code == 403
+    small_site.post("/organizer/teams/gamma/approve", "organizer")
+    assert ada.browser.submit("a").status_code == 303
+
+
+def test_a_token_of_a_team_does_nothing_in_the_name_of_a_person(
+    small_site: "Api", browse: Browse
+) -> None:
+    browser = browse(small_site)
+    browser.sign_in("alpha")
+    for path in ("/my/team/act-for", "/my/team/register", "/join/x"):
+        assert browser.post(path, {}, page="/my/team").status_code == 403
+
+
+def test_two_who_open_one_link_at_once_do_not_both_join(
+    database: "Database", make_api: Callable[..., "Api"], database_url: str
+) -> None:
+    site = make_api(database_url)
+    with database.write() as session:
+        link, _ = invite(session, site.team_ids["alpha"], "x", actor="test")
+        people = [
+            welcome_person(session, Identity("https://issuer.example", f"s{n}")).id
+            for n in range(6)
+        ]
+
+    def join(person_id: str) -> None:
+        with database.write() as session:
+            accept_invitation(session, link, person_id, actor="test")
+
+    with ThreadPoolExecutor(6) as pool:
+        results = [pool.submit(join, person_id) for person_id in people]
+    failed = [result.exception() for result in results]
+    assert [type(error) for error in failed if error is not None] == [NotFound] * 5
+    with database.read() as session:
+        joined = [is_member(session, site.team_ids["alpha"], one) for one in people]
+    assert sum(joined) == 1
+
+
+def test_a_session_of_a_person_ends_with_its_time(small_site: "Api", person: Open) -> None:
+    ada = person(small_site)
+    ada.sign_in()
+    with small_site.database.write() as session:
+        past = datetime.now(UTC) - timedelta(seconds=1)
+        session.execute(update(PersonSession).values(expires_at=past))
+    assert ada.get("/my/team").headers["location"].startswith("/sign-in")
