@@ -19,8 +19,9 @@ def prepare(database_url: str) -> None:
     database = Database(database_url)
     folder = resources.files("exceptiondrive_schemas") / "protocols"
     try:
+        documents = [file for file in folder.iterdir() if file.name.endswith(".toml")]
         with database.write() as session:
-            for file in sorted(folder.iterdir(), key=lambda entry: entry.name):
+            for file in sorted(documents, key=lambda entry: entry.name):
                 add_protocol(session, file.read_text(encoding="utf-8"), _ACTOR)
     finally:
         database.dispose()

@@ -125,6 +125,7 @@ def test_a_build_under_way_is_followed_by_one_for_what_came_meanwhile(world: Wor
     take(world)
     with world.database.write() as session:
         claim = boards.claim_board(session, "dev", world.protocol_digest, 30)
+    assert claim is not None
     world.score(world.submit("file").job_id)
     assert n_due(world) == 0, "one build at a time"
     with world.database.write() as session:

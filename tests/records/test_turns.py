@@ -132,7 +132,7 @@ def take_next(world: World, without_splits: tuple[str, ...] = ()) -> Any:
 
 def method_of(world: World, claim: Any) -> str:
     with world.database.read() as session:
-        return session.get_one(Submission, claim.submission_id).method
+        return str(session.get_one(Submission, claim.submission_id).method)
 
 
 def drained(world: World, slots: int = 1) -> list[str]:
