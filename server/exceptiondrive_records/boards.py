@@ -256,8 +256,38 @@ def latest_board(
 
 def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
     """Return the newest board of a phase under a protocol that was ever shown."""
-    query = _newest_first(phase_id, protocol_digest, None).where(_was_shown())
+    query = _newest_first(phase_id, protocol_digest, None).where(was_shown())
     return session.scalars(query).first()
+
+
+def public_protocols(session: Session, phase_id: str) -> list[str]:
+    """Return the digests of the protocols under which a board of the phase was ever shown."""
+    query = select(BoardRow.protocol_digest).where(BoardRow.phase_id == phase_id, was_shown())
+    return list(session.scalars(query.distinct()))
+
+
+def public_board_with(
+    session: Session,
+    submission: Submission,
+    *,
+    oldest: bool = False,
+    protocol_digest: str | None = None,
+) -> BoardRow | None:
+    """Return the newest (or the oldest) board that shows a submission and was ever shown itself.
+
+    Drafts are for organizers alone.
+    """
+    query = select(BoardRow).where(
+        BoardRow.phase_id == submission.phase_id,
+        BoardRow.body.contains(submission.id, autoescape=True),
+        was_shown(),
+    )
+    if protocol_digest is not None:
+        query = query.where(BoardRow.protocol_digest == protocol_digest)
+    if oldest:  # boards from before it came are not even looked at
+        query = query.where(BoardRow.published_at >= submission.received_at)
+    order = BoardRow.number.asc() if oldest else BoardRow.number.desc()
+    return session.scalars(query.order_by(order).limit(1)).first()
 
 
 def _newest_first(
@@ -271,7 +301,8 @@ def _newest_first(
     return query.order_by(BoardRow.number.desc()).limit(1)
 
 
-def _was_shown() -> ColumnElement[bool]:
+def was_shown() -> ColumnElement[bool]:
+    """Condition on `BoardRow`: a phase pointed at it once. Drafts are for organizers alone."""
     return exists().where(BoardFlip.board_id == BoardRow.id)
 
 
@@ -282,7 +313,7 @@ def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
         NotFound: There is none, or it was never shown: drafts are for organizers alone.
     """
     query = select(BoardRow).where(
-        BoardRow.phase_id == phase_id, BoardRow.number == number, _was_shown()
+        BoardRow.phase_id == phase_id, BoardRow.number == number, was_shown()
     )
     row = session.scalars(query).first()
     if row is None:

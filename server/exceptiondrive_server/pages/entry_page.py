@@ -5,6 +5,7 @@ from datetime import datetime
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES
@@ -16,9 +17,11 @@ from exceptiondrive_server.pages.entry_facts import (
     entry_key,
     interval_of,
 )
+from exceptiondrive_server.pages.entry_history import History, PastStanding, history
 from exceptiondrive_server.pages.extra_tables import ExtraTable, extra_tables
 from exceptiondrive_server.pages.numbers import Digits, fixed, unit_of
 from exceptiondrive_server.pages.plausibility_words import PlausibilityLine, plausibility_lines
+from exceptiondrive_server.pages.sample_drawings import DrawnGroup, drawn_groups
 
 
 @dataclass(frozen=True)
@@ -28,15 +31,6 @@ class Receipt:
     file_digest: str
     size_bytes: int
     received_at: datetime
-
-
-@dataclass(frozen=True)
-class PastSheet:
-    """The headline of the same submission under one protocol."""
-
-    protocol: str
-    scored_at: datetime
-    sheet: ScoreSheet
 
 
 @dataclass(frozen=True)
@@ -50,7 +44,8 @@ class EntryReading:
     is_current: bool
     sheet: ScoreSheet | None
     receipt: Receipt | None
-    past: tuple[PastSheet, ...]
+    past: tuple[PastStanding, ...]
+    drawings: EntryDrawings | None
 
 
 @dataclass(frozen=True)
@@ -89,7 +84,8 @@ class EntryPage:
     lines: tuple[BreakdownLine, ...]
     outcome_words: dict[str, str]
     plausibility: tuple[PlausibilityLine, ...]
-    past: tuple[tuple[PastSheet, tuple[str | None, ...]], ...]
+    history: History | None
+    drawn: tuple[DrawnGroup, ...]
     extra: tuple[ExtraTable, ...]
     neighbours: tuple[tuple[str, str, str], ...]
     key: str
@@ -117,9 +113,8 @@ def entry_page(reading: EntryReading) -> EntryPage:
         lines=breakdown_lines(board, entry, sheet, reading.protocol, digits),
         outcome_words={str(k): v for k, v in challenge.words.outcome.items()},
         plausibility=plausibility_lines(sheet.plausibility, section) if sheet else (),
-        past=tuple(
-            (past, _headline_texts(past, board, challenge, digits)) for past in reading.past
-        ),
+        history=history(reading.past, board, digits),
+        drawn=drawn_groups(reading.drawings, board, entry, reading.protocol, reading.is_current),
         extra=(
             *effect_tables(board, entry, digits),
             *(extra_tables(sheet, reading.protocol, digits) if sheet else ()),
@@ -153,13 +148,6 @@ def _strip(setter: RowSetter, this: BoardEntry) -> tuple[StripMark, ...]:
             at = setter.axes[metric.key].clamped(value)
             marks.append(StripMark(at, entry.source, entry is this, text))
     return tuple(sorted(marks, key=lambda mark: mark.is_this))
-
-
-def _headline_texts(
-    past: PastSheet, board: Board, challenge: Challenge, digits: Digits
-) -> tuple[str | None, ...]:
-    values = past.sheet.micro if board.headline == "micro" else past.sheet.macro_family
-    return tuple(digits.text(metric, values.get(metric.key)) for metric in challenge.metrics[:2])
 
 
 def _neighbours(board: Board, entry: BoardEntry) -> tuple[tuple[str, str, str], ...]:

@@ -3,22 +3,22 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards import public_board_with, public_protocols
+from exceptiondrive_records.drawings import entry_drawings
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.tables import (
-    BoardRow,
-    Phase,
-    ProtocolRow,
-    ScoreSheetRow,
-    Submission,
-)
+from exceptiondrive_records.tables import Phase, ProtocolRow, ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.entry_facts import find_entry
-from exceptiondrive_server.pages.entry_page import EntryReading, PastSheet, Receipt
+from exceptiondrive_server.pages.entry_history import PastStanding
+from exceptiondrive_server.pages.entry_page import EntryReading, Receipt
 from exceptiondrive_server.pages.readings import parsed_board, read_board
+
+MOST_PROTOCOLS = 8
 
 
 def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
@@ -43,7 +43,8 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
         receipt=Receipt(submission.file_digest, submission.size_bytes, submission.received_at)
         if submission
         else None,
-        past=_past(session, key, board) if submission else (),
+        past=_past(session, submission) if submission else (),
+        drawings=_drawings(session, key, board) if submission else None,
     )
 
 
@@ -63,13 +64,7 @@ def _board_with(
     reading = read_board(session, BoardQuery(phase=submission.phase_id))
     if reading.board and find_entry(reading.board, key):
         return reading.board, True
-    newest = (
-        select(BoardRow)
-        .where(BoardRow.phase_id == submission.phase_id, BoardRow.body.contains(key))
-        .order_by(BoardRow.number.desc())
-        .limit(1)
-    )
-    row = session.scalars(newest).first()
+    row = public_board_with(session, submission)
     if row is None:
         raise NotFound("entry", key)
     return parsed_board(row), False
@@ -80,19 +75,28 @@ def _sheet(session: Session, key: str, board: Board) -> ScoreSheet | None:
     return row.sheet if row else None
 
 
-def _past(session: Session, key: str, board: Board) -> tuple[PastSheet, ...]:
-    """Score sheets of the same submission on this split, under protocols with a board."""
-    published = select(BoardRow.protocol_digest).where(BoardRow.phase_id == board.phase)
-    query = (
-        select(ScoreSheetRow, ProtocolRow.version)
-        .join(ProtocolRow, ProtocolRow.digest == ScoreSheetRow.protocol_digest)
-        .where(
-            ScoreSheetRow.submission_id == key,
-            ScoreSheetRow.split_revision == board.split.revision,
-            ScoreSheetRow.protocol_digest.in_(published),
-        )
-        .order_by(ScoreSheetRow.created_at)
-    )
-    return tuple(
-        PastSheet(version, row.created_at, row.sheet) for row, version in session.execute(query)
-    )
+def _past(session: Session, submission: Submission) -> tuple[PastStanding, ...]:
+    """Where the entry stands, or stood last, under each protocol that was ever shown; newest first."""
+    used = public_protocols(session, submission.phase_id)
+    query = select(ProtocolRow).where(ProtocolRow.digest.in_(used))
+    newest = query.order_by(ProtocolRow.created_at.desc()).limit(MOST_PROTOCOLS)
+    found = (_standing(session, submission, row.digest) for row in session.scalars(newest))
+    return tuple(standing for standing in found if standing is not None)
+
+
+def _standing(
+    session: Session, submission: Submission, protocol_digest: str
+) -> PastStanding | None:
+    last = public_board_with(session, submission, protocol_digest=protocol_digest)
+    first = public_board_with(session, submission, oldest=True, protocol_digest=protocol_digest)
+    if last is None or first is None:
+        return None
+    board, first_board = parsed_board(last), parsed_board(first)
+    entry, first_entry = (find_entry(each, submission.id) for each in (board, first_board))
+    if entry is None or first_entry is None:
+        return None
+    return PastStanding(board, entry, first_board, first_entry)
+
+
+def _drawings(session: Session, key: str, board: Board) -> EntryDrawings | None:
+    return entry_drawings(session, key, board.protocol.digest, board.split.revision)

@@ -3,14 +3,16 @@
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.errors import NotFound, RecordsError
 from exceptiondrive_server.pages.badge import badge_of
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.compare_page import compare_page
+from exceptiondrive_server.pages.entry_facts import entry_url
 from exceptiondrive_server.pages.entry_page import entry_page
 from exceptiondrive_server.pages.entry_readings import read_entry
 from exceptiondrive_server.pages.readings import read_board
 from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, refused
+from exceptiondrive_server.pages.sample_drawings import drawn_groups, sample_page
 from exceptiondrive_server.pages.templating import render
 
 router = APIRouter(include_in_schema=False)
@@ -26,6 +28,25 @@ def show_entry(request: Request, key: str) -> Response:
     except RecordsError as error:
         return refused(request, error)
     return page(request, "entry.html", "board", page=entry_page(reading))
+
+
+@router.get("/entries/{key}/samples/{place}")
+def show_sample(request: Request, key: str, place: str) -> Response:
+    """Show one drawn sample of an entry on a public split."""
+    query = BoardQuery.parse(request.query_params.multi_items())
+    try:
+        with request.app.state.services.database.read() as session:
+            reading = read_entry(session, key, query)
+        groups = drawn_groups(
+            reading.drawings, reading.board, reading.entry, reading.protocol, reading.is_current
+        )
+        sample = sample_page(groups, place, reading.board, reading.protocol)
+        if sample is None:
+            raise NotFound("drawing", place)
+    except RecordsError as error:
+        return refused(request, error)
+    url = entry_url(reading.entry, reading.board, reading.is_current)
+    return page(request, "sample.html", "board", reading=reading, page=sample, entry_url=url)
 
 
 @router.get("/badges/{key}.svg")

@@ -6,7 +6,14 @@ from functools import lru_cache
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import board_at, current_board, find_board, latest_public_board
+from exceptiondrive_records.boards import (
+    board_at,
+    current_board,
+    find_board,
+    latest_public_board,
+    public_protocols,
+    was_shown,
+)
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.drawings import protocol_drawing
 from exceptiondrive_records.errors import NotFound
@@ -164,7 +171,7 @@ def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
 
 def _protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
     """Versions under which this phase has a board, oldest first."""
-    used = select(BoardRow.protocol_digest).where(BoardRow.phase_id == phase_id)
+    used = public_protocols(session, phase_id)
     query = select(ProtocolRow.version).where(ProtocolRow.digest.in_(used))
     return tuple(session.scalars(query.order_by(ProtocolRow.created_at)))
 
@@ -181,7 +188,7 @@ def read_history(session: Session, phase_id: str | None, limit: int = 30) -> His
     query = (
         select(BoardRow.number, BoardRow.digest, ProtocolRow.version, BoardRow.published_at)
         .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
-        .where(BoardRow.phase_id == phase.id)
+        .where(BoardRow.phase_id == phase.id, was_shown())
         .order_by(BoardRow.number.desc())
         .limit(limit)
     )

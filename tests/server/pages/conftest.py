@@ -5,24 +5,33 @@ The invented entries exist here alone; nothing of them ships.
 
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 from fastapi import FastAPI
 
 from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import claim_board, publish_board
 from exceptiondrive_records.database import Database
+from exceptiondrive_records.drawings import find_public_split, keep_entry_drawings
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.tables import ScoreSheetRow, Submission, Team
+from exceptiondrive_records.splits import publish_split, register_split
+from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.protocol import (
+    Protocol,
+    packaged_protocol,
+    packaged_protocol_toml,
+    parse_protocol,
+)
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -34,8 +43,12 @@ from exceptiondrive_schemas.score_sheet import (
 )
 from exceptiondrive_schemas.split import Manifest, SplitRef
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server import pages, team_pages
 from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_worker.sample.planners import PLANNERS, predictions
+from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 
 PROTOCOL = packaged_protocol("1.0")
 COUNTS = dict(zip([f.id for f in PROTOCOL.families], (62, 47, 59, 14, 22, 36), strict=True))
@@ -50,6 +63,8 @@ MANIFEST = Manifest(
     time_step_s=0.5,
     sample_ids=tuple(f"s{index:04d}" for index in range(N)),
 )
+LONG_AGO = datetime(2020, 5, 4, 9, 30, tzinfo=UTC)
+"""Before any board of a test, whatever the clock of the machine says."""
 PAPER = {
     "ST-P3": (21.03, 78.11, 18.59, 1.57, 1.55, 0.24),
     "Impromptu VLA": (19.64, 78.92, 18.87, 2.20, 1.86, 0.70),
@@ -317,6 +332,37 @@ class Site:
                 **more,
             )
 
+    def publish_split(self) -> None:
+        """Make the small split a development split."""
+        with self.database.write() as session:
+            publish_split(session, "sample", MANIFEST.revision, "sha256:" + "5" * 64, "test")
+
+    def keep_drawings(self, submission_id: str, planner: int = 4) -> None:
+        """Keep real drawings of a recorded submission, on the small split, which is public."""
+        with self.database.write() as session:
+            split = find_public_split(session, MANIFEST.ref)
+            assert split is not None
+            drawings = real_drawings(planner)
+            keep_entry_drawings(session, submission_id, PROTOCOL.digest, split, drawings)
+
+    def draft(self, board: Board, version: str = "1.1") -> Board:
+        """Build a board under a later protocol, which the phase does not show."""
+        toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
+        protocol = parse_protocol(toml)
+        with self.database.write() as session:
+            add_protocol(session, toml, "test")
+        ref = ProtocolRef(version=version, digest=protocol.digest)
+        drafted = board.model_copy(update={"protocol": ref})
+        self.publish(drafted)
+        return drafted
+
+    def change_protocol(self, board: Board, version: str = "1.1") -> None:
+        """Show the phase of a board under a later protocol."""
+        drafted = self.draft(board, version)
+        with self.database.write() as session:
+            session.get_one(Phase, board.phase).protocol_digest = drafted.protocol.digest
+        self.publish(drafted)
+
     def keep_submission(self, entry: BoardEntry) -> None:
         """Record the submission and the score sheet behind a scored entry."""
         assert entry.submission_id is not None
@@ -357,7 +403,7 @@ def _submission(entry: BoardEntry, team_id: int) -> Submission:
         report=None,
         failure_code=None,
         failure_message=None,
-        received_at=entry.submitted_at,
+        received_at=LONG_AGO,
         status_at=entry.submitted_at,
         withdrawn_at=None,
     )
@@ -393,6 +439,25 @@ def sheet_of(entry: BoardEntry) -> ScoreSheet:
     )
 
 
+@cache
+def real_drawings(planner: int = 4) -> EntryDrawings:
+    """What the worker draws of a synthetic planner on the synthetic split."""
+    scenes = sample_scenes()
+    answers = {one.sample_id: one for one in predictions(PLANNERS[planner], scenes, SEED)}
+    ids = sorted(answers)
+    nothing = ((float("nan"),) * 2,) * 6
+    columns = {
+        side: np.array([getattr(answers[key], side) or nothing for key in ids])
+        for side in ("source", "edited")
+    }
+    split = split_arrays(sample_split().samples, PROTOCOL.taxonomy)
+    scoring = SCORING[ChallengeId.PLANNING]
+    measured = scoring.measure(columns, split, PROTOCOL.geometry)
+    drawings = scoring.drawings(columns, measured, ids, split, PROTOCOL)
+    assert drawings is not None
+    return drawings
+
+
 def open_site(folder: Path) -> Site:
     """Pages over an empty system of record in a folder."""
     url = f"sqlite:///{folder}/records.sqlite3"
@@ -407,6 +472,12 @@ def fill(site: Site, board: Board) -> None:
     for entry in board.entries:
         if entry.source == "scored" and entry.rank is not None:
             site.keep_submission(entry)
+
+
+@pytest.fixture(scope="session", name="real_drawings")
+def _real_drawings() -> EntryDrawings:
+    """Real drawings of a synthetic planner."""
+    return real_drawings()
 
 
 @pytest.fixture
@@ -435,6 +506,9 @@ def shown_site(
     """Pages over a lively, a paper-only, an empty and an unpublished phase; only read."""
     site = open_site(tmp_path_factory.mktemp("site"))
     fill(site, lively_board)
+    site.publish_split()
+    for submission_id, planner in (("s0000000kq", 4), ("s0000003kq", 3), ("s0000005kq", 0)):
+        site.keep_drawings(submission_id, planner)
     for phase in ("paper", "empty", "unpublished"):
         site.create_phase(phase)
     site.publish(paper_board.model_copy(update={"phase": "paper"}))

@@ -1,0 +1,126 @@
+"""Drawings and history on the page of an entry: what is public, and nothing else."""
+
+import re
+from typing import Any
+
+import pytest
+
+from exceptiondrive_records.boards import latest_board
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_server.pages.numbers import Digits
+from exceptiondrive_server.pages.sample_drawings import drawn_groups, sample_page
+
+ENTRY = "/entries/s0000000kq"
+
+
+@pytest.fixture
+def drawn_site(lively_site: Any) -> Any:
+    lively_site.publish_split()
+    lively_site.keep_drawings("s0000000kq")
+    return lively_site
+
+
+async def test_the_page_shows_the_worst_and_the_middle_of_each_family(drawn_site: Any) -> None:
+    answer = await drawn_site.get(ENTRY)
+    assert answer.text.count('<svg class="draw" viewBox="0 0 430 250"') == 12
+    assert len(re.findall(r'href="/entries/s0000000kq/samples/worst-\w+"', answer.text)) == 6
+    assert "Where it does worst" in answer.text
+    assert len(answer.content) < 150_000
+    assert "style=" not in answer.text
+
+
+async def test_an_entry_without_drawings_says_nothing_of_them(lively_site: Any) -> None:
+    text = (await lively_site.get(ENTRY)).text
+    assert "How it drove" not in text
+    assert 'class="draw"' not in text
+    assert (await lively_site.get(f"{ENTRY}/samples/worst-lane_blockage")).status_code == 404
+
+
+async def test_each_drawn_sample_has_a_page_and_an_unchanged_one_is_answered_by_304(
+    drawn_site: Any, lively_board: Board
+) -> None:
+    links = re.findall(
+        r'href="(/entries/s0000000kq/samples/[^"]+)"', (await drawn_site.get(ENTRY)).text
+    )
+    assert len(links) == 12
+    for link in links[:1] + links[-1:]:
+        answer = await drawn_site.get(link)
+        assert answer.status_code == 200
+        assert "exceptiondrive plot" in answer.text
+        assert "This sample earns" in answer.text
+        assert len(answer.content) < 150_000
+        again = await drawn_site.get(link, If_None_Match=answer.headers["etag"])
+        assert again.status_code == 304
+    assert (await drawn_site.get(f"{ENTRY}/samples/best-of-all")).status_code == 404
+
+
+async def test_the_drawings_of_an_old_board_stay_with_it(
+    drawn_site: Any, lively_board: Board
+) -> None:
+    drawn_site.change_protocol(lively_board)
+    assert "How it drove" not in (await drawn_site.get(ENTRY)).text  # not drawn under 1.1 yet
+    old = (await drawn_site.get(f"{ENTRY}?phase=sample&board=1")).text
+    link = re.search(r'href="(/entries/s0000000kq/samples/[^"]+)"', old)
+    assert link is not None
+    assert "board=1" in link[1]
+    assert (await drawn_site.get(link[1].replace("&amp;", "&"))).status_code == 200
+
+
+def test_what_a_sample_earns_is_what_was_drawn(
+    real_drawings: EntryDrawings, lively_board: Board, protocol: Any
+) -> None:
+    groups = drawn_groups(real_drawings, lively_board, lively_board.entries[0], protocol, True)
+    for drawn in real_drawings.samples:
+        place = f"{drawn.chosen_as}-{drawn.drawing.family}"
+        page = sample_page(groups, place, lively_board, protocol)
+        assert page is not None
+        hcc = drawn.drawing.metrics["hcc"]
+        assert hcc is not None
+        assert page.values[0][1].startswith(Digits().fraction(hcc))
+        assert page.wide.shapes.count('class="box"') == len(drawn.drawing.footprints) == 7
+
+
+async def test_the_history_names_every_published_protocol_with_rank_score_and_board(
+    lively_site: Any, lively_board: Board
+) -> None:
+    first, *others = lively_board.entries
+    worse = first.model_copy(update={"metrics": {**first.metrics, "hcc": 0.5011}, "rank": 2})
+    lively_site.change_protocol(lively_board.model_copy(update={"entries": (worse, *others)}))
+    text = (await lively_site.get(ENTRY)).text
+    history = text[text.index('id="hh"') : text.index("</table>", text.index('id="hh"'))]
+    assert re.findall(r'href="/protocols/([\d.]+)"', history) == ["1.1", "1.0"]
+    assert "<b>50.11</b>" in history
+    assert "<b>61.40</b>" in history
+    assert "95% interval 57.30 to 65.50" in history
+    assert "phase=sample&amp;board=1#board" in history
+    assert "/entries/s0000000kq?phase=sample&amp;board=1" in history
+
+
+async def test_a_draft_is_nowhere_to_be_seen(lively_site: Any, lively_board: Board) -> None:
+    draft = lively_site.draft(lively_board, "9.87")
+    with lively_site.database.read() as session:
+        assert latest_board(session, "sample", draft.protocol.digest) is not None
+    for path in (ENTRY, "/", "/feed.atom?phase=sample"):
+        answer = await lively_site.get(path)
+        assert answer.status_code == 200
+        assert "9.87" not in answer.text, path
+
+
+async def test_the_receipt_can_be_fetched_and_checked_in_one_line(
+    lively_site: Any, empty_board: Board
+) -> None:
+    text = (await lively_site.get(ENTRY)).text
+    assert 'href="/api/v1/entries/s0000000kq/receipt" download="receipt-s0000000kq.json"' in text
+    assert 'href="/api/v1/receipt-keys" download="receipt-keys.json"' in text
+    line = re.sub("<[^>]+>", "", text[text.index('<pre class="term one"') :].partition("</pre>")[0])
+    assert "exceptiondrive receipt verify receipt-s0000000kq.json --key receipt-keys.json" in line
+    lively_site.publish(empty_board)
+    assert "/receipt" not in (await lively_site.get(ENTRY)).text  # only of current boards
+
+
+async def test_strategy_entries_have_the_same_page_without_drawings(shown_site: Any) -> None:
+    text = (await shown_site.get("/entries/a0000000kq?phase=strategy")).text
+    assert "Careful agent" in text
+    assert "Under-warning" in text
+    assert "How it drove" not in text
