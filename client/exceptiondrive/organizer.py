@@ -72,6 +72,11 @@ class Organizer:
         body = {"json": dict(changes)}
         return self._object(self._transport.patch(path, lambda: dict(body)).json())
 
+    def similar(self, phase_id: str) -> Record:
+        """Return which submissions of a phase are alike, and which teams may be probing."""
+        path = f"/organizer/phases/{quote(phase_id, safe='')}/similar"
+        return self._object(self._transport.get(path).json())
+
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
         path = f"/organizer/phases/{quote(phase_id, safe='')}/freeze"

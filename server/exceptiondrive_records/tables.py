@@ -326,5 +326,6 @@ from exceptiondrive_records import (  # noqa: F401 - one metadata
     tables_drawings,
     tables_people,
     tables_rescoring,
+    tables_similarity,
     tables_turns,
 )

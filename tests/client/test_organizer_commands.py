@@ -90,3 +90,21 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     broken = organize(running, "audit", "verify")
     assert broken.exit_code == 1
     assert "BROKEN at line 2" in broken.stdout
+
+
+def test_the_report_of_alike_submissions_names_teams_and_is_for_organizers(
+    working: "Running", planning_file: Any
+) -> None:
+    organize(working, "teams", "create", "beta", "Team Beta")
+    token = organize(working, "teams", "issue-token", "beta", "--name", "x").stdout.strip()
+    path = planning_file()
+    for sender in (working.token, token):
+        with Client(working.url, sender) as client:
+            client.submit(path, phase="dev", method="Planner")
+    report = json.loads(organize(working, "similar", "--phase", "dev", "--json").stdout)
+    assert [pair["kind"] for pair in report["pairs"]] == ["equal_files"]
+    shown = organize(working, "similar", "--phase", "dev").stdout
+    assert "equal files" in shown
+    assert "Team Beta: Planner" in shown.replace("\n", " ")
+    assert organize(working, "similar", "--phase", "dev", token=token).exit_code == 4
+    assert organize(working, "similar", "--phase", "none").exit_code == 2

@@ -26,6 +26,7 @@ from exceptiondrive_worker.doors import Doors
 from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
 from exceptiondrive_worker.entry_uncertainty import entry_uncertainties
 from exceptiondrive_worker.reminder_effects import reminder_effects
+from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
 from exceptiondrive_worker.stages import Target
 
@@ -55,6 +56,8 @@ def build_board(
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
     draw_protocol(doors, protocol_digest)
     draw_entries(doors, standings, most=DRAWN_AT_ONCE)
+    for target, _ in standings[:1]:
+        compare_submissions(doors, phase_id, target)
 
 
 def with_previous_ranks(

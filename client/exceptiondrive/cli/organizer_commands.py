@@ -9,6 +9,7 @@ import typer
 from exceptiondrive.cli import options, phase_commands, protocol_commands, rescore_commands
 from exceptiondrive.cli.output import show, show_json
 from exceptiondrive.cli.records_table import show_records
+from exceptiondrive.cli.similarity_commands import similar
 from exceptiondrive.errors import ExceptionDriveError
 
 if TYPE_CHECKING:
@@ -249,4 +250,5 @@ def register(app: typer.Typer) -> None:
         for command_name, command in commands.items():
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
+    organizer.command("similar")(similar)
     app.add_typer(organizer, name="organizer")

@@ -9,6 +9,7 @@ from exceptiondrive_server.api import (
     organizer_phases,
     organizer_protocols,
     organizer_rescoring,
+    organizer_similarity,
     organizer_teams,
 )
 from exceptiondrive_server.auth import require
@@ -30,6 +31,7 @@ for module in (
     organizer_phases,
     organizer_protocols,
     organizer_rescoring,
+    organizer_similarity,
     organizer_audit,
 ):
     router.include_router(module.router)

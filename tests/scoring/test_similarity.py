@@ -1,0 +1,98 @@
+"""How alike submissions are: laws, tolerance, and sketches that nobody can aim at."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_scoring.similarity import (
+    ALIKE_RULES,
+    FARTHEST,
+    SKETCH_SAMPLES,
+    SLACK,
+    alikeness,
+    compare_pair,
+    distances,
+    sketched_samples,
+)
+
+PLANNING = ALIKE_RULES[ChallengeId.PLANNING]
+STRATEGY = ALIKE_RULES[ChallengeId.STRATEGY]
+
+
+def ways(seed: int, n_samples: int = 3181) -> np.ndarray:
+    steps = np.random.default_rng(seed).normal([2.0, 0.0], 0.8, (n_samples, 6, 2))
+    return np.cumsum(steps, axis=1)
+
+
+def test_every_challenge_says_what_is_alike() -> None:
+    assert set(ALIKE_RULES) == set(CHALLENGES)
+
+
+def test_a_copy_is_equal_and_a_stranger_is_not() -> None:
+    copy, n_different = compare_pair(ways(1), ways(1), PLANNING)
+    assert (copy.equal_share, copy.mean_distance, n_different) == (1.0, 0.0, 0)
+    stranger, n_different = compare_pair(ways(1), ways(2), PLANNING)
+    assert not PLANNING.is_alike(stranger, SLACK)
+    assert n_different == 3181
+
+
+@pytest.mark.parametrize(
+    ("change", "is_alike"),
+    [
+        (lambda w: w + np.random.default_rng(3).normal(0, 0.1, w.shape), True),
+        (lambda w: np.round(w, 1), True),
+        (lambda w: np.concatenate([ways(9)[:300], w[300:]]), True),
+        (lambda w: w + np.random.default_rng(3).normal(0, 1.0, w.shape), False),
+        (lambda w: np.concatenate([ways(9)[:2000], w[2000:]]), False),
+    ],
+    ids=["noise-of-10-cm", "rounded", "a-tenth-replaced", "noise-of-1-m", "most-replaced"],
+)
+def test_a_copy_with_small_changes_is_still_alike(change: object, is_alike: bool) -> None:
+    changed = change(ways(1))  # type: ignore[operator]
+    found, _ = compare_pair(ways(1), changed, PLANNING)
+    assert PLANNING.is_alike(found) == is_alike
+    chosen = sketched_samples(3181, "seed")
+    (by_sketch,) = alikeness(distances(ways(1)[chosen], changed[chosen])[None], PLANNING.tolerance)
+    assert PLANNING.is_alike(by_sketch, SLACK) == is_alike
+
+
+def test_one_sample_far_away_never_decides() -> None:
+    changed = ways(1)
+    changed[7] += 150.0
+    found, n_different = compare_pair(ways(1), changed, PLANNING)
+    assert n_different == 1
+    assert found.mean_distance == pytest.approx(FARTHEST / 3181)
+    assert PLANNING.is_probe(found)
+
+
+def test_missing_in_both_is_alike_and_in_one_is_not() -> None:
+    a, b = ways(1, 4), ways(1, 4)
+    a[0] = b[0] = np.nan
+    b[1] = np.nan
+    assert distances(a, b).tolist() == [0.0, FARTHEST, 0.0, 0.0]
+
+
+def test_answers_of_the_strategy_challenge_are_letters() -> None:
+    letters = np.array([0, 1, 2, 3, -1], dtype=np.int8)
+    other = np.array([0, 1, 4, 3, -1], dtype=np.int8)
+    found, n_different = compare_pair(
+        STRATEGY.ways({"strategy": letters}), STRATEGY.ways({"strategy": other}), STRATEGY
+    )
+    assert (found.equal_share, n_different) == (0.8, 1)
+
+
+@given(st.integers(0, 5), st.integers(6, 11))
+def test_distance_is_symmetric_and_bounded(a: int, b: int) -> None:
+    apart = distances(ways(a, 20), ways(b, 20))
+    assert (apart == distances(ways(b, 20), ways(a, 20))).all()
+    assert ((apart >= 0) & (apart <= FARTHEST)).all()
+
+
+def test_which_samples_are_sketched_follows_from_the_seed_alone() -> None:
+    one, two = sketched_samples(3181, "one"), sketched_samples(3181, "two")
+    assert len(one) == SKETCH_SAMPLES == len(set(one.tolist()))
+    assert one.tolist() == sketched_samples(3181, "one").tolist()
+    assert len(np.intersect1d(one, two)) < SKETCH_SAMPLES / 2
+    assert sketched_samples(5, "one").tolist() == [0, 1, 2, 3, 4]

@@ -1,0 +1,166 @@
+"""The organizers' report of submissions that are alike, from real uploads to records."""
+
+import json
+import random
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from exceptiondrive_records.audit import audit_page
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.similarity import similarity_report
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.tables_similarity import SimilarityRow
+from exceptiondrive_schemas.similarity import AlikeKind, SimilarityReport
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_scoring import similarity
+from exceptiondrive_worker import similarity_run
+from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.private_store import Shelf
+
+World = Any
+N_SAMPLES = 120
+
+
+@pytest.fixture
+def crowd(world: World, make_split: Callable[..., Split]) -> World:
+    split = make_split(
+        {f"s{number:03d}": {"scene_id": f"scene-{number}"} for number in range(N_SAMPLES)},
+        name="crowd",
+    )
+    world.add_phase(split)
+    return world
+
+
+def upload(seed: int, *, noise_m: float = 0.0, changed: dict[int, float] | None = None) -> bytes:
+    """A planner's file: way by seed, some noise, some samples moved along x."""
+    steps, noise = random.Random(seed), random.Random(seed + 1000)
+    answers = []
+    for number in range(N_SAMPLES):
+        pace = steps.uniform(0.5, 4.0) + (changed or {}).get(number, 0.0)
+        way = [[pace * t + noise.gauss(0, noise_m), 0.0] for t in range(1, 7)]
+        answers.append({"sample_id": f"s{number:03d}", "source": way, "edited": way})
+    head = {"schema": "exceptiondrive.planning/1", "split": "crowd"}
+    return json.dumps({**head, "predictions": answers}).encode()
+
+
+def report(world: World) -> SimilarityReport:
+    with world.database.write() as session:
+        digest = session.get_one(Phase, "dev").protocol_digest
+        want_board(session, "dev", digest)
+    build_board(world.doors, "dev", digest)
+    with world.database.read() as session:
+        return similarity_report(session, "dev")
+
+
+def test_equal_files_equal_answers_and_near_ones_are_told_apart(crowd: World) -> None:
+    crowd.score(upload(1), team="alpha")
+    crowd.score(upload(1), team="beta")
+    crowd.score(upload(1) + b"\n", team="gamma")
+    crowd.score(upload(1, noise_m=0.1), team="delta")
+    crowd.score(upload(2), team="epsilon")
+    found = report(crowd)
+    kinds = {(pair.first.team, pair.second.team): pair.kind for pair in found.pairs}
+    assert kinds == {
+        ("Alpha", "Beta"): AlikeKind.EQUAL_FILES,
+        ("Alpha", "Gamma"): AlikeKind.EQUAL_ANSWERS,
+        ("Beta", "Gamma"): AlikeKind.EQUAL_ANSWERS,
+        ("Alpha", "Delta"): AlikeKind.NEAR,
+        ("Beta", "Delta"): AlikeKind.NEAR,
+        ("Gamma", "Delta"): AlikeKind.NEAR,
+    }
+    assert (found.n_compared, found.n_waiting) == (5, 0)
+    assert found.probing == ()
+    order = [pair.n_different for pair in found.pairs]
+    assert order == sorted(order)
+
+
+def test_what_is_found_does_not_depend_on_when_it_is_compared(crowd: World) -> None:
+    for team in ("alpha", "beta"):
+        crowd.score(upload(1) + b" " * len(team), team=team)
+        first = report(crowd)
+    assert len(first.pairs) == 1
+    crowd.reopen_doors()
+    again = report(crowd)
+    assert again == first
+
+
+def test_equal_files_are_told_before_any_worker_compares(crowd: World) -> None:
+    crowd.submit(upload(1), team="alpha")
+    crowd.submit(upload(1), team="beta")
+    with crowd.database.read() as session:
+        found = similarity_report(session, "dev")
+    assert [pair.kind for pair in found.pairs] == [AlikeKind.EQUAL_FILES]
+    assert found.n_compared == 0
+
+
+@pytest.mark.row("I21")
+def test_a_team_that_changes_one_sample_30_times_is_found_and_audited(crowd: World) -> None:
+    for number in range(30):
+        crowd.score(upload(1, changed={7: 0.1 * number}), team="alpha", method=f"m{number}")
+    crowd.score(upload(2), team="beta")
+    found = report(crowd)
+    (probing,) = found.probing
+    assert (probing.team, probing.n_submissions) == ("Alpha", 29)
+    assert found.pairs == ()
+    with crowd.database.read() as session:
+        alarms = [
+            line
+            for line in audit_page(session, before=None, limit=500)
+            if line.action == "probing suspected"
+        ]
+    assert [alarm.detail["team"] for alarm in alarms] == ["alpha"]
+
+
+def test_a_copy_with_one_sample_changed_is_found_across_teams(crowd: World) -> None:
+    """However far that sample is moved: a sketch may not even hold it."""
+    crowd.score(upload(1), team="alpha")
+    crowd.score(upload(1, changed={11: 20.0}), team="beta")
+    (pair,) = report(crowd).pairs
+    assert (pair.kind, pair.n_different) == (AlikeKind.NEAR, 1)
+
+
+def test_one_team_sending_variants_of_its_planner_does_not_probe(crowd: World) -> None:
+    for number in range(6):
+        crowd.score(upload(1, noise_m=0.15 * number), team="alpha", method=f"m{number}")
+    assert report(crowd).probing == ()
+
+
+def test_records_hold_sums_alone(crowd: World) -> None:
+    crowd.score(upload(1), team="alpha")
+    crowd.score(upload(1, noise_m=0.1), team="beta")
+    report(crowd)
+    with crowd.database.read() as session:
+        rows = list(session.scalars(select(SimilarityRow.alike)))
+    assert any("equal_share" in row for row in rows)
+    assert not re.search(r"s\d{3}|scene|region|way", "".join(rows))
+
+
+def test_candidates_alone_are_read_whole(crowd: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand submissions are compared by sketch: strangers' trajectories are not loaded."""
+    for number in range(8):
+        crowd.score(upload(number), team=f"team-{number}")
+    report(crowd)
+    compared: list[object] = []
+
+    def counted(*pair: Any) -> Any:
+        compared.append(pair)
+        return similarity.compare_pair(*pair)
+
+    monkeypatch.setattr(similarity_run, "compare_pair", counted)
+    crowd.score(upload(3) + b"\n", team="copy")
+    assert len(report(crowd).pairs) == 1
+    assert len(compared) == 1
+    assert len(list((crowd.settings.private_dir / Shelf.SKETCHES).iterdir())) == 9
+
+
+def test_no_more_are_compared_at_once_than_a_board_has_time_for(
+    crowd: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(similarity_run, "COMPARED_AT_ONCE", 2)
+    for number in range(3):
+        crowd.score(upload(number), team=f"team-{number}")
+    assert (report(crowd).n_compared, report(crowd).n_compared) == (2, 3)

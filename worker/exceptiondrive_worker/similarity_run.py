@@ -1,0 +1,167 @@
+"""Compares each scored submission of a phase with those before it, for the organizers' report.
+
+Trajectories stay here: sums over samples are all that is recorded, and nothing of a region or of
+a score goes into them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
+
+from exceptiondrive_records.similarity import ScoredFile, keep_alike, scored_files
+from exceptiondrive_schemas.similarity import AlikeSubmission
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.similarity import (
+    ALIKE_RULES,
+    SLACK,
+    Alikeness,
+    alikeness,
+    compare_pair,
+    distances,
+    sketched_samples,
+)
+from exceptiondrive_worker.doors import Doors
+from exceptiondrive_worker.private_store import Shelf, content_key
+from exceptiondrive_worker.stages import RejectedUpload, Target
+
+COMPARED_AT_ONCE = 200
+"""Submissions compared after one board; the rest follow with the next one."""
+NEAREST_KEPT = 10
+CANDIDATES = 30
+AT_ONCE = 100
+Sketch = NDArray[np.float32]
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+def compare_submissions(doors: Doors, phase_id: str, like: Target) -> int:
+    """Compare what was not compared yet; return how many submissions that were.
+
+    Args:
+        doors: Of this process.
+        phase_id: The phase.
+        like: Any target of the phase: its challenge, split and protocol are those of all.
+    """
+    with doors.database.read() as session:
+        files = scored_files(session, phase_id)
+    fresh = [file for file in files if not file.is_compared][:COMPARED_AT_ONCE]
+    if not fresh:
+        return 0
+    comparing = _Comparing(doors, like)
+    compared = _Crowd()
+    for file in files:
+        if file.is_compared:
+            compared.add(file, comparing.sketch(file))
+    for file in fresh:
+        sketch = comparing.sketch(file)
+        alike = [] if sketch is None else comparing.alike(file, sketch, compared)
+        with doors.database.write() as session:
+            keep_alike(session, file.submission_id, alike)
+        compared.add(file, sketch)
+    _log.info("submissions compared", phase=phase_id, number=len(fresh))
+    return len(fresh)
+
+
+class _Crowd:
+    """Files that were compared, and their sketches."""
+
+    def __init__(self) -> None:
+        self.files: list[ScoredFile] = []
+        self.sketches: list[Sketch] = []
+
+    def add(self, file: ScoredFile, sketch: Sketch | None) -> None:
+        if sketch is not None:
+            self.files.append(file)
+            self.sketches.append(sketch)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    file: ScoredFile
+    by_sketch: Alikeness
+
+
+class _Comparing:
+    """Comparisons within one phase."""
+
+    def __init__(self, doors: Doors, like: Target) -> None:
+        self._doors, self._like = doors, like
+        self._rule = ALIKE_RULES[like.challenge.id]
+        # withheld, so nobody knows which samples are sketched
+        self._seed = content_key("sketch", like.split.regions_digest)
+
+    def sketch(self, file: ScoredFile) -> Sketch | None:
+        """Return the sketched answers (S, P, C) of a file; None where it cannot be read any more."""
+        private = self._doors.private
+        key = content_key("sketch", file.file_digest, self._like.challenge.id.value, self._seed)
+        kept = private.read_columns(Shelf.SKETCHES, key)
+        if kept is not None:
+            return kept["ways"]
+        ways = self._ways(file)
+        if ways is None:
+            return None
+        sketch = ways[sketched_samples(len(ways), self._seed)].astype(np.float32)
+        private.write_columns(Shelf.SKETCHES, key, {"ways": sketch})
+        return sketch
+
+    def alike(self, file: ScoredFile, sketch: Sketch, crowd: _Crowd) -> Sequence[AlikeSubmission]:
+        """Return what a file is like: the nearest of other teams, and the nearest of its own."""
+        candidates = self._candidates(file, sketch, crowd)
+        ways = self._ways(file) if candidates else None
+        if ways is None:
+            return []
+        own: list[AlikeSubmission] = []
+        others: list[AlikeSubmission] = []
+        for candidate in candidates:
+            other = self._ways(candidate.file)
+            if other is None:
+                continue
+            found, n_different = compare_pair(ways, other, self._rule)
+            is_own = candidate.file.team_id == file.team_id
+            if (self._rule.is_probe if is_own else self._rule.is_alike)(found):
+                (own if is_own else others).append(_recorded(candidate.file, found, n_different))
+        return [*sorted(others, key=_nearest)[:NEAREST_KEPT], *sorted(own, key=_nearest)[:1]]
+
+    def _candidates(self, file: ScoredFile, sketch: Sketch, crowd: _Crowd) -> list[_Candidate]:
+        own: list[_Candidate] = []
+        others: list[_Candidate] = []
+        for start in range(0, len(crowd.files), AT_ONCE):
+            some = np.stack(crowd.sketches[start : start + AT_ONCE])
+            found = alikeness(distances(sketch[None], some), self._rule.tolerance)
+            for each, by_sketch in zip(crowd.files[start : start + AT_ONCE], found, strict=True):
+                is_own = each.team_id == file.team_id
+                rule = self._rule.is_probe if is_own else self._rule.is_alike
+                if rule(by_sketch, SLACK):
+                    (own if is_own else others).append(_Candidate(each, by_sketch))
+        return [
+            *sorted(own, key=_likeliest)[:CANDIDATES],
+            *sorted(others, key=_likeliest)[:CANDIDATES],
+        ]
+
+    def _ways(self, file: ScoredFile) -> FloatArray | None:
+        target = replace(self._like, file_digest=file.file_digest)
+        try:
+            return self._rule.ways(self._doors.stages.answers(target))
+        except RejectedUpload:
+            _log.warning("not compared: cannot be read any more", submission=file.submission_id)
+            return None
+
+
+def _recorded(file: ScoredFile, found: Alikeness, n_different: int) -> AlikeSubmission:
+    return AlikeSubmission(
+        submission_id=file.submission_id,
+        equal_share=round(found.equal_share, 4),
+        mean_distance=round(found.mean_distance, 2),
+        n_different=n_different,
+    )
+
+
+def _likeliest(candidate: _Candidate) -> tuple[float, float]:
+    return -candidate.by_sketch.equal_share, candidate.by_sketch.mean_distance
+
+
+def _nearest(found: AlikeSubmission) -> tuple[int, float, float]:
+    return found.n_different, -found.equal_share, found.mean_distance
