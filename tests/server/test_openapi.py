@@ -27,7 +27,7 @@ from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
 if TYPE_CHECKING:
     from tests.server.conftest import Api
 
-HELD_BACK = re.compile(r"hidden|region|clearance_m|scene_id")
+HELD_BACK = re.compile(r"hidden(?!_until)|region|clearance_m|scene_id")
 
 
 def operations(document: dict[str, Any]) -> list[tuple[str, str, dict[str, Any]]]:
