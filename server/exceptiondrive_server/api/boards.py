@@ -15,6 +15,7 @@ from exceptiondrive_server.api.board_order import sorted_board
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.pages.exports import EXPORTS
+from exceptiondrive_server.pages.site import origin_of
 from exceptiondrive_server.problems import ApiProblem, problem_responses
 
 router = APIRouter(tags=["boards"])
@@ -56,7 +57,7 @@ def get_board_csv(request: Request, services: ServicesOf, choice: ChosenBoard) -
         protocol = find_protocol(session, row.protocol_digest)
     board = _board(row, choice)
     csv = EXPORTS["csv"]
-    text = csv.write(board, protocol, str(request.base_url).rstrip("/"))
+    text = csv.write(board, protocol, origin_of(request))
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
 

@@ -66,6 +66,7 @@ class BoardPage:
     entry_choices: tuple[tuple[str, str], ...]
     exports: tuple[tuple[str, str], ...]
     permalink: str | None
+    picture: str
     clear_url: str
     notice: Notice | None
     change: ChangeLine | None
@@ -110,6 +111,7 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
         entry_choices=entry_choices(board) if board else (),
         exports=_exports(board) if board else (),
         permalink=f"/?phase={board.phase}&board={board.board}" if board else None,
+        picture=_picture(reading),
         clear_url=query.url(search="", source=None),
         notice=_notice(reading, query),
         change=change_line(board, reading.before) if board else None,
@@ -183,6 +185,14 @@ def _exports(board: Board) -> tuple[tuple[str, str], ...]:
         ("BibTeX", f"/export/board.bib?{here}"),
         ("Atom", f"/feed.atom?phase={board.phase}"),
     )
+
+
+def _picture(reading: BoardReading) -> str:
+    """Address of the picture that other sites show; a board's own never changes."""
+    board, phase = reading.board, reading.phase
+    if board is None:
+        return "/pictures/board.png" + (f"?phase={phase.id}" if phase else "")
+    return f"/pictures/board.png?phase={board.phase}&board={board.board}"
 
 
 def _notice(reading: BoardReading, query: BoardQuery) -> Notice | None:

@@ -13,6 +13,7 @@ from exceptiondrive_server.pages.exports import EXPORTS
 from exceptiondrive_server.pages.feed import atom_feed
 from exceptiondrive_server.pages.readings import read_board, read_history, read_phases
 from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, problem_page, refused
+from exceptiondrive_server.pages.site import origin_of
 
 router = APIRouter(include_in_schema=False)
 MAX_HISTORY = 100
@@ -69,7 +70,7 @@ def export_board(request: Request, form: str) -> Response:
         return refused(request, error)
     if reading.board is None:
         return problem_page(request, 404, ProblemCode.NOT_FOUND, "No board was published yet.")
-    text = export.write(reading.board, reading.protocol, str(request.base_url).rstrip("/"))
+    text = export.write(reading.board, reading.protocol, origin_of(request))
     name = f"exceptiondrive-{reading.board.phase}-board-{reading.board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
     return Response(text, media_type=export.media_type, headers=headers)
@@ -84,5 +85,5 @@ def feed(request: Request) -> Response:
             history = read_history(session, query.phase)
     except RecordsError as error:
         return refused(request, error)
-    text = atom_feed(history, str(request.base_url).rstrip("/"))
+    text = atom_feed(history, origin_of(request))
     return Response(text, media_type="application/atom+xml", headers=SECURITY_HEADERS)

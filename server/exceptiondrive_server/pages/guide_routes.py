@@ -13,6 +13,7 @@ from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
 from exceptiondrive_server.pages.protocol_page import protocol_page
 from exceptiondrive_server.pages.readings import latest_protocol
 from exceptiondrive_server.pages.responses import page, problem_page, refused
+from exceptiondrive_server.pages.site import origin_of
 
 router = APIRouter(include_in_schema=False)
 
@@ -63,4 +64,4 @@ def show_problem(request: Request, code: str) -> Response:
 def show_api(request: Request) -> Response:
     """Show the API in one table."""
     groups = operation_groups(request.app.openapi())
-    return page(request, "api.html", "api", groups=groups, server=str(request.base_url).rstrip("/"))
+    return page(request, "api.html", "api", groups=groups, server=origin_of(request))

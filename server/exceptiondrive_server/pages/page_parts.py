@@ -20,6 +20,8 @@ class Site:
     current: str
     has_session: bool = False
     """Whether the browser sent a session, valid or not: only words depend on it."""
+    origin: str = ""
+    """What people type before the path, for the addresses that other sites follow."""
     is_organizer: bool = False
     """Whether it once signed in as an organizer: only a link depends on it, never a right."""
 

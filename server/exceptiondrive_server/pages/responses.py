@@ -30,7 +30,7 @@ def private_page(
     request: Request, template: str, current: str, *, status: int = 200, **values: Any
 ) -> Response:
     """Fill a template for one team's eyes; nothing between us and the browser may keep it."""
-    site = site_of(request.cookies, request.url.path, request.url.query, current)
+    site = site_of(request, current)
     headers = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
     return HTMLResponse(render(template, site=site, **values), status_code=status, headers=headers)
 
@@ -39,7 +39,7 @@ def page(
     request: Request, template: str, current: str, *, status: int = 200, **values: Any
 ) -> Response:
     """Fill a template and answer; an unchanged page is answered by 304."""
-    site = site_of(request.cookies, request.url.path, request.url.query, current)
+    site = site_of(request, current)
     body = render(template, site=site, **values).encode()
     etag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
     headers = {**SECURITY_HEADERS, "ETag": etag, "Cache-Control": "no-cache", "Vary": "Cookie"}

@@ -1,5 +1,7 @@
 """Theme and frame: what a request says about how pages should look."""
 
+from fastapi import Request
+
 from exceptiondrive_server.pages.page_parts import THEMES, Site, Theme
 
 THEME_COOKIE = "theme"
@@ -15,12 +17,20 @@ def theme_of(text: str | None) -> Theme:
     return next((theme for theme in THEMES if theme == text), "auto")
 
 
-def site_of(cookies: dict[str, str], path: str, query: str, current: str) -> Site:
+def origin_of(request: Request) -> str:
+    """Return the address of this site: as the operator set it, else as the request names it."""
+    public_url: str = request.app.state.services.settings.public_url
+    return (public_url or str(request.base_url)).rstrip("/")
+
+
+def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
-    here = path + (f"?{query}" if query else "")
+    cookies, query = request.cookies, request.url.query
+    here = request.url.path + (f"?{query}" if query else "")
     has_session = any(name in cookies for name in SESSION_COOKIES)
     is_organizer = has_session and cookies.get(ORGANIZER_COOKIE) == "yes"
-    return Site(theme_of(cookies.get(THEME_COOKIE)), here, current, has_session, is_organizer)
+    theme = theme_of(cookies.get(THEME_COOKIE))
+    return Site(theme, here, current, has_session, origin_of(request), is_organizer)
 
 
 def safe_back(path: str) -> str:

@@ -17,6 +17,7 @@ from exceptiondrive_server.browser_session import (
 )
 from exceptiondrive_server.pages.readings import latest_protocol, phase_link
 from exceptiondrive_server.pages.responses import page, private_page
+from exceptiondrive_server.pages.site import origin_of
 from exceptiondrive_server.pages.submit_page import submit_page
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.submitting import take_upload
@@ -33,7 +34,7 @@ def show_submit(request: Request, services: ServicesOf, browser: MaybeSignedIn) 
         phases = tuple(phase_link(session, phase) for phase in list_phases(session))
         protocol = latest_protocol(session)
     wanted = request.query_params.get("phase")
-    content = submit_page(phases, protocol, str(request.base_url).rstrip("/"), wanted)
+    content = submit_page(phases, protocol, origin_of(request), wanted)
     if browser is None:
         return page(request, "submit.html", "submit", page=content, upload=None)
     upload = _upload_view(services, browser, wanted)
