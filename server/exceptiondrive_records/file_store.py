@@ -8,7 +8,9 @@ import hashlib
 import os
 import re
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -21,6 +23,7 @@ from obstore.store import LocalStore, ObjectStore, from_url
 from exceptiondrive_records.errors import NotFound, StoreError, UploadTooLarge
 
 _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
+_NAME = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
 _IN_MEMORY_BYTES = 1 << 20
 
 
@@ -29,6 +32,16 @@ class FileDamaged(StoreError):  # noqa: N818
 
     def __init__(self, digest: str) -> None:
         super().__init__(f"The stored file {digest} is damaged.")
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """One file of the store."""
+
+    digest: str
+    size_bytes: int
+    changed_at: datetime
+    """When these bytes were last sent, by the store's clock."""
 
 
 class FileStore:
@@ -92,6 +105,48 @@ class FileStore:
             raise StoreError("The file store does not answer; try again later.") from error
         return True
 
+    def stored(self) -> Iterator[StoredFile]:
+        """Yield every stored file, in no order; whatever else lies there is left alone.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
+        try:
+            for batch in obstore.list(self._store):
+                for meta in batch:
+                    name = _NAME.fullmatch(meta["path"])
+                    if name is not None:
+                        changed_at = meta["last_modified"]
+                        yield StoredFile("sha256:" + name.group(1), meta["size"], changed_at)
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+
+    def changed_at(self, digest: str) -> datetime | None:
+        """Return when a file was last stored, by the store's clock; None when it is not there.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
+        try:
+            return obstore.head(self._store, _key(digest))["last_modified"]
+        except FileNotFoundError:
+            return None
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+
+    def remove(self, digest: str) -> None:
+        """Remove a stored file that nothing mentions; see `orphans`.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
+        try:
+            obstore.delete(self._store, _key(digest))
+        except FileNotFoundError:
+            return
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+
     def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
         spooled.seek(0)
         key = _key(digest)
@@ -104,11 +159,18 @@ class FileStore:
             raise StoreError("The file store does not take files now; try again later.") from error
 
     def _heal(self, key: str, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
-        """Put the right bytes in place of damaged ones; the name says which are right."""
-        if _digest_of(bytes(obstore.get(self._store, key).bytes())) != digest:
-            spooled.seek(0)
-            obstore.put(self._store, key, spooled.read(), mode="overwrite")
-            self._sync(key)
+        """Put the right bytes in place of damaged ones, and let the file be young again.
+
+        Elsewhere than in a folder storing it again does both, and costs no more than reading it.
+        """
+        if self._folder is not None:
+            path = self._folder / key
+            if _digest_of(path.read_bytes()) == digest:
+                os.utime(path)
+                return
+        spooled.seek(0)
+        obstore.put(self._store, key, spooled.read(), mode="overwrite")
+        self._sync(key)
 
     def _sync(self, key: str) -> None:
         """Make a local file survive a power cut: the file, and the folder that names it."""

@@ -57,13 +57,22 @@ def ring_job(
 
 
 def ring_due_jobs(
-    database: Database, doorbell: Doorbell, settings: RecordsSettings, lane: Lane
+    database: Database,
+    doorbell: Doorbell,
+    settings: RecordsSettings,
+    lane: Lane,
+    *,
+    least_room: int = 0,
 ) -> int:
     """Fill the window of a lane and call again for lost messages; return how many were rung.
 
-    Workers do this after each job, so that no slot waits for the reconciler's next pass.
+    Workers do this after each job, so that no slot waits for the reconciler's next pass; with
+    `least_room` only when there is room for so many, which spares them every second time.
     """
     with database.read() as session:
+        room = window(session, lane, settings) - outstanding(session, lane)
+        if room < least_room:
+            return 0
         due = due_jobs(session, lane, settings)
     return _ring(database, doorbell, due)
 

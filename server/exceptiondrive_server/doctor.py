@@ -25,6 +25,7 @@ from exceptiondrive_records.errors import StoreError
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.heartbeats import live_workers
 from exceptiondrive_records.migrations import is_current
+from exceptiondrive_records.reconciler import LEADERSHIP
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.tables import Job, JobState, Leader, Phase
 from exceptiondrive_schemas.jobs import Lane
@@ -145,7 +146,8 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
             select(Job.created_at).where(Job.state == JobState.QUEUED).order_by(Job.created_at)
         )
         workers = live_workers(session, Lane.LIVE, ttl_s=settings.heartbeat_ttl_s).workers
-        leads = session.scalar(select(Leader.holder).where(Leader.lease_until > now))
+        leading = (Leader.name == LEADERSHIP, Leader.lease_until > now)
+        leads = session.scalar(select(Leader.holder).where(*leading))
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
     if not workers:
         yield Finding(

@@ -12,8 +12,10 @@ import uvicorn
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.notices.outbox import run_outbox
 from exceptiondrive_records.notices.settings import NoticeSettings
+from exceptiondrive_records.orphans import run_sweeper
 from exceptiondrive_records.preparation import prepare
 from exceptiondrive_records.reconciler import run_reconciler
 from exceptiondrive_records.settings import SettingsError, load_settings
@@ -95,12 +97,18 @@ def reconcile(data: DataOption = None) -> None:
         outbox = threading.Thread(
             target=run_outbox, args=(database, _notice_settings(data), stop), name="outbox"
         )
+        files = FileStore(settings.file_store_url)
+        sweeper = threading.Thread(
+            target=run_sweeper, args=(database, files, stop), name="sweeper", daemon=True
+        )
         outbox.start()
+        sweeper.start()
         try:
             run_reconciler(database, doorbell, settings, stop)
         finally:
             stop.set()
             outbox.join()
+            sweeper.join(timeout=5)  # whatever it is at is left as it should be
             doorbell.close()
 
 

@@ -1,5 +1,6 @@
 """Operator commands that keep a server well: backup, restore, verify, doctor."""
 
+from datetime import timedelta
 from pathlib import Path
 from typing import Annotated
 
@@ -9,10 +10,11 @@ from exceptiondrive_records.audit import verify_audit
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.invariants import damaged_uploads, violations
+from exceptiondrive_records.orphans import GRACE, sweep_orphans
 from exceptiondrive_server.backup import LIMIT_BYTES, restore_backup, write_backup
 from exceptiondrive_server.doctor import Severity, examine
 from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.operator_session import DataOption, opened, records_settings, say
+from exceptiondrive_server.operator_session import ACTOR, DataOption, opened, records_settings, say
 
 upkeep_app = typer.Typer()
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup, one file.")]
@@ -58,6 +60,22 @@ def verify(
     if found:
         raise RecordsError(f"{len(found)} invariants are broken; see docs/operating.md")
     say(f"every invariant holds; {verdict.n_lines} audit lines, head {verdict.head}")
+
+
+@upkeep_app.command("sweep")
+def sweep(
+    older_than_hours: Annotated[
+        float, typer.Option(min=1, help="Younger files may belong to an upload under way.")
+    ] = GRACE.total_seconds() / 3600,
+    data: DataOption = None,
+) -> None:
+    """Remove stored files that no record mentions: refused uploads, crashes. The server may run."""
+    settings = records_settings(data)
+    grace = timedelta(hours=older_than_hours)
+    with opened(settings) as database:
+        files = FileStore(settings.file_store_url)
+        swept = sweep_orphans(database, files, actor=ACTOR, grace=grace)
+    say(f"{swept.n_files} orphaned files removed, {swept.n_bytes} bytes")
 
 
 @upkeep_app.command("doctor")

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import BinaryIO
 
+from exceptiondrive_records.orphans import keep_stored
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.quotas import quota_of
 from exceptiondrive_records.ringing import ring_job
@@ -28,6 +29,9 @@ def take_upload(services: Services, team_id: int, upload: Upload) -> tuple[Submi
     _refuse_unknown_phase(services, fields.phase)
     file_digest, size_bytes = _store(services, upload.file)
     with services.database.write() as session:
+        keep_stored(
+            session, services.files, file_digest, lambda: _store_again(services, upload.file)
+        )
         accepted = accept(
             session,
             team_id=team_id,
@@ -58,6 +62,11 @@ def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
     if size_bytes == 0:
         raise ApiProblem(ProblemCode.UPLOAD_EMPTY, "The file holds nothing; choose another one.")
     return file_digest, size_bytes
+
+
+def _store_again(services: Services, stream: BinaryIO) -> None:
+    stream.seek(0)
+    _store(services, stream)
 
 
 def _chunks(stream: BinaryIO) -> Iterator[bytes]:

@@ -86,6 +86,7 @@ def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, liv
     with lived.database.write() as session:
         session.execute(text("DELETE FROM worker_heartbeats"))
         session.execute(text("DELETE FROM leaders"))
+        take_lead(session, "sweep", "somebody", 60)
     assert whats(healthy) == "no worker is alive | no reconciler leads"
 
 

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from exceptiondrive_scoring.aliases import Columns
 
 _DIGEST_BYTES = 32
-_TEMPORARY_PREFIX = ".writing-"
-_STALE_AFTER_S = 3600
+TEMPORARY_PREFIX = ".writing-"
+STALE_AFTER_S = 3600
+_USED_TO_S = 86_400
 
 
 class Shelf(StrEnum):
@@ -93,8 +94,10 @@ class PrivateStore:
 
     def read(self, shelf: Shelf, key: str) -> bytes | None:
         """Return the bytes kept under `key`, or None where they are absent or damaged."""
+        path = self._path(shelf, key)
         try:
-            framed = self._path(shelf, key).read_bytes()
+            framed = path.read_bytes()
+            _note_use(path)
         except FileNotFoundError:
             return None
         digest, data = framed[:_DIGEST_BYTES], framed[_DIGEST_BYTES:]
@@ -103,7 +106,7 @@ class PrivateStore:
     def write(self, shelf: Shelf, key: str, data: bytes) -> None:
         """Keep `data` under `key`; a reader sees all of it or none."""
         folder = self.root / shelf
-        handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY_PREFIX, dir=folder)
+        handle, temporary = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(data).digest())
@@ -124,12 +127,18 @@ class PrivateStore:
 
     def sweep(self) -> None:
         """Remove what killed writers left behind more than an hour ago."""
-        for path in self.root.glob(f"*/{_TEMPORARY_PREFIX}*"):
+        for path in self.root.glob(f"*/{TEMPORARY_PREFIX}*"):
             try:
-                if time.time() - path.stat().st_mtime > _STALE_AFTER_S:
+                if time.time() - path.stat().st_mtime > STALE_AFTER_S:
                     path.unlink()
             except FileNotFoundError:
                 continue
 
     def _path(self, shelf: Shelf, key: str) -> Path:
         return self.root / shelf / key
+
+
+def _note_use(path: Path) -> None:
+    """Let the file's time tell, to a day, when it was last used: pruning begins with the oldest."""
+    if time.time() - path.stat().st_mtime > _USED_TO_S:
+        os.utime(path)

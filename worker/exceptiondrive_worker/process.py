@@ -1,5 +1,6 @@
 """The life of worker processes: doors, memory limit and heartbeat of each, after it has forked."""
 
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ from exceptiondrive_worker.app import create_app
 from exceptiondrive_worker.doors import Doors, open_doors
 from exceptiondrive_worker.heartbeat import Heartbeat
 from exceptiondrive_worker.memory_limit import limit_memory
-from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.private_pruning import prune
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.tasks import register_jobs
 
@@ -42,7 +43,20 @@ class WorkerProcess:
             self._doors.database, self._lanes, self._settings.heartbeat_every_s
         )
         self._heartbeat.start()
+        threading.Thread(target=self._prune, name="prune", daemon=True).start()
         limit_memory(self._settings.memory_headroom_bytes)
+
+    def _prune(self) -> None:
+        """Once in the life of a process, that is every hundred jobs or so."""
+        settings = self._settings
+        try:
+            prune(
+                self.doors().private,
+                max_bytes=settings.private_max_bytes,
+                max_age_days=settings.private_max_age_days,
+            )
+        except OSError as error:
+            _log.warning("private store not pruned", error=type(error).__name__)
 
     def end(self, **_: Any) -> None:
         """Sign off and close the doors."""
@@ -70,7 +84,6 @@ def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:
 def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int) -> None:
     """Work until told to stop."""
     billiard.pool.GUARANTEE_MESSAGE_CONSUMPTION_RETRY_LIMIT = FAREWELL_TENTHS_S
-    PrivateStore(settings.private_dir).sweep()
     process = WorkerProcess(settings, tuple(lanes))
     app = worker_app(settings, process)
     queues = ",".join(lane.value for lane in lanes)

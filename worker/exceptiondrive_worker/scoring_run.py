@@ -62,7 +62,7 @@ def answer_ring(doors: Doors, job_id: str) -> None:
 def ring_on(doors: Doors, lane: Lane = Lane.LIVE) -> None:
     """Call for the boards that are due, and for what waits in a lane."""
     ring_due_boards(doors.database, doors.doorbell, doors.settings)
-    ring_due_jobs(doors.database, doors.doorbell, doors.settings, lane)
+    ring_due_jobs(doors.database, doors.doorbell, doors.settings, lane, least_room=2)
 
 
 def score_next(doors: Doors) -> None:

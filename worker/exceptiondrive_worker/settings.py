@@ -26,6 +26,10 @@ class WorkerSettings(RecordsSettings):
     """A board whose build took longer, or died, is built anew."""
     memory_headroom_bytes: Annotated[int, Field(ge=64 * MEBIBYTE)] = 1024 * MEBIBYTE
     """Address space that a worker process may take beyond what it has when it starts."""
+    private_max_bytes: Annotated[int, Field(ge=16 * MEBIBYTE)] = 20 * 1024 * MEBIBYTE
+    """Room for the private store; beyond it what was not used for longest is removed."""
+    private_max_age_days: Annotated[float, Field(gt=0, le=3650)] = 180.0
+    """What the private store was not asked for in so many days is removed."""
     heartbeat_every_s: Seconds = 4.0
 
     @model_validator(mode="after")

@@ -15,6 +15,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.rescoring import VerifyState
 from exceptiondrive_worker.doors import Doors, stages_over
 from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.private_pruning import VERIFY_PREFIX
 from exceptiondrive_worker.private_store import PrivateStore
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.stages import RejectedUpload, Target
@@ -39,7 +40,7 @@ def _verify(doors: Doors, claimed: VerifyClaim) -> None:
     challenge = CHALLENGES[ChallengeId(claimed.challenge)]
     split = doors.splits.find(claimed.split_name, claimed.split_revision, protocol)
     target = Target(claimed.file_digest, challenge, split, protocol, read_under)
-    with tempfile.TemporaryDirectory(prefix="verify-", dir=doors.private.root) as folder:
+    with tempfile.TemporaryDirectory(prefix=VERIFY_PREFIX, dir=doors.private.root) as folder:
         stages = stages_over(doors.settings, doors.files, PrivateStore(Path(folder)))
         try:
             scored = stages.score(target)

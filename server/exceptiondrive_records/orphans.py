@@ -1,0 +1,125 @@
+"""Orphans: stored files that no record mentions, left by refused uploads and by crashes.
+
+They are swept when they are old. The hard case is an upload of the same bytes at the same moment:
+it finds the file stored, and its record is not written yet. Two things together save it: storing a
+file again makes it young, and `keep_stored` proves inside the transaction of the upload that the
+file is there, under a lock that no sweep can hold meanwhile.
+"""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import structlog
+from sqlalchemy import select, text
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.dump import dumped_tables, file_digests
+from exceptiondrive_records.errors import StoreError
+from exceptiondrive_records.file_store import FileStore, StoredFile
+from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.leaders import take_lead
+
+_log = structlog.get_logger("exceptiondrive.reconciler")
+
+GRACE = timedelta(hours=24)
+"""An orphan that is younger may still belong to an upload under way."""
+SWEEP_EVERY_S = 6 * 3600.0
+_LOOK_EVERY_S = 60.0
+_SWEEP_LOCK = 0x45447377  # any constant: uploads share it, a sweep has it alone (PostgreSQL)
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep removed."""
+
+    n_files: int
+    n_bytes: int
+
+
+def keep_stored(
+    session: Session, files: FileStore, file_digest: str, store_again: Callable[[], object]
+) -> None:
+    """See to it, in the transaction that first mentions a file, that the file is there.
+
+    Args:
+        session: Of a write transaction. On SQLite there is one at a time, so no lock is needed.
+        files: The store.
+        file_digest: Of the file, which has just been stored.
+        store_again: Stores it once more: a sweep took it a moment ago for an orphan.
+    """
+    _lock(session, "pg_advisory_xact_lock_shared")
+    if not files.holds(file_digest):
+        store_again()
+
+
+def sweep_orphans(
+    database: Database, files: FileStore, *, actor: str, grace: timedelta = GRACE
+) -> Swept:
+    """Remove all stored files that are older than `grace` and that no record mentions.
+
+    Raises:
+        StoreError: The store did not answer; what was removed until then is right.
+    """
+    before = datetime.now(UTC) - grace
+    with database.read() as session:
+        mentioned = set(file_digests(session))
+    candidates = [
+        file for file in files.stored() if file.digest not in mentioned and file.changed_at < before
+    ]
+    removed = [file for file in candidates if _remove(database, files, file, before)]
+    swept = Swept(len(removed), sum(file.size_bytes for file in removed))
+    if removed:
+        with database.write() as session:
+            audit(session, actor, "orphaned files swept", "file store", vars(swept))
+    return swept
+
+
+def _remove(database: Database, files: FileStore, file: StoredFile, before: datetime) -> bool:
+    """Look again under the lock, and remove the file if it is still an old orphan."""
+    with database.write() as session:
+        _lock(session, "pg_advisory_xact_lock")
+        changed_at = files.changed_at(file.digest)
+        if changed_at is None or changed_at >= before or _is_mentioned(session, file.digest):
+            return False
+        files.remove(file.digest)
+        return True
+
+
+def _is_mentioned(session: Session, digest: str) -> bool:
+    columns = [
+        column
+        for table in dumped_tables()
+        for column in table.columns
+        if column.name.endswith("file_digest")
+    ]
+    return any(
+        session.execute(select(column).where(column == digest).limit(1)).first() is not None
+        for column in columns
+    )
+
+
+def _lock(session: Session, function: str) -> None:
+    session.connection()  # begins the transaction: on SQLite that is the lock
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text(f"SELECT {function}(:key)"), {"key": _SWEEP_LOCK})
+
+
+def run_sweeper(
+    database: Database, files: FileStore, stop: threading.Event, every_s: float = SWEEP_EVERY_S
+) -> None:
+    """Sweep every few hours until `stop` is set; of all reconcilers one at a time."""
+    while not stop.is_set():
+        try:
+            with database.write() as session:
+                is_due = take_lead(session, "sweep", random_id(), every_s)
+            if is_due:
+                swept = sweep_orphans(database, files, actor="reconciler")
+                _log.info("orphaned files swept", **vars(swept))
+        except (OperationalError, StoreError) as error:
+            _log.warning("orphaned files not swept", error=type(error).__name__)
+        stop.wait(min(every_s, _LOOK_EVERY_S))

@@ -1,0 +1,160 @@
+"""Orphaned files are swept; a file of an accepted upload never is, whatever happens at once."""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from exceptiondrive_records import orphans
+from exceptiondrive_records.audit import count_audit_lines
+from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.orphans import keep_stored, run_sweeper, sweep_orphans
+from exceptiondrive_records.submissions import accept
+from exceptiondrive_records.tables import AuditLine
+
+World = Any
+HOUR = timedelta(hours=1)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "uploads"
+
+
+@pytest.fixture
+def files(folder: Path) -> FileStore:
+    return FileStore(folder.as_uri())
+
+
+def store(files: FileStore, data: bytes) -> str:
+    digest, _ = files.put_stream([data], limit_bytes=1000)
+    return digest
+
+
+def grow_old(folder: Path, digest: str, hours: float = 48) -> None:
+    then = time.time() - hours * 3600
+    os.utime(folder / digest[7:9] / digest[7:], (then, then))
+
+
+def take(world: World, digest: str, before: Callable[[Any], None] = lambda _: None) -> None:
+    """What the server does once the file is stored."""
+    with world.database.write() as session:
+        before(session)
+        accept(
+            session,
+            team_id=world.team_id,
+            phase_id="dev",
+            method="m",
+            file_digest=digest,
+            size_bytes=1,
+        )
+
+
+def sweep(world: World, files: FileStore) -> int:
+    return sweep_orphans(world.database, files, actor="test", grace=24 * HOUR).n_files
+
+
+def test_old_orphans_go_and_all_else_stays(world: World, files: FileStore, folder: Path) -> None:
+    mentioned, refused, young = (store(files, data) for data in (b"taken", b"refused", b"young"))
+    take(world, mentioned)
+    for digest in (mentioned, refused):
+        grow_old(folder, digest)
+    (folder / "notes.txt").write_text("an operator's own")
+    assert sweep(world, files) == 1
+    assert [files.holds(digest) for digest in (mentioned, refused, young)] == [True, False, True]
+    assert (folder / "notes.txt").exists()
+    assert sweep(world, files) == 0
+    with world.database.read() as session:
+        lines = session.scalars(select(AuditLine).where(AuditLine.subject == "file store"))
+        assert [line.detail for line in lines] == [{"n_files": 1, "n_bytes": len(b"refused")}]
+
+
+def test_the_same_bytes_sent_again_are_young_again(
+    world: World, files: FileStore, folder: Path
+) -> None:
+    digest = store(files, b"again")
+    grow_old(folder, digest)
+    store(files, b"again")
+    assert sweep(world, files) == 0
+
+
+def test_a_sweep_between_storing_and_recording_loses_nothing(
+    world: World, files: FileStore, folder: Path
+) -> None:
+    digest = store(files, b"raced")
+    grow_old(folder, digest)
+    assert sweep(world, files) == 1
+    again = lambda: store(files, b"raced")
+    take(world, digest, lambda session: keep_stored(session, files, digest, again))
+    assert files.holds(digest)
+
+
+def test_a_sweep_waits_for_an_upload_that_has_looked(
+    world: World, files: FileStore, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The upload has proven the file to be there; the sweep wants to remove it just then."""
+    digest = store(files, b"raced")
+    grow_old(folder, digest)
+    swept: list[int] = []
+    looks = threading.Event()
+    look = orphans._remove
+
+    def tell_and_look(*arguments: Any) -> bool:
+        looks.set()
+        return look(*arguments)
+
+    monkeypatch.setattr(orphans, "_remove", tell_and_look)
+    sweeper = threading.Thread(target=lambda: swept.append(sweep(world, files)))
+
+    def begin_sweep(session: Any) -> None:
+        keep_stored(session, files, digest, lambda: None)
+        sweeper.start()
+        assert looks.wait(30)
+        sweeper.join(0.3)
+        assert sweeper.is_alive(), "the sweep waits for this transaction"
+
+    take(world, digest, begin_sweep)
+    sweeper.join(30)
+    assert swept == [0]
+    assert files.holds(digest)
+
+
+def test_of_all_reconcilers_one_sweeps(world: World, files: FileStore, folder: Path) -> None:
+    grow_old(folder, store(files, b"refused"))
+    stop = threading.Event()
+    threads = [
+        threading.Thread(target=run_sweeper, args=(world.database, files, stop)) for _ in range(2)
+    ]
+    for thread in threads:
+        thread.start()
+    while count(world) == 0:
+        time.sleep(0.02)
+    stop.set()
+    for thread in threads:
+        thread.join(30)
+    assert count(world) == 1
+
+
+def count(world: World) -> int:
+    with world.database.read() as session:
+        return count_audit_lines(session, "orphaned files swept")
+
+
+def test_a_store_that_is_away_ends_no_reconciler(
+    world: World, files: FileStore, folder: Path
+) -> None:
+    folder.rmdir()
+    folder.write_text("not a folder")
+    stop = threading.Event()
+    thread = threading.Thread(target=run_sweeper, args=(world.database, files, stop, 0.05))
+    thread.start()
+    thread.join(0.5)
+    assert thread.is_alive()
+    stop.set()
+    thread.join(30)
