@@ -4,9 +4,10 @@ A drawing of an entry shows hazard regions. So it is kept only with a `PublicSpl
 only where the whole split file is public; and the table refuses it otherwise (`tables_drawings`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sqlalchemy import select
+from sqlalchemy import and_, select
 from sqlalchemy.dialects.postgresql import insert as postgres_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.orm import Session
@@ -14,6 +15,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.tables import SplitRow
 from exceptiondrive_records.tables_drawings import EntryDrawingsRow, ProtocolDrawingRow
+from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.drawing import (
     EntryDrawings,
     ProtocolDrawing,
@@ -80,6 +82,25 @@ def entry_drawings(
     key = (submission_id, protocol_digest, split_revision)
     row = session.get(EntryDrawingsRow, key)
     return None if row is None else row.drawings
+
+
+def drawings_of_withheld_splits(session: Session) -> Iterator[Violation]:
+    """Yield every drawing whose split is not public, or is another file: there must be none."""
+    query = (
+        select(EntryDrawingsRow.submission_id, EntryDrawingsRow.split_name)
+        .outerjoin(
+            SplitRow,
+            and_(
+                SplitRow.name == EntryDrawingsRow.split_name,
+                SplitRow.revision == EntryDrawingsRow.split_revision,
+                SplitRow.public_file_digest == EntryDrawingsRow.public_file_digest,
+            ),
+        )
+        .where(SplitRow.name.is_(None))
+    )
+    for submission_id, split_name in session.execute(query):
+        text = f"split {split_name} is not public: delete the row from entry_drawings"
+        yield Violation("drawing of a withheld split", submission_id, text)
 
 
 def keep_protocol_drawing(session: Session, drawing: ProtocolDrawing) -> None:

@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import verify_audit
 from exceptiondrive_records.board_invariants import broken_boards
+from exceptiondrive_records.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.errors import Conflict, NotFound, StoreError
 from exceptiondrive_records.file_store import FileDamaged, FileStore
 from exceptiondrive_records.protocols import find_protocol
@@ -73,6 +74,7 @@ def violations(session: Session) -> list[Violation]:
     found += _protocols(session)
     found += _audit_chain(session)
     found += broken_boards(session)
+    found += drawings_of_withheld_splits(session)
     return found
 
 

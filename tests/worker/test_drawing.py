@@ -1,12 +1,14 @@
 """Drawings: of public splits, from the scoring code's own geometry; never of a withheld split."""
 
+import contextlib
 import json
+import sqlite3
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from sqlalchemy import select
+from sqlalchemy import select, text
 from sqlalchemy.exc import IntegrityError
 
 from exceptiondrive_records.board_requests import want_board
@@ -17,6 +19,7 @@ from exceptiondrive_records.drawings import (
     keep_entry_drawings,
     protocol_drawing,
 )
+from exceptiondrive_records.invariants import violations
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.tables import Base, Phase
 from exceptiondrive_records.tables_drawings import EntryDrawingsRow, ProtocolDrawingRow
@@ -198,6 +201,26 @@ def test_the_database_refuses_drawings_of_a_withheld_split(
             session, submission_id, protocol.digest, found, EntryDrawings(samples=())
         )
     assert n_rows(world, EntryDrawingsRow) == 1
+
+
+def test_a_drawing_whose_split_is_withheld_again_by_hand_is_reported(
+    world: World, tiny: Split, planning_file: MakeFile, protocol: Protocol
+) -> None:
+    world.add_phase(tiny)
+    publish(world, protocol)
+    submission_id = world.score(planning_file(tiny))
+    build(world)
+    with world.database.read() as session:
+        assert violations(session) == []
+    withhold = "UPDATE splits SET public_file_digest = NULL"
+    with pytest.raises(IntegrityError), world.database.write() as session:
+        session.execute(text(withhold))
+    path = world.settings.database_url.removeprefix("sqlite:///")
+    with contextlib.closing(sqlite3.connect(path)) as by_hand, by_hand:  # foreign keys are off
+        by_hand.execute(withhold)
+    with world.database.read() as session:
+        (found,) = violations(session)
+    assert (found.rule, found.subject) == ("drawing of a withheld split", submission_id)
 
 
 def test_strategies_have_nothing_to_draw(world: World, tiny: Split, protocol: Protocol) -> None:

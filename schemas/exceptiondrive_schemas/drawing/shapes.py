@@ -11,6 +11,8 @@ from exceptiondrive_schemas.drawing.documents import Outline, SampleDrawing
 from exceptiondrive_schemas.drawing.view import View
 
 CAPTION_KEYS = ("hcc", "hpr", "cts")
+TICK_ROOM_PX = 36
+MINUS = "\u2212"
 
 
 def shapes(sample: SampleDrawing, width: float, height: float) -> str:
@@ -52,9 +54,11 @@ def _with_unit(value: float, unit: str) -> str:
 def _grid(view: View) -> Iterator[str]:
     along, across = view.grid_m()
     for x in along:
-        px = f"{view.at((x, 0))[0]:.1f}"
-        yield f'<path class="grid" d="M{px} 0V{view.height:g}"/>'
-        yield f'<text class="tick" x="{px}" y="{view.height - 5:g}" dx="3">{x} m</text>'
+        at = view.at((x, 0))[0]
+        yield f'<path class="grid" d="M{at:.1f} 0V{view.height:g}"/>'
+        if at + TICK_ROOM_PX < view.width:
+            text = f"{x} m".replace("-", MINUS)
+            yield f'<text class="tick" x="{at:.1f}" y="{view.height - 5:g}" dx="3">{text}</text>'
     for y in across:
         yield f'<path class="grid" d="M0 {view.at((0, y))[1]:.1f}H{view.width:g}"/>'
 

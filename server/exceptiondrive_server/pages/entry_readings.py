@@ -44,7 +44,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
         if submission
         else None,
         past=_past(session, submission) if submission else (),
-        drawings=_drawings(session, key, board) if submission else None,
+        drawings=_drawings(session, submission, board) if submission else None,
     )
 
 
@@ -98,5 +98,8 @@ def _standing(
     return PastStanding(board, entry, first_board, first_entry)
 
 
-def _drawings(session: Session, key: str, board: Board) -> EntryDrawings | None:
-    return entry_drawings(session, key, board.protocol.digest, board.split.revision)
+def _drawings(session: Session, submission: Submission, board: Board) -> EntryDrawings | None:
+    """Nothing of what was withdrawn is drawn, also where an old board names it."""
+    if submission.status == SubmissionStatus.WITHDRAWN:
+        return None
+    return entry_drawings(session, submission.id, board.protocol.digest, board.split.revision)

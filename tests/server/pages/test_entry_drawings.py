@@ -6,8 +6,10 @@ from typing import Any
 import pytest
 
 from exceptiondrive_records.boards import latest_board
+from exceptiondrive_records.tables import Submission
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.pages.numbers import Digits
 from exceptiondrive_server.pages.sample_drawings import drawn_groups, sample_page
 
@@ -35,6 +37,20 @@ async def test_an_entry_without_drawings_says_nothing_of_them(lively_site: Any) 
     assert "How it drove" not in text
     assert 'class="draw"' not in text
     assert (await lively_site.get(f"{ENTRY}/samples/worst-lane_blockage")).status_code == 404
+
+
+async def test_what_was_withdrawn_is_not_drawn_any_more(
+    drawn_site: Any, empty_board: Board
+) -> None:
+    with drawn_site.database.write() as session:
+        session.get_one(Submission, "s0000000kq").status = SubmissionStatus.WITHDRAWN
+    drawn_site.publish(empty_board)
+    old = "?phase=sample&board=1"
+    text = (await drawn_site.get(ENTRY + old)).text
+    assert "Kestrel-2" in text
+    assert "How it drove" not in text
+    answer = await drawn_site.get(f"{ENTRY}/samples/worst-lane_blockage{old}")
+    assert answer.status_code == 404
 
 
 async def test_each_drawn_sample_has_a_page_and_an_unchanged_one_is_answered_by_304(

@@ -30,7 +30,11 @@ PATHS = (
     "/compare?phase=strategy",
     "/?phase=empty",
     "/?phase=unpublished",
+    "/entries/s0000000kq",
     "/entries/s0000005kq",
+    "/entries/s0000000kq/samples/worst-bypass_and_gap_conflict",
+    "/entries/s0000000kq/samples/middle-road_surface_hazard",
+    "/entries/a0000000kq?phase=strategy",
     "/entries/reported-st-p3?phase=sample",
     "/compare",
     "/protocols/1.0",
@@ -129,6 +133,35 @@ def test_everything_can_be_read_without_script(visit: Visit) -> None:
         assert page.get_by_text(words).first.is_visible()
 
 
+def test_from_an_entry_to_each_of_its_drawings_without_script(visit: Visit) -> None:
+    page = visit.open("/entries/s0000000kq", java_script_enabled=False)
+    assert page.locator(".sheet svg.draw").count() == 12
+    page.click(".sheet li a >> nth=0")
+    seen = {page.inner_text("h1")}
+    while page.locator("a[rel=next]").count():
+        page.click("a[rel=next]")
+        seen.add(page.url)
+    assert len(seen) == 12
+    page.click(".crumbs a")
+    assert page.url.endswith("/entries/s0000000kq#hd")
+
+
+@pytest.mark.parametrize(("width", "shown"), [(1360, "wide"), (390, "nar")])
+def test_a_drawing_fits_its_screen_and_follows_the_theme(
+    visit: Visit, width: int, shown: str
+) -> None:
+    fills = set()
+    for scheme in ("light", "dark"):
+        path = "/entries/s0000000kq/samples/worst-bypass_and_gap_conflict"
+        page = visit.open(path, width=width, color_scheme=scheme)
+        drawings = page.locator(".onesample > .draw:visible")
+        assert drawings.count() == 1
+        assert shown in (drawings.get_attribute("class") or "").split()
+        region = drawings.locator(".region")
+        fills.add(region.evaluate("(shape) => getComputedStyle(shape).fill"))
+    assert len(fills) == 2
+
+
 def test_the_theme_switch_works_without_script_and_survives_navigation(visit: Visit) -> None:
     page = visit.open("/?sort=ur", java_script_enabled=False, color_scheme="light")
     light = page.evaluate("getComputedStyle(document.body).backgroundColor")
@@ -178,7 +211,8 @@ def test_axe_finds_nothing_wrong_in_the_dark_nor_on_a_phone(
     visit: Visit, width: int, scheme: str
 ) -> None:
     page = visit.open("/", width=width, color_scheme=scheme, bypass_csp=True)
-    for path in ("/", "/entries/s0000005kq", "/protocols/1.0"):
+    sample = "/entries/s0000000kq/samples/worst-bypass_and_gap_conflict"
+    for path in ("/", "/entries/s0000000kq", sample, "/protocols/1.0"):
         page.goto(visit.address + path)
         assert violations(page) == [], path
 
