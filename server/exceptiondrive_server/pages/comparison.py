@@ -184,7 +184,8 @@ def _interval_text(board: Board, entry: BoardEntry, metric: Metric, digits: Digi
     return f"{digits.text(metric, interval[0])} to {digits.text(metric, interval[1])}"
 
 
-def _family_value(entry: BoardEntry, family: str, metric: Metric) -> float | None:
+def family_value(entry: BoardEntry, family: str, metric: Metric) -> float | None:
+    """Return a metric of one family; None where it is unknown."""
     cell = entry.families.get(family)
     return None if cell is None else cell.metrics.get(metric.key)
 
@@ -193,7 +194,7 @@ def _chart(
     board: Board, a: BoardEntry, b: BoardEntry, metric: Metric, digits: Digits, width: int
 ) -> DumbbellChart | None:
     values = [
-        (_family_value(a, head.id, metric), _family_value(b, head.id, metric))
+        (family_value(a, head.id, metric), family_value(b, head.id, metric))
         for head in board.families
     ]
     known = [value for pair in values for value in pair if value is not None]
@@ -258,7 +259,7 @@ def _families_sentence(
     gaps: list[tuple[float, str]] = []
     n_known = 0
     for head in board.families:
-        x, y = _family_value(a, head.id, metric), _family_value(b, head.id, metric)
+        x, y = family_value(a, head.id, metric), family_value(b, head.id, metric)
         if x is None or y is None:
             continue
         n_known += 1

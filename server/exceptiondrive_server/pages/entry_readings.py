@@ -1,5 +1,7 @@
 """What the entry and compare pages read from the records."""
 
+from collections.abc import Sequence
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -68,6 +70,13 @@ def _board_with(
     if row is None:
         raise NotFound("entry", key)
     return parsed_board(row), False
+
+
+def read_sheets(session: Session, board: Board, keys: Sequence[str]) -> dict[str, ScoreSheet]:
+    """Read the published score sheets of entries of a board; reported ones have none."""
+    shown = {entry.submission_id for entry in board.entries}
+    found = {key: _sheet(session, key, board) for key in keys if key in shown}
+    return {key: sheet for key, sheet in found.items() if sheet is not None}
 
 
 def _sheet(session: Session, key: str, board: Board) -> ScoreSheet | None:

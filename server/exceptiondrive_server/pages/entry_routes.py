@@ -6,10 +6,10 @@ from fastapi.responses import Response
 from exceptiondrive_records.errors import NotFound, RecordsError
 from exceptiondrive_server.pages.badge import badge_of
 from exceptiondrive_server.pages.board_query import BoardQuery
-from exceptiondrive_server.pages.compare_page import compare_page
-from exceptiondrive_server.pages.entry_facts import entry_url
+from exceptiondrive_server.pages.compare_page import chosen_entries, compare_page, wanted_keys
+from exceptiondrive_server.pages.entry_facts import entry_key, entry_url
 from exceptiondrive_server.pages.entry_page import entry_page
-from exceptiondrive_server.pages.entry_readings import read_entry
+from exceptiondrive_server.pages.entry_readings import read_entry, read_sheets
 from exceptiondrive_server.pages.readings import read_board
 from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, refused
 from exceptiondrive_server.pages.sample_drawings import drawn_groups, sample_page
@@ -65,13 +65,16 @@ def show_badge(request: Request, key: str) -> Response:
 
 @router.get("/compare")
 def show_comparison(request: Request) -> Response:
-    """Compare two entries of one board."""
+    """Compare two or more entries of one board."""
     query = BoardQuery.parse(request.query_params.multi_items())
-    given = request.query_params
+    a, b, more = wanted_keys(request.query_params.multi_items())
     try:
         with request.app.state.services.database.read() as session:
             reading = read_board(session, query)
-        content = compare_page(reading, given.get("a"), given.get("b"))
+            entries = chosen_entries(reading, a, b, more)
+            keys = [entry_key(entry) for entry in entries[:2]]
+            sheets = read_sheets(session, reading.board, keys) if reading.board else {}
+        content = compare_page(reading, entries, sheets)
     except RecordsError as error:
         return refused(request, error)
     return page(request, "compare.html", "compare", page=content)

@@ -34,7 +34,7 @@ def paired_table(
     board: Board, a: str, b: str, challenge: Challenge, digits: Digits
 ) -> PairedTable | None:
     """Return the comparison of two submissions, or None where the board carries none."""
-    found = _find(board, a, b)
+    found = find_pair(board, a, b)
     if found is None:
         return None
     first = challenge.metrics[0]
@@ -54,7 +54,8 @@ def paired_table(
     )
 
 
-def _find(board: Board, a: str, b: str) -> PairedComparison | None:
+def find_pair(board: Board, a: str, b: str) -> PairedComparison | None:
+    """Return the comparison of two submissions in this order, where the board carries one."""
     for pair in board.comparisons:
         if (pair.a, pair.b) == (a, b):
             return pair
@@ -69,6 +70,7 @@ def _turned(pair: PairedComparison) -> PairedComparison:
         b=pair.a,
         overall={key: _negated(each) for key, each in pair.overall.items()},
         families={key: _negated(each) for key, each in pair.families.items()},
+        tasks={key: _negated(each) for key, each in pair.tasks.items()},
     )
 
 

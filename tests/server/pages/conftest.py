@@ -547,3 +547,9 @@ def strategy_board(lively_board: Board) -> Board:
     return lively_board.model_copy(
         update={"challenge": "strategy", "phase": "strategy", "entries": (agent, *printed)}
     )
+
+
+@pytest.fixture(scope="session")
+def sheets(lively_board: Board) -> tuple[ScoreSheet, ScoreSheet]:
+    """Score sheets of the first and the third entry."""
+    return sheet_of(lively_board.entries[0]), sheet_of(lively_board.entries[2])

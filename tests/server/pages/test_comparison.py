@@ -4,9 +4,16 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.score_sheet import BreakdownRow
 from exceptiondrive_server.pages.comparison import compare_entries, default_pair, verdict
+from exceptiondrive_server.pages.difference_table import Sheets, difference_table
 from exceptiondrive_server.pages.numbers import Digits
+from exceptiondrive_server.pages.paired_table import find_pair
+
+PROTOCOL = packaged_protocol()
 
 
 def entry(board: Board, method: str) -> Any:
@@ -85,3 +92,125 @@ async def test_without_a_board_there_is_nothing_to_compare(site: Any) -> None:
     answer = await site.get("/compare")
     assert answer.status_code == 200
     assert "not two entries to compare" in answer.text
+
+
+def paired(low: float, high: float, verdict: str) -> PairedDifference:
+    middle = (low + high) / 2
+    return PairedDifference(
+        difference=middle, interval=(low, high), discordant=None, verdict=verdict
+    )
+
+
+def with_pairs(board: Board) -> Board:
+    """The first is surely better than the third and fifth, and not told from the second."""
+    ids = [entry.submission_id or "" for entry in board.entries[:5]]
+    sure = paired(0.01, 0.07, "Kestrel-2 is better")
+    open_ = paired(-0.02, 0.07, "not separable on this split")
+    found = {1: open_, 2: sure, 4: sure}
+    pairs = tuple(
+        PairedComparison(
+            a=ids[0],
+            b=ids[at],
+            overall={"hcc": each},
+            families={"lane_blockage": each},
+            tasks={"LB1": each, "LB2": open_},
+        )
+        for at, each in found.items()
+    )
+    return board.model_copy(update={"comparisons": pairs})
+
+
+@pytest.fixture
+def paired_site(site: Any, lively_board: Board) -> Any:
+    site.create_phase("sample", shows_reported=True)
+    site.publish(with_pairs(lively_board))
+    for each in lively_board.entries:
+        if each.source == "scored" and each.rank is not None:
+            site.keep_submission(each)
+    return site
+
+
+async def test_several_are_set_side_by_side_and_each_against_each(paired_site: Any) -> None:
+    address = "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq&more=reported-st-p3"
+    text = (await paired_site.get(address)).text
+    assert "4 planners side by side" in text
+    assert (
+        "Of these, Kestrel-2 has the best HCC; it is surely better than brake-late; this split does "
+        "not tell it from LaneKeeper XL (bypass head, 3 s); against ST-P3 no paired interval is "
+        "known."
+    ) in text
+    table = text[text.index('id="against"') :]
+    assert table.index("surely better") < table.index("surely worse")
+    assert text.count('<select name="more">') == 3
+
+
+async def test_the_address_of_a_comparison_holds_all_of_it(paired_site: Any) -> None:
+    address = "/compare?phase=sample&board=1&a=s0000000kq&b=s0000001kq&more=s0000002kq"
+    text = (await paired_site.get(address.replace("&board=1", ""))).text
+    assert f'href="{address.replace("&", "&amp;")}"' in text
+    swapped = "/compare?phase=sample&amp;a=s0000001kq&amp;b=s0000000kq&amp;more=s0000002kq"
+    assert f'href="{swapped}"' in text
+    same = "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000000kq&more="
+    assert "side by side" not in (await paired_site.get(same)).text
+    unknown = await paired_site.get(f"{address}&more=nobody")
+    assert unknown.status_code == 404
+
+
+async def test_at_most_six_are_compared_at_once(paired_site: Any) -> None:
+    more = "".join(f"&more=s000000{at}kq" for at in range(2, 6)) + "&more=reported-vad"
+    text = (await paired_site.get(f"/compare?a=s0000000kq&b=s0000001kq{more}")).text
+    assert "6 planners side by side" in text
+    assert "add one more" not in text
+
+
+def test_tasks_are_compared_by_what_is_published(lively_board: Board, sheets: Sheets) -> None:
+    board = with_pairs(lively_board)
+    pair = (board.entries[0], board.entries[2])
+    found = find_pair(board, "s0000000kq", "s0000002kq")
+    table = difference_table(board, PROTOCOL, pair, sheets, found, Digits())
+    assert table is not None
+    families = [line for line in table.lines if line.is_family]
+    assert (len(families), len(table.lines)) == (6, 6 + 21)
+    assert sheets[0] is not None
+    assert sheets[1] is not None
+    values = [sheet.tasks["LB1"].metrics["hcc"] or 0 for sheet in sheets if sheet]
+    line = next(line for line in table.lines if line.title == "Stalled vehicle")
+    assert line.difference == Digits().signed(PLANNING.metrics[0], values[0] - values[1])
+    assert (line.interval, line.verdict, line.is_sure) == ("+1 to +7", "Kestrel-2 is better", True)
+    family = next(line for line in families if line.title == "Lane Blockage")
+    assert family.interval == "+1.00 to +7.00"
+    plain = next(line for line in table.lines if line.title == "Occluded pedestrian")
+    assert (plain.interval, plain.verdict, plain.is_sure) == ("", "", False)
+    assert plain.mark is not None
+    assert plain.mark.low is None
+
+
+def test_a_withheld_task_has_no_difference(lively_board: Board, sheets: Sheets) -> None:
+    first = sheets[0]
+    assert first is not None
+    withheld = BreakdownRow.of(7, dict.fromkeys(first.tasks["LB1"].metrics))
+    coarse = first.model_copy(update={"tasks": {**first.tasks, "LB1": withheld}})
+    pair = (lively_board.entries[0], lively_board.entries[2])
+    table = difference_table(lively_board, PROTOCOL, pair, (coarse, sheets[1]), None, Digits())
+    assert table is not None
+    line = next(line for line in table.lines if line.title == "Stalled vehicle")
+    assert (line.difference, line.mark) == ("none", None)
+
+
+def test_the_other_order_turns_tasks_too(lively_board: Board) -> None:
+    found = find_pair(with_pairs(lively_board), "s0000002kq", "s0000000kq")
+    assert found is not None
+    assert found.tasks["LB1"].interval == (-0.07, -0.01)
+    assert found.tasks["LB1"].verdict == "Kestrel-2 is better"
+
+
+async def test_the_page_shows_tasks_with_and_without_intervals(paired_site: Any) -> None:
+    text = (await paired_site.get("/compare?a=s0000000kq&b=s0000002kq")).text
+    assert text.count("<tr") > 27
+    assert "+1 to +7" in text
+    other = (await paired_site.get("/compare?a=s0000001kq&b=s0000002kq")).text
+    tasks = other[other.index('id="tasks"') :]
+    assert "Stalled vehicle" in tasks
+    assert "Verdict" not in tasks
+    printed = (await paired_site.get("/compare?a=reported-st-p3&b=reported-drivor")).text
+    assert "Stalled vehicle" not in printed
