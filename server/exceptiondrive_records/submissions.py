@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import select, tuple_, update
+from sqlalchemy import func, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
@@ -211,6 +211,12 @@ def list_submissions(
         place = tuple_(Submission.received_at, Submission.id)
         query = query.where(place < tuple_(last.received_at, last.id))
     return list(session.scalars(query.limit(limit)))
+
+
+def counts_by_team(session: Session) -> dict[int, int]:
+    """Return how many submissions each team has, whatever became of them."""
+    query = select(Submission.team_id, func.count()).group_by(Submission.team_id)
+    return {team_id: count for team_id, count in session.execute(query)}
 
 
 def _lock_team(session: Session, team_id: int) -> Team:

@@ -9,6 +9,7 @@ import hmac
 import secrets
 import string
 import zlib
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -175,13 +176,23 @@ def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
         NotFound: There is none with this id.
         Conflict: It is revoked already.
     """
-    token = session.get(Token, token_id)
-    if token is None:
-        raise NotFound("token", token_id)
+    token = find_token(session, token_id)
     if token.revoked_at is not None:
         raise Conflict(f"Token {token_id!r} is revoked already.")
     token.revoked_at = database_now(session)
     audit(session, actor, "token revoked", token_id)
+    return token
+
+
+def find_token(session: Session, token_id: str) -> Token:
+    """Return a token.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
+    token = session.get(Token, token_id)
+    if token is None:
+        raise NotFound("token", token_id)
     return token
 
 
@@ -191,6 +202,13 @@ def list_tokens(session: Session, team_id: int | None = None) -> list[Token]:
     if team_id is not None:
         query = query.where(Token.team_id == team_id)
     return list(session.scalars(query))
+
+
+def live_tokens_by_team(session: Session) -> dict[int, int]:
+    """Return how many live tokens each team has."""
+    now = database_now(session)
+    tokens = (token for token in list_tokens(session) if is_live(token, now))
+    return Counter(token.team_id for token in tokens if token.team_id is not None)
 
 
 def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:

@@ -27,7 +27,7 @@ from exceptiondrive_server.upload_form import FORM_TOKEN
 
 VISITOR_COOKIES = ("__Host-visitor", "visitor")
 """Before anybody has signed in: what the sign-in form is bound to."""
-MAX_FIELDS = 20
+MAX_FIELDS = 40
 _FORGED = "The form did not come from this site, or is too old. Open the page again and send it."
 
 

@@ -12,7 +12,17 @@ from exceptiondrive_records import jobs
 from exceptiondrive_records.heartbeats import beat
 from exceptiondrive_records.registrations import register_team
 from exceptiondrive_records.tables import AuditLine, Job
-from exceptiondrive_server.organizer_pages import audit_routes, overview_routes, submission_routes
+from exceptiondrive_server.organizer_pages import (
+    audit_routes,
+    overview_routes,
+    phase_routes,
+    protocol_routes,
+    run_routes,
+    submission_routes,
+    team_routes,
+    team_step_routes,
+    verification_routes,
+)
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -38,7 +48,17 @@ def fail(api: "Api", submission_id: str) -> None:
         jobs.finish_failed(session, claim, "store_broken", "The store is away.", retry=False)
 
 
-PARTS = (overview_routes, submission_routes, audit_routes)
+PARTS = (
+    overview_routes,
+    team_routes,
+    team_step_routes,
+    phase_routes,
+    submission_routes,
+    protocol_routes,
+    run_routes,
+    verification_routes,
+    audit_routes,
+)
 
 
 def routes(method: str) -> list[str]:

@@ -1,0 +1,235 @@
+"""Phases: list, make, change, and the actions of their life."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit import audit_page
+from exceptiondrive_records.errors import NotFound, RecordsError
+from exceptiondrive_records.phase_changes import update_phase
+from exceptiondrive_records.phase_life import phase_now
+from exceptiondrive_records.phases import create_phase, find_phase, list_phases, phase_view
+from exceptiondrive_records.protocols import list_protocols
+from exceptiondrive_records.splits import list_splits
+from exceptiondrive_records.tokens import names_of_actors
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_server.auth import ServicesOf
+from exceptiondrive_server.browser_session import PostedForm, SignedIn
+from exceptiondrive_server.organizer_pages.audit_view import history_lines
+from exceptiondrive_server.organizer_pages.forms import REASON, Field, filled, read, typed
+from exceptiondrive_server.organizer_pages.frame import (
+    OrganizerBrowser,
+    go,
+    organizer_page,
+    status_of,
+)
+from exceptiondrive_server.organizer_pages.phase_fields import (
+    NEW_DEFAULTS,
+    PLAIN_FIELDS,
+    life_changes,
+    life_fields,
+    new_life,
+    plain_changes,
+    texts_of_life,
+    texts_of_phase,
+)
+from exceptiondrive_server.organizer_pages.phase_steps import PHASE_STEPS, page_of_phase_step
+from exceptiondrive_server.organizer_pages.steps import step_page
+from exceptiondrive_server.services import Services
+
+router = APIRouter(prefix="/organize/phases", include_in_schema=False)
+HERE = "/organize/phases"
+PhaseId = Annotated[str, Path(max_length=64)]
+StepKey = Annotated[str, Path(max_length=20)]
+HISTORY = 50
+
+
+@router.get("")
+def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+    """List the phases."""
+    limit = services.settings.max_upload_bytes
+    with services.database.read() as session:
+        phases = [phase_view(session, one, max_upload_bytes=limit) for one in list_phases(session)]
+    return organizer_page(request, browser, "phases.html", "phases", phases=phases)
+
+
+@router.get("/new")
+def show_new(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+    """Show an empty form with what is usual."""
+    return _new(request, services, browser, NEW_DEFAULTS | texts_of_life(PhaseLife()))
+
+
+@router.post("/new")
+def post_new(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
+) -> Response:
+    """Make a phase."""
+    with services.database.read() as session:
+        fields = (*_made_of(session), *PLAIN_FIELDS, *life_fields())
+    try:
+        values = read(fields, form)
+        plain = {field.name: values[field.name] for field in PLAIN_FIELDS}
+        with services.database.write() as session:
+            create_phase(
+                session,
+                values["id"],
+                challenge=values["challenge"],
+                split_name=values["split"],
+                protocol=values["protocol"],
+                life=new_life(values),
+                actor=browser.principal.actor,
+                **plain,
+            )
+    except RecordsError as refusal:
+        return _new(request, services, browser, typed(form), refusal)
+    return go(f"{HERE}/{values['id']}", "phase_created")
+
+
+@router.get("/{phase_id}")
+def show_phase(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
+) -> Response:
+    """Show a phase: where it stands, its settings, its history."""
+    with services.database.read() as session:
+        texts = texts_of_phase(find_phase(session, phase_id))
+    return _phase(request, services, browser, phase_id, texts)
+
+
+@router.post("/{phase_id}")
+def post_phase(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    phase_id: PhaseId,
+) -> Response:
+    """Change what differs from the phase; what would take back a promise is refused."""
+    try:
+        values = read((*PLAIN_FIELDS, *life_fields()), form)
+        with services.database.write() as session:
+            phase = find_phase(session, phase_id)
+            update_phase(
+                session,
+                phase_id,
+                changes=plain_changes(phase, values),
+                life=life_changes(phase.life, values),
+                actor=browser.principal.actor,
+            )
+    except NotFound:
+        raise
+    except RecordsError as refusal:
+        return _phase(request, services, browser, phase_id, typed(form), refusal)
+    return go(f"{HERE}/{phase_id}", "phase_changed")
+
+
+@router.get("/{phase_id}/{step}")
+def show_step(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    phase_id: PhaseId,
+    step: StepKey,
+) -> Response:
+    """Ask for an action on a phase."""
+    with services.database.read() as session:
+        title = find_phase(session, phase_id).title
+    if step not in PHASE_STEPS:
+        raise NotFound("action on a phase", step)
+    return step_page(request, browser, page_of_phase_step(PHASE_STEPS[step], phase_id, title))
+
+
+@router.post("/{phase_id}/{step}")
+def post_step(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    phase_id: PhaseId,
+    step: StepKey,
+) -> Response:
+    """Take an action on a phase."""
+    with services.database.read() as session:
+        title = find_phase(session, phase_id).title
+    if step not in PHASE_STEPS:
+        raise NotFound("action on a phase", step)
+    known = PHASE_STEPS[step]
+    try:
+        reason = read((REASON,), form)["reason"]
+        with services.database.write() as session:
+            known.take(session, phase_id, reason=reason, actor=browser.principal.actor)
+    except RecordsError as refusal:
+        content = page_of_phase_step(known, phase_id, title)
+        return step_page(request, browser, content, texts=typed(form), refusal=refusal)
+    return go(f"{HERE}/{phase_id}", "phase_changed")
+
+
+def _made_of(session: Session) -> tuple[Field, ...]:
+    """What a phase is made of, and keeps."""
+    challenges = tuple((key.value, one.title) for key, one in CHALLENGES.items())
+    splits = {one.name: one.title for one in list_splits(session)}
+    versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
+    return (
+        Field("id", "Id", hint="stands in addresses; never changes", is_required=True,
+              max_length=64),
+        Field("challenge", "Challenge", "choice", is_required=True, options=challenges),
+        Field("split", "Split", "choice", is_required=True,
+              options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
+        Field("protocol", "Protocol", "choice", is_required=True, options=versions),
+    )  # fmt: skip
+
+
+def _new(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    texts: Mapping[str, str],
+    refusal: RecordsError | None = None,
+) -> Response:
+    with services.database.read() as session:
+        made_of = filled(_made_of(session), texts)
+    return _page(request, browser, texts, refusal, phase=None, made_of=made_of)
+
+
+def _phase(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    phase_id: str,
+    texts: Mapping[str, str],
+    refusal: RecordsError | None = None,
+) -> Response:
+    with services.database.read() as session:
+        phase = find_phase(session, phase_id)
+        seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
+        now = phase_now(session, phase)
+        lines = audit_page(session, subject=phase_id, limit=HISTORY)
+        names = names_of_actors(session, (line.actor for line in lines))
+    told = history_lines([line for line in lines if line.action != "board published"], names)
+    steps = [step for step in PHASE_STEPS.values() if step.is_offered(now)]
+    return _page(
+        request, browser, texts, refusal, phase=seen, now=now, steps=steps, told=told, made_of=()
+    )
+
+
+def _page(
+    request: Request,
+    browser: SignedIn,
+    texts: Mapping[str, str],
+    refusal: RecordsError | None,
+    **values: Any,
+) -> Response:
+    return organizer_page(
+        request,
+        browser,
+        "phase.html",
+        "phases",
+        status=200 if refusal is None else status_of(refusal),
+        plain=filled(PLAIN_FIELDS, texts),
+        life=filled(life_fields(), texts),
+        refusal=None if refusal is None else str(refusal),
+        **values,
+    )

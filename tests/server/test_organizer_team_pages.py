@@ -1,0 +1,165 @@
+"""Teams, tokens and phases on the organizers' pages: each form's effect in the records."""
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+from sqlalchemy import select
+
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.registrations import register_team
+from exceptiondrive_records.tables import AuditLine, Team, Token
+from exceptiondrive_records.tables_access import PageSession
+from exceptiondrive_records.teams import find_team
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+Open = Callable[..., "TeamBrowser"]
+TEAMS = "/organize/teams"
+PHASES = "/organize/phases"
+
+
+@pytest.fixture
+def organizer(api_on_both: "Api", browse: Open) -> "TeamBrowser":
+    """A browser in which an organizer signed in."""
+    browser = browse(api_on_both)
+    browser.sign_in("organizer")
+    return browser
+
+
+@pytest.fixture
+def one(api: "Api", browse: Open) -> "TeamBrowser":
+    """The same, on SQLite alone."""
+    browser = browse(api)
+    browser.sign_in("organizer")
+    return browser
+
+
+def last_line(api: "Api") -> AuditLine:
+    with api.database.read() as session:
+        line = session.scalars(select(AuditLine).order_by(AuditLine.id.desc())).first()
+    assert line is not None
+    return line
+
+
+def settings(browser: "TeamBrowser", page: str) -> dict[str, str]:
+    """What the fields of a page hold, as a browser would send them."""
+    text = browser.get(page).text
+    found = dict(re.findall(r'<input[^>]*name="([a-z_0-9]+)"[^>]*value="([^"]*)"', text))
+    for name in re.findall(r'type="checkbox" name="([a-z_]+)" value="yes">', text):
+        found.pop(name, None)
+    for name, body in re.findall(r'<select name="([a-z_]+)"[^>]*>(.*?)</select>', text):
+        chosen = re.search(r'value="([^"]*)" selected', body)
+        found[name] = chosen[1] if chosen else ""
+    for name, body in re.findall(r'<textarea name="([a-z_]+)"[^>]*>(.*?)</textarea>', text):
+        found[name] = body
+    found.pop("back", None)
+    return found
+
+
+def test_a_team_is_made_gets_a_token_once_and_loses_it(
+    api_on_both: "Api", organizer: "TeamBrowser", browse: Open
+) -> None:
+    api = api_on_both
+    taken = organizer.post(TEAMS, {"id": "alpha", "name": "<i>New</i>"}, page=TEAMS)
+    assert (taken.status_code, "&lt;i&gt;New&lt;/i&gt;" in taken.text) == (409, True)
+    made = organizer.post(TEAMS, {"id": "gamma", "name": "Gamma"}, page=TEAMS)
+    here = f"{TEAMS}/gamma"
+    assert made.headers["location"] == f"{here}?done=team_created"
+    none = organizer.post(f"{here}/tokens", {"name": "desk"}, page=here)
+    assert (none.status_code, "none given" in none.text) == (400, True)
+    issued = organizer.post(f"{here}/tokens", {"name": "desk", "may_1": "yes"}, page=here)
+    text = re.search(r"edk_s_[0-9A-Za-z_]{40,}", issued.text)
+    assert text is not None
+    assert issued.headers["cache-control"] == "no-store"
+    assert text[0] not in organizer.get(here).text
+    assert last_line(api).actor.startswith("token:")
+    team = browse(api)
+    assert team.sign_in_with(text[0]).status_code == 303
+    token_id = text[0].split("_")[2]
+    revoke = f"/organize/tokens/{token_id}/revoke"
+    assert "for good" in organizer.get(revoke).text
+    assert organizer.post(revoke, {}, page=revoke).headers["location"].startswith(here)
+    assert team.get("/my").status_code == 303
+    assert organizer.post(revoke, {}, page=revoke).status_code == 409
+
+
+def test_a_registration_is_approved_or_refused(
+    api_on_both: "Api", organizer: "TeamBrowser", browse: Open
+) -> None:
+    api = api_on_both
+    with api.database.write() as session:
+        text, _, _ = register_team(session, "delta", "Delta", "We are new.")
+        register_team(session, "epsilon", "Epsilon", "So are we.")
+    browse(api).sign_in_with(text)
+    assert "We are new." in organizer.get(f"{TEAMS}?show=pending").text
+    refuse = f"{TEAMS}/delta/refuse"
+    assert organizer.post(refuse, {"reason": ""}, page=refuse).status_code == 400
+    done = organizer.post(refuse, {"reason": "a second account"}, page=refuse)
+    assert done.headers["location"] == f"{TEAMS}?done=team_refused"
+    assert last_line(api).detail == {"reason": "a second account", "name": "Delta"}
+    with api.database.read() as session:
+        assert session.scalars(select(Team).where(Team.slug == "delta")).first() is None
+        kept = {token.id for token in session.scalars(select(Token))}
+        assert text.split("_")[2] not in kept
+        assert {one.token_id for one in session.scalars(select(PageSession))} <= kept
+    with api.database.write() as session:
+        register_team(session, "delta", "Delta", "Once more.")
+    approve = f"{TEAMS}/epsilon/approve"
+    assert organizer.post(approve, {}, page=approve).status_code == 303
+    with api.database.read() as session:
+        assert find_team(session, "epsilon").pending_since is None
+    refuse = f"{TEAMS}/epsilon/refuse"
+    late = organizer.post(refuse, {"reason": "x"}, page=refuse)
+    assert (late.status_code, "The team is approved" in late.text) == (409, True)
+
+
+def test_a_phase_is_made_and_a_deadline_is_moved(
+    api_on_both: "Api", organizer: "TeamBrowser"
+) -> None:
+    new = f"{PHASES}/new"
+    form = settings(organizer, new)
+    assert (form["quota_per_day"], form["life_late_entries"]) == ("3", "refused")
+    form |= {"id": "final", "title": "Final", "challenge": "planning", "split": "sample"}
+    form |= {"protocol": "1.0", "closes_at": "2099-11-21T12:00", "life_anonymous": "yes"}
+    wrong = organizer.send(new, {**form, "quota_per_day": "0", "opens_at": "soon"})
+    assert wrong.status_code == 400
+    for words in ("Submissions a day: must be", "Opens at: must be", 'value="2099-11-21T12:00"'):
+        assert words in wrong.text
+    made = organizer.send(new, form)
+    assert made.status_code == 303, re.findall(r"Refused.*", made.text)
+    assert made.headers["location"] == f"{PHASES}/final?done=phase_created"
+    here = f"{PHASES}/final"
+    form = settings(organizer, here)
+    assert (form["closes_at"], form["life_anonymous"]) == ("2099-11-21T12:00:00", "yes")
+    n_before = last_line(api_on_both).id
+    assert organizer.send(here, form).status_code == 303
+    assert last_line(api_on_both).id == n_before, "nothing differed, so nothing was changed"
+    moved = {**form, "closes_at": "2099-12-01T00:00:00", "quota_total": "9"}
+    assert organizer.send(here, moved).status_code == 303
+    line = last_line(api_on_both)
+    assert line.action == "phase changed"
+    assert line.detail == {
+        "closes_at": ["2099-11-21T12:00:00+00:00", "2099-12-01T00:00:00+00:00"],
+        "quota_total": [None, 9],
+    }
+    assert "phase changed" in organizer.get(here).text
+    past = organizer.send(here, {**form, "closes_at": "2001-01-01T00:00"})
+    assert (past.status_code, "closes_at lies in the past" in past.text) == (400, True)
+
+
+def test_the_life_of_a_phase_is_steered_with_reasons(api: "Api", one: "TeamBrowser") -> None:
+    here = f"{PHASES}/dev"
+    freeze = f"{here}/freeze"
+    assert "Freeze the board" in one.get(here).text
+    assert one.post(freeze, {"reason": " "}, page=freeze).status_code == 400
+    assert one.post(freeze, {"reason": "the last week"}, page=freeze).status_code == 303
+    with api.database.read() as session:
+        assert find_phase(session, "dev").life.freezes_at is not None
+    assert one.post(freeze, {"reason": "again"}, page=freeze).status_code == 409
+    reveal = f"{here}/reveal-board"
+    assert one.post(reveal, {"reason": "the prizes"}, page=reveal).status_code == 303
+    assert one.get(f"{here}/no-such").status_code == 404
+    assert one.get(f"{PHASES}/no-such").status_code == 404
