@@ -63,7 +63,7 @@ def organizer_page(
     """Fill a template of the organizers; nothing may keep the answer."""
     frame = Frame(
         section=section,
-        organizer=browser.principal.token_name,
+        organizer=browser.principal.person_name or browser.principal.token_name,
         form_token=browser.form_token,
         done=DONE.get(request.query_params.get("done", "")),
     )
