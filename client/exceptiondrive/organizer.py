@@ -41,6 +41,16 @@ class Organizer:
         """Let a team that registered itself submit."""
         return self._create(f"/organizer/teams/{quote(team_id, safe='')}/approve", {})
 
+    def refuse_team(self, team_id: str, reason: str) -> Record:
+        """Refuse a team that registered itself: it goes, with its tokens."""
+        path = f"/organizer/teams/{quote(team_id, safe='')}/refuse"
+        return self._create(path, {"reason": reason})
+
+    def retry_submission(self, submission_id: str, reason: str) -> Record:
+        """Queue a failed submission again, with all its attempts."""
+        path = f"/organizer/submissions/{quote(submission_id, safe='')}/retry"
+        return self._create(path, {"reason": reason})
+
     def tokens(self, team_id: str) -> list[Record]:
         """Return a team's tokens, without their secrets."""
         return self._list(f"/organizer/teams/{quote(team_id, safe='')}/tokens")

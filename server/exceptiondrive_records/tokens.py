@@ -30,6 +30,7 @@ _ALPHABET = string.ascii_letters + string.digits
 _UNKNOWN = hashlib.sha256(b"no such token").hexdigest()
 _ACTOR = "token:"
 _PERSON = "person:"
+_TEAM = "team:"
 _USE_IS_COARSE = timedelta(minutes=10)
 
 
@@ -212,7 +213,7 @@ def live_tokens_by_team(session: Session) -> dict[int, int]:
 
 
 def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:
-    """Return who stands behind the actors of audit lines: a token and its team, or a person."""
+    """Return who stands behind the actors of audit lines: a token, a person, or a team."""
     given = list(actors)
     ids = {actor.removeprefix(_ACTOR) for actor in given if actor.startswith(_ACTOR)}
     query = select(Token.id, Token.name, Team.name).outerjoin(Team, Team.id == Token.team_id)
@@ -222,7 +223,11 @@ def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:
     }
     people = {actor.removeprefix(_PERSON) for actor in given if actor.startswith(_PERSON)}
     found = session.execute(select(Person.id, Person.name).where(Person.id.in_(people)))
-    return names | {f"{_PERSON}{person_id}": name for person_id, name in found}
+    names |= {f"{_PERSON}{person_id}": name for person_id, name in found}
+    numbers = (actor.removeprefix(_TEAM) for actor in given if actor.startswith(_TEAM))
+    teams = {int(number) for number in numbers if number.isdigit()}
+    found = session.execute(select(Team.id, Team.name).where(Team.id.in_(teams)))
+    return names | {f"{_TEAM}{team_id}": name for team_id, name in found}
 
 
 def is_well_formed(text: str) -> bool:

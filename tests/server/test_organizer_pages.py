@@ -213,3 +213,23 @@ def test_answers_are_kept_by_nobody(organizer: "TeamBrowser") -> None:
         answer: Any = organizer.get(path)
         assert answer.headers["cache-control"] == "no-store"
         assert "script-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_the_api_refuses_teams_and_retries_submissions_by_the_same_rules(
+    api: "Api", as_problem: Callable[[Any, int, str], dict[str, Any]]
+) -> None:
+    submission_id = api.submit("a").json()["id"]
+    with api.database.write() as session:
+        register_team(session, "delta", "Delta", "We are new.")
+    reason = {"reason": "because"}
+    retry, refuse = f"/organizer/submissions/{submission_id}/retry", "/organizer/teams/delta/refuse"
+    for path in (retry, refuse):
+        as_problem(api.post(path, "alpha", json=reason), 403, "not_allowed")
+        as_problem(api.post(path, "organizer", json={}), 400, "bad_request")
+    as_problem(api.post(retry, "organizer", json=reason), 409, "conflict")
+    fail(api, submission_id)
+    assert api.post(retry, "organizer", json=reason).json()["status"] == "received"
+    assert api.post(refuse, "organizer", json=reason).json()["id"] == "delta"
+    as_problem(api.post(refuse, "organizer", json=reason), 404, "not_found")
+    alpha = "/organizer/teams/alpha/refuse"
+    as_problem(api.post(alpha, "organizer", json=reason), 409, "conflict")

@@ -50,6 +50,30 @@ def approve_team(
     _show_record(team, f"team {team['id']} approved", json)
 
 
+def refuse_team(
+    team_id: TeamId,
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Refuse a team that registered itself: it goes, with its tokens."""
+    with _organizer(server) as organizer:
+        team = organizer.refuse_team(team_id, reason)
+    _show_record(team, f"team {team['id']} refused", json)
+
+
+def retry_submission(
+    submission_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")],
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Queue a failed submission again, with all its attempts."""
+    with _organizer(server) as organizer:
+        submission = organizer.retry_submission(submission_id, reason)
+    _show_record(submission, f"submission {submission['id']} queued again", json)
+
+
 def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
     """List a team's tokens, without their secrets."""
     columns = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
@@ -216,6 +240,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "list": list_teams,
             "create": create_team,
             "approve": approve_team,
+            "refuse": refuse_team,
             "tokens": list_tokens,
             "issue-token": issue_token,
             "revoke-token": revoke_token,
@@ -233,6 +258,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "Protocol updates: score in the background, compare, apply.",
         rescore_commands.COMMANDS,
     ),
+    "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
 }

@@ -10,6 +10,7 @@ from exceptiondrive_server.api import (
     organizer_protocols,
     organizer_rescoring,
     organizer_similarity,
+    organizer_submissions,
     organizer_teams,
 )
 from exceptiondrive_server.auth import require
@@ -32,6 +33,7 @@ for module in (
     organizer_protocols,
     organizer_rescoring,
     organizer_similarity,
+    organizer_submissions,
     organizer_audit,
 ):
     router.include_router(module.router)

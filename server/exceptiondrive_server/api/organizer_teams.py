@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, StrictBool
 
+from exceptiondrive_records.refusals import refuse_team
 from exceptiondrive_records.registrations import approve_team
 from exceptiondrive_records.tables import Team
 from exceptiondrive_records.teams import create_team, find_team, list_teams
@@ -31,6 +32,12 @@ class NewTeam(Form):
     id: Annotated[str, Field(max_length=64)]
     name: Annotated[str, Field(max_length=400)]
     is_reference: StrictBool = False
+
+
+class Refusal(Form):
+    """Why a registration is refused."""
+
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 class TeamView(BaseModel):
@@ -75,6 +82,17 @@ def post_approval(services: ServicesOf, organizer: Organizer, team_id: Slug) -> 
     """Let a team that registered itself submit."""
     with services.database.write() as session:
         return _team(approve_team(session, team_id, actor=organizer.actor))
+
+
+@router.post("/teams/{team_id}/refuse", operation_id="refuseTeam")
+def post_refusal(
+    services: ServicesOf, organizer: Organizer, team_id: Slug, refusal: Refusal
+) -> TeamView:
+    """Refuse a registration: the team and its tokens go, the reason stays in the audit log."""
+    with services.database.write() as session:
+        refused = _team(find_team(session, team_id))
+        refuse_team(session, team_id, reason=refusal.reason, actor=organizer.actor)
+    return refused
 
 
 @router.get("/teams/{team_id}/tokens", operation_id="listTokens")

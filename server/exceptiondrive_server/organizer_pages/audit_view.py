@@ -8,6 +8,7 @@ from urllib.parse import urlencode
 
 from exceptiondrive_records.audit import AuditVerdict
 from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_server.pages.numbers import short_digest
 
 
 @dataclass(frozen=True)
@@ -88,4 +89,6 @@ def _line(line: AuditLine, names: Mapping[str, str]) -> HistoryLine:
 
 def _words(value: object) -> str:
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    if text.startswith("sha256:"):
+        return short_digest(text)
     return text if len(text) <= 80 else f"{text[:79]}…"

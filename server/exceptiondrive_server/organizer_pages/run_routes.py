@@ -209,7 +209,8 @@ def post_step(
 
 def _page_of(session: Session, step: RunStep, run_id: str, preview: str) -> Step:
     seen = run_view(session, find_run(session, run_id))
-    return page_of_step(step, seen, preview if step.needs_preview else "")
+    comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
+    return page_of_step(step, seen, preview if step.needs_preview else "", comparison)
 
 
 def _known(step: str) -> RunStep:

@@ -1,6 +1,6 @@
 """The steps of a run, as data: what each does, when it is offered, what the button says."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -8,10 +8,11 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_schemas.rescoring import RunState, RunView
+from exceptiondrive_schemas.rescoring import Comparison, RunState, RunView
 from exceptiondrive_server.organizer_pages.forms import REASON
 from exceptiondrive_server.organizer_pages.run_words import change_words, progress_words
 from exceptiondrive_server.organizer_pages.steps import Step
+from exceptiondrive_server.pages.numbers import counted
 
 _OPEN = (RunState.DRAFT, RunState.SCORING, RunState.PAUSED, RunState.READY)
 MOST_SENTENCES = 8
@@ -147,14 +148,18 @@ def take_step(
     step.take(session, run_id, reason=reason, actor=actor)
 
 
-def page_of_step(step: RunStep, run: RunView, preview: str) -> Step:
-    """Return the page that asks for a step; `preview` is the digest that was looked at."""
+def page_of_step(
+    step: RunStep, run: RunView, preview: str, comparison: Comparison | None = None
+) -> Step:
+    """Return the page that asks for a step.
+
+    Args:
+        step: The step.
+        run: The run.
+        preview: Digest of the preview that was looked at; empty where none is needed.
+        comparison: What readers would see change, for a step that moves the pointer.
+    """
     here = f"/organize/rescoring/{run.id}"
-    facts = [("Run", change_words(run)), ("Phase", run.phase)]
-    facts += [("Changes", sentence) for sentence in run.difference.sentences[:MOST_SENTENCES]]
-    facts.append(("Sheets", progress_words(run.progress)))
-    if preview:
-        facts.append(("Preview", preview))
     with_preview = f" --preview {preview}" if preview else ""
     return Step(
         section="rescoring",
@@ -164,13 +169,40 @@ def page_of_step(step: RunStep, run: RunView, preview: str) -> Step:
         back=f"{here}/preview" if step.needs_preview else here,
         back_words="The preview" if step.needs_preview else "The run",
         fields=(REASON,),
-        facts=tuple(facts),
+        facts=tuple(_facts(run, preview, comparison)),
         command=f"exceptiondrive organizer rescore {step.command} {run.id}{with_preview} "
         '--reason "…"',
         is_grave=step.is_grave,
         hidden=(("preview", preview),) if step.needs_preview else (),
         blockers=_blockers(step, run, preview),
     )
+
+
+def _facts(
+    run: RunView, preview: str, comparison: Comparison | None
+) -> Iterator[tuple[str, str | tuple[str, ...]]]:
+    sentences = run.difference.sentences
+    shown = sentences[:MOST_SENTENCES]
+    left_out = len(sentences) - len(shown)
+    yield "Run", change_words(run)
+    yield "Phase", run.phase
+    if shown:
+        yield "Changes", (*shown, f"and {left_out} more") if left_out else shown
+    yield "Sheets", progress_words(run.progress)
+    if comparison is not None:
+        yield "Readers see", _seen_words(comparison)
+    if preview:
+        yield "Preview", preview
+
+
+def _seen_words(comparison: Comparison) -> str:
+    """Say what readers would see: `14 of 15 entries get other numbers, 7 other ranks`."""
+    of_all = (
+        f"{comparison.n_numbers_changed:,} of {counted(comparison.n_entries, 'entry', 'entries')}"
+    )
+    words = f"{of_all} with other numbers, {comparison.n_ranks_changed:,} with another rank"
+    failing = comparison.n_newly_failing
+    return f"{words}, {failing:,} no longer ranked" if failing else words
 
 
 def _blockers(step: RunStep, run: RunView, preview: str) -> tuple[str, ...]:

@@ -24,7 +24,8 @@ class Step:
     back: str
     back_words: str
     fields: tuple[Field, ...] = ()
-    facts: tuple[tuple[str, str], ...] = ()
+    facts: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
+    """Name and words; several lines where there are several."""
     command: str = ""
     """The same in a terminal."""
     is_grave: bool = False

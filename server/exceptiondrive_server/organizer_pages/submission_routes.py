@@ -134,5 +134,5 @@ def _retry(submission: Submission) -> Step:
         facts=(("Failed with", f"{submission.failure_code}: {submission.failure_message}"),)
         if submission.failure_code
         else (),
-        command=f"exceptiondrive-server retry {submission.id}",
+        command=f'exceptiondrive organizer submissions retry {submission.id} --reason "…"',
     )

@@ -1,0 +1,173 @@
+"""An organizer's walk in a real browser: document, run, progress, preview, apply, board, rollback."""
+
+import shutil
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvicorn
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from exceptiondrive_records.registrations import register_team
+from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.settings import ServerSettings
+
+Stage = Any
+Make = Callable[..., str]
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.parametrize("database_url", ["sqlite"], indirect=True),
+]
+AXE = Path(__file__).parents[1] / "server" / "pages" / "vendor" / "axe.min.js"
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+LONGEST_MS = 60_000
+CHROMIUM = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome")
+     if (found := shutil.which(name))),
+    None,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """A headless Chromium of this machine."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed on this machine")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def site(stage: Stage) -> Iterator[str]:
+    """Address of a running site over the stage."""
+    app = create_app(
+        ServerSettings(
+            database_url=stage.settings.database_url,
+            broker_url="memory://",
+            file_store_url=stage.settings.file_store_url,
+        )
+    )
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        config = uvicorn.Config(app, log_level="critical", ws="none")
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, args=([listening],))
+        thread.start()
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+        server.should_exit = True
+        thread.join(timeout=20)
+
+
+def signed_in(stage: Stage, browser: Browser, site: str, **context: Any) -> Page:
+    with stage.database.write() as session:
+        token, _ = issue_token(session, None, "Olga", ORGANIZER_SCOPES, actor="test")
+    page = browser.new_context(**context).new_page()
+    page.goto(f"{site}/sign-in")
+    page.fill("input[name=token]", token)
+    page.click("form.card button")
+    page.wait_for_url("**/organize")
+    return page
+
+
+def say(page: Page, button: str) -> None:
+    """Give a reason and press the button of a step."""
+    page.fill("textarea[name=reason]", "announced on Monday")
+    page.click(f"form.card button:text-is('{button}')")
+
+
+def start_run(page: Page, site: str, toml: str) -> None:
+    """From a document to a run that scores."""
+    page.goto(f"{site}/organize/protocols/new")
+    page.fill("textarea[name=toml]", toml)
+    page.click("button:text-is('Check')")
+    expect(page.locator(".verdict")).to_contain_text("2.0 -> 9.5 m")
+    page.click("button:text-is('Add protocol 1.1')")
+    page.click("tr:has-text('1.1') a:has-text('Rescore')")
+    page.select_option("select[name=phase]", "dev")
+    say(page, "Draft the run")
+    page.click("a:text-is('Start scoring')")
+    say(page, "Start scoring")
+
+
+@pytest.mark.parametrize("has_script", [True, False])
+def test_a_walk_from_document_to_rollback(
+    stage: Stage, browser: Browser, site: str, make_protocol: Make, has_script: bool
+) -> None:
+    page = signed_in(stage, browser, site, java_script_enabled=has_script)
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    start_run(page, site, make_protocol("1.1", *D_SAFE))
+    expect(page.locator(".run-now")).to_contain_text("scoring in the background")
+    run = page.url.split("?")[0]
+    stage.work(most=2)
+    expect(page.locator("#live")).to_contain_text("2 of 3 sheets", timeout=LONGEST_MS)
+    stage.work()
+    expect(page.locator(".run-now")).to_contain_text("100 %", timeout=LONGEST_MS)
+    page.goto(f"{run}/preview")
+    expect(page.locator("svg.slope.wide")).to_be_visible()
+    expect(page.locator("table.pv tbody tr").first).to_contain_text("slow")
+    page.click("a:text-is('Apply')")
+    say(page, "Apply")
+    expect(page.locator(".notice.good")).to_contain_text("readers see the new board")
+    page.goto(f"{site}/?phase=dev")
+    expect(page.locator("main")).to_contain_text("1.1")
+    page.goto(f"{run}/rollback")
+    say(page, "Roll back")
+    expect(page.locator(".notice.good")).to_contain_text("Rolled back")
+    page.goto(f"{site}/organize/audit?verify=true")
+    expect(page.locator(".notice.good")).to_contain_text("The chain is whole")
+    assert complaints == []
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1360, "light"), (390, "dark")])
+def test_axe_finds_nothing_wrong_and_no_page_scrolls_sideways(
+    stage: Stage, browser: Browser, site: str, make_protocol: Make, width: int, scheme: Any
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    with stage.database.write() as session:
+        register_team(session, "newcomers", "New Comers", "We are new.")
+    page = signed_in(
+        stage,
+        browser,
+        site,
+        bypass_csp=True,
+        color_scheme=scheme,
+        viewport={"width": width, "height": 900},
+    )
+    run = f"/organize/rescoring/{run_id}"
+    for path in (
+        "/organize",
+        "/organize/teams",
+        "/organize/teams/newcomers",
+        "/organize/teams/newcomers/refuse",
+        "/organize/phases",
+        "/organize/phases/new",
+        "/organize/phases/dev",
+        "/organize/submissions",
+        f"/organize/submissions/{stage.submitted[0]}",
+        "/organize/protocols",
+        "/organize/protocols/new?start=1.0",
+        "/organize/rescoring",
+        "/organize/rescoring/new",
+        run,
+        f"{run}/preview",
+        f"{run}/apply?preview=x",
+        "/organize/verifications/new",
+        "/organize/audit?verify=true",
+    ):
+        page.goto(site + path)
+        page.add_script_tag(path=AXE)
+        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+        assert [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found] == [], path
+        for narrow in (width, 360):
+            page.set_viewport_size({"width": narrow, "height": 900})
+            wider = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+            assert wider <= 0, f"{path} is {wider} px wider than {narrow} px"
