@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.phase_life import BoardView, SplitPart
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Flag,
@@ -95,6 +96,8 @@ class BoardEntry(Document):
     cite: str | None = None
     reminder_effect: ReminderEffect | None = Field(default=None, exclude_if=lambda it: it is None)
     """Left out where there is none: such an entry reads as it did before there were links."""
+    is_late: bool = Field(default=False, exclude_if=lambda it: not it)
+    """It came after the deadline: on the late view alone."""
 
 
 class FamilyHead(Document):
@@ -121,6 +124,10 @@ class Board(Document):
     entries: tuple[BoardEntry, ...]
     comparisons: tuple[PairedComparison, ...] = Field(default=(), exclude_if=lambda it: not it)
     """Every two of the best ranked entries, the better ranked first; submission ids."""
+    view: BoardView = Field(default="main", exclude_if=lambda it: it == "main")
+    """`late` ranks late entries among the others, and moves no rank of the board."""
+    part: SplitPart | None = Field(default=None, exclude_if=lambda it: it is None)
+    """Which part of the split counts; left out where all samples do."""
 
     @property
     def content_digest(self) -> str:

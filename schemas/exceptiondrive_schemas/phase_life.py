@@ -105,7 +105,7 @@ class PhaseNow(Document):
     n_counted: int
     """How many samples that are."""
     frozen_since: datetime | None = None
-    families_hidden_until: datetime | None = None
+    families_shown_from: datetime | None = None
     is_anonymous: bool = False
     takes_late_entries: bool = False
     """Closed, and what comes now stands on the late view."""

@@ -39,6 +39,16 @@ class Split(Document):
         document["samples"].sort(key=lambda sample: sample["sample_id"])
         return content_digest(document)
 
+    @property
+    def has_parts(self) -> bool:
+        """Whether samples are parted into public and private ones."""
+        return any(sample.part is not None for sample in self.samples)
+
+    def part(self, part: Literal["public", "private"]) -> "Split":
+        """Return the samples of a part as a split of its own, with its own revision."""
+        chosen = tuple(sample for sample in self.samples if sample.part == part)
+        return self.model_copy(update={"samples": chosen})
+
 
 class SplitRef(Document):
     """Which split, at which revision."""

@@ -85,7 +85,7 @@ class SubmissionView(Document):
     """The team chose it for the board."""
     is_published: bool = True
     """False: the phase keeps entries private, and the team has not published this one."""
-    score_hidden_since: datetime | None = None
+    score_kept_back_since: datetime | None = None
     """The board froze then, and this phase keeps back the scores of what came later."""
     known_as: str | None = None
     """The pseudonym of the team on the board of an anonymous phase."""

@@ -9,49 +9,12 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import NotFound
-from exceptiondrive_records.tables import (
-    BoardFlip,
-    BoardRequest,
-    BoardRow,
-    Phase,
-    ScoreSheetRow,
-    Submission,
-    Team,
-)
+from exceptiondrive_records.phase_life import frozen_since
+from exceptiondrive_records.published_forms import shown_board
+from exceptiondrive_records.tables import BoardFlip, BoardRequest, BoardRow, Phase, Submission
 from exceptiondrive_schemas.base import canonical_json, content_digest
-from exceptiondrive_schemas.board import Board, Links
-from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import SubmissionStatus
-
-
-@dataclass(frozen=True)
-class LinkedRecord:
-    """The scored counterpart of an entry, whether or not it is an entry itself."""
-
-    submission_id: str
-    method: str
-    file_digest: str
-    measurement_key: str
-
-
-@dataclass(frozen=True)
-class EntryRecord:
-    """What a board needs to know of one entry."""
-
-    submission_id: str
-    team: str
-    team_slug: str
-    is_reference: bool
-    method: str
-    description: str
-    links: Links
-    submitted_at: datetime
-    file_digest: str
-    sheet: ScoreSheet
-    measurement_key: str
-    exact_digest: str
-    scorer_version: str
-    linked: LinkedRecord | None = None
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.phase_life import BoardView
 
 
 @dataclass(frozen=True)
@@ -64,60 +27,6 @@ class BoardClaim:
     wanted: int
     fence: int
     claimed_at: datetime
-
-
-def entries_for_board(
-    session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
-) -> list[EntryRecord]:
-    """Return the latest scored submission of each (team, method), in order of submission.
-
-    Without `split_revision`, against the one that the phase shows. A method whose latest
-    submission was withdrawn falls back to the one before it.
-
-    Raises:
-        NotFound: No such phase.
-    """
-    phase = session.get(Phase, phase_id)
-    if phase is None:
-        raise NotFound("phase", phase_id)
-    query = (
-        select(Submission, Team, ScoreSheetRow)
-        .join(Team, Team.id == Submission.team_id)
-        .join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
-        .where(*_scored_under(phase_id, protocol_digest, split_revision or phase.split_revision))
-        .order_by(Submission.received_at, Submission.id)
-    )
-    latest: dict[tuple[int, str], EntryRecord] = {}
-    scored: dict[str, LinkedRecord] = {}
-    for submission, team, sheet in session.execute(query):
-        linked = scored.get(submission.linked_to or "")
-        latest[team.id, submission.method] = _entry(submission, team, sheet, linked)
-        scored[submission.id] = _linked(submission, sheet)
-    return sorted(latest.values(), key=lambda entry: (entry.submitted_at, entry.submission_id))
-
-
-def entry_ids_for_board(
-    session: Session, phase_id: str, protocol_digest: str, split_revision: str
-) -> set[str]:
-    """Return the submissions of `entries_for_board`, without reading a sheet."""
-    query = (
-        select(Submission.team_id, Submission.method, Submission.id)
-        .join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
-        .where(*_scored_under(phase_id, protocol_digest, split_revision))
-        .order_by(Submission.received_at, Submission.id)
-    )
-    return set({(team, method): entry for team, method, entry in session.execute(query)}.values())
-
-
-def _scored_under(
-    phase_id: str, protocol_digest: str, split_revision: str
-) -> tuple[ColumnElement[bool], ...]:
-    return (
-        Submission.phase_id == phase_id,
-        Submission.status == SubmissionStatus.SCORED,
-        ScoreSheetRow.protocol_digest == protocol_digest,
-        ScoreSheetRow.split_revision == split_revision,
-    )
 
 
 def claim_board(
@@ -167,11 +76,20 @@ def release_board(session: Session, claim: BoardClaim) -> None:
     )
 
 
-def publish_board(session: Session, claim: BoardClaim, board: Board) -> BoardRow | None:
+def publish_board(
+    session: Session, claim: BoardClaim, board: Board, late: Board | None = None
+) -> BoardRow | None:
     """Append a board and, under the phase's own protocol and split, make it the current one.
 
-    Number and date are given here. A board that says what the latest one of this protocol says
-    is not appended again.
+    Number and date are given here; what may not be shown yet is left out here, so that it is in
+    nothing that is served. A board that says what the latest one of this protocol says is not
+    appended again. While the phase is frozen its pointers stay.
+
+    Args:
+        session: Of a write transaction.
+        claim: The lease.
+        board: The board.
+        late: The board of the late view, where there is one.
 
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
@@ -191,13 +109,25 @@ def publish_board(session: Session, claim: BoardClaim, board: Board) -> BoardRow
     request.build_s = (request.built_at - claim.claimed_at).total_seconds()
     phase = session.get(Phase, claim.phase_id, with_for_update=True, populate_existing=True)
     assert phase is not None
-    row = _latest(session, claim)
-    if row is None or row.digest != board.content_digest:
-        row = _append(session, claim, board)
+    now = database_now(session)
+    row = _kept_or_appended(session, claim, shown_board(phase, board, now), "main")
+    late_row = late and _kept_or_appended(session, claim, shown_board(phase, late, now), "late")
     shown = (phase.protocol_digest, phase.split_revision)
-    if shown == (claim.protocol_digest, claim.split_revision):
+    is_shown = shown == (claim.protocol_digest, claim.split_revision)
+    if is_shown and frozen_since(phase, now) is None:
         flip_board(session, phase, row)
+        phase.late_board_id = late_row.id if late_row else None
     return row
+
+
+def _kept_or_appended(
+    session: Session, claim: BoardClaim, board: Board, view: BoardView
+) -> BoardRow:
+    key = (claim.protocol_digest, claim.split_revision)
+    row = latest_board(session, claim.phase_id, *key, view=view)
+    if row is not None and row.digest == board.content_digest:
+        return row
+    return _append(session, claim, board, view)
 
 
 def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | None:
@@ -247,11 +177,24 @@ def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | Non
     return session.scalars(query).first()
 
 
+def late_board(session: Session, phase_id: str) -> BoardRow | None:
+    """Return the board of the late view; None while nothing came late."""
+    query = (
+        select(BoardRow).join(Phase, Phase.late_board_id == BoardRow.id).where(Phase.id == phase_id)
+    )
+    return session.scalars(query).first()
+
+
 def latest_board(
-    session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
+    session: Session,
+    phase_id: str,
+    protocol_digest: str,
+    split_revision: str | None = None,
+    view: BoardView = "main",
 ) -> BoardRow | None:
     """Return the newest board of a phase under a protocol (and split revision), drafts too."""
-    return session.scalars(_newest_first(phase_id, protocol_digest, split_revision)).first()
+    query = _newest_first(phase_id, protocol_digest, split_revision)
+    return session.scalars(query.where(BoardRow.view == view)).first()
 
 
 def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
@@ -327,11 +270,7 @@ def list_boards(session: Session, phase_id: str) -> list[BoardRow]:
     return list(session.scalars(query.order_by(BoardRow.number.desc())))
 
 
-def _latest(session: Session, claim: BoardClaim) -> BoardRow | None:
-    return latest_board(session, claim.phase_id, claim.protocol_digest, claim.split_revision)
-
-
-def _append(session: Session, claim: BoardClaim, board: Board) -> BoardRow:
+def _append(session: Session, claim: BoardClaim, board: Board, view: BoardView) -> BoardRow:
     query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == claim.phase_id)
     number = (session.scalar(query) or 0) + 1
     now = database_now(session)
@@ -345,39 +284,15 @@ def _append(session: Session, claim: BoardClaim, board: Board) -> BoardRow:
         body_digest=content_digest(final),
         body=canonical_json(final).decode("utf-8"),
         published_at=now,
+        view=view,
     )
     session.add(row)
     session.flush()
-    detail = {"number": number, "digest": row.digest, "protocol": claim.protocol_digest}
+    detail = {
+        "number": number,
+        "digest": row.digest,
+        "protocol": claim.protocol_digest,
+        "view": view,
+    }
     audit(session, "worker", "board published", claim.phase_id, detail)
     return row
-
-
-def _linked(submission: Submission, row: ScoreSheetRow) -> LinkedRecord:
-    return LinkedRecord(
-        submission_id=submission.id,
-        method=submission.method,
-        file_digest=submission.file_digest,
-        measurement_key=row.measurement_key,
-    )
-
-
-def _entry(
-    submission: Submission, team: Team, row: ScoreSheetRow, linked: LinkedRecord | None
-) -> EntryRecord:
-    return EntryRecord(
-        submission_id=submission.id,
-        team=team.name,
-        team_slug=team.slug,
-        is_reference=team.is_reference,
-        method=submission.method,
-        description=submission.description,
-        links=Links(paper=submission.paper_url, code=submission.code_url),
-        submitted_at=submission.received_at,
-        file_digest=submission.file_digest,
-        sheet=row.sheet,
-        measurement_key=row.measurement_key,
-        exact_digest=row.exact_digest,
-        scorer_version=row.scorer_version,
-        linked=linked,
-    )

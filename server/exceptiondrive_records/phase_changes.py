@@ -8,11 +8,11 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
-from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import current_board, flip_board, latest_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.identifiers import checked_text
+from exceptiondrive_records.phase_boards import want_boards
 from exceptiondrive_records.phase_life import frozen_since, is_anonymous, new_salt
 from exceptiondrive_records.phase_rules import check_phase
 from exceptiondrive_records.splits import live_revision
@@ -85,7 +85,7 @@ def update_phase(
     changed = {key: [before[key], after[key]] for key in after if after[key] != before[key]}
     if changed:
         audit(session, actor, "phase changed", phase.id, changed)
-        want_board(session, phase.id, phase.protocol_digest)
+        want_boards(session, phase)
     return phase
 
 
@@ -128,7 +128,7 @@ def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
     row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
     if row is not None:
         flip_board(session, phase, row)
-    want_board(session, phase.id, phase.protocol_digest)
+    want_boards(session, phase)
 
 
 def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
@@ -145,7 +145,7 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
         raise Conflict("The names of this phase are shown already.")
     phase.names_revealed_at = database_now(session)
     audit(session, actor, "names revealed", phase.id, {"reason": _reason(reason)})
-    want_board(session, phase.id, phase.protocol_digest)
+    want_boards(session, phase)
     return phase
 
 

@@ -5,7 +5,6 @@ import hmac
 import secrets
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, false, func
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
@@ -27,7 +26,7 @@ def frozen_since(phase: Phase, now: datetime) -> datetime | None:
     return freezes_at
 
 
-def families_hidden_until(phase: Phase, now: datetime) -> datetime | None:
+def families_shown_from(phase: Phase, now: datetime) -> datetime | None:
     """Return from when families and tasks are shown; None when they are shown already."""
     families_from = phase.life.families_from
     return families_from if families_from is not None and now < families_from else None
@@ -53,13 +52,6 @@ def is_late(phase: Phase, submission: Submission) -> bool:
     return has_closed(phase, submission.arrived_at or submission.received_at)
 
 
-def late_clause(phase: Phase) -> ColumnElement[bool]:
-    """Return `is_late` as a condition of a query."""
-    if phase.closes_at is None:
-        return false()
-    return func.coalesce(Submission.arrived_at, Submission.received_at) >= phase.closes_at
-
-
 def phase_now(session: Session, phase: Phase) -> PhaseNow:
     """Return where a phase stands, as everybody may know it."""
     now = database_now(session)
@@ -68,7 +60,7 @@ def phase_now(session: Session, phase: Phase) -> PhaseNow:
         part=part_of(split),
         n_counted=split.n_samples,
         frozen_since=frozen_since(phase, now),
-        families_hidden_until=families_hidden_until(phase, now),
+        families_shown_from=families_shown_from(phase, now),
         is_anonymous=is_anonymous(phase),
         takes_late_entries=takes_late_entries(phase, now),
     )

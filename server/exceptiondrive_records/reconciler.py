@@ -22,6 +22,7 @@ from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.identifiers import random_id
 from exceptiondrive_records.jobs import set_failed
 from exceptiondrive_records.leaders import give_up_lead, take_lead
+from exceptiondrive_records.phase_boards import tend_phases
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.verification import due_items, mark_items_rung
 from exceptiondrive_records.ringing import ring_due_jobs
@@ -54,6 +55,7 @@ def reconcile_once(database: Database, doorbell: Doorbell, settings: RecordsSett
     """Make one pass."""
     with database.write() as session:
         dead_jobs = give_up_exhausted(session, settings.max_attempts)
+    tend_phases(database)
     rescoring_jobs = tend_runs(database)
     return Pass(
         rung_jobs=sum(ring_due_jobs(database, doorbell, settings, lane) for lane in Lane),

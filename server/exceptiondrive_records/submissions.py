@@ -1,7 +1,7 @@
 """Submissions: accepted in one transaction, after which they cannot be lost."""
 
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 
 from sqlalchemy import func, select, tuple_, update
 from sqlalchemy.orm import Session
@@ -12,6 +12,7 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, NotFound, PhaseClosed
 from exceptiondrive_records.identifiers import checked_link, checked_text, random_id
 from exceptiondrive_records.links import checked_counterpart, require_same_link
+from exceptiondrive_records.phase_life import takes_late_entries
 from exceptiondrive_records.phases import find_phase, is_open
 from exceptiondrive_records.quotas import require_quota
 from exceptiondrive_records.registrations import require_approved
@@ -23,6 +24,8 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 
 _SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 """After these the same bytes are a new submission."""
+LONGEST_UPLOAD = timedelta(minutes=15)
+"""An upload that takes longer is judged by its end: nobody holds a connection past the deadline."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ def accept(
     linked_to: str | None = None,
     file_digest: str,
     size_bytes: int,
+    arrived_at: datetime | None = None,
 ) -> Accepted:
     """Accept an upload: submission, first job and audit line, or none of them.
 
@@ -60,6 +64,8 @@ def accept(
         linked_to: The team's submission of the same agent without reminder, in this phase.
         file_digest: Of the stored file, `sha256:` and 64 hex digits.
         size_bytes: Of the stored file.
+        arrived_at: When its first byte came, by the database's clock: the deadline is judged by it,
+            unless the rest took longer than `LONGEST_UPLOAD`.
 
     Raises:
         NotFound: No such phase or team, or the team has no submission to link to.
@@ -78,7 +84,8 @@ def accept(
         require_same_link(first, linked_to)
         return Accepted(first, is_duplicate=True, job_id=None)
     now = database_now(session)
-    _require_open(phase, now)
+    judged_at = arrival(arrived_at, now)
+    _require_open(phase, judged_at)
     require_quota(session, team_id, phase)
     counterpart = checked_counterpart(session, team_id, phase, linked_to)
     submission = Submission(
@@ -97,6 +104,7 @@ def accept(
         status=SubmissionStatus.RECEIVED,
         received_at=now,
         status_at=now,
+        arrived_at=judged_at,
     )
     job = new_job(submission, phase.protocol_digest, phase.split_revision, Lane.LIVE, True, now)
     session.add(submission)
@@ -106,6 +114,12 @@ def accept(
     detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
     audit(session, f"team:{team_id}", "submission received", submission.id, detail)
     return Accepted(submission, is_duplicate=False, job_id=job.id)
+
+
+def arrival(arrived_at: datetime | None, now: datetime) -> datetime:
+    """Return the moment by which an upload is judged: its first byte, or now if that is long ago."""
+    is_told = arrived_at is not None and now - LONGEST_UPLOAD <= arrived_at <= now
+    return arrived_at if arrived_at is not None and is_told else now
 
 
 def _score_under_both(session: Session, submission: Submission, now: datetime) -> None:
@@ -241,7 +255,7 @@ def _same_bytes(
 
 
 def _require_open(phase: Phase, now: datetime) -> None:
-    if is_open(phase, now):
+    if is_open(phase, now) or takes_late_entries(phase, now):
         return
     if phase.opens_at is not None and now < phase.opens_at:
         raise PhaseClosed(phase.title, opens_at=phase.opens_at)

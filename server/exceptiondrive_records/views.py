@@ -9,7 +9,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.final_entries import is_chosen
 from exceptiondrive_records.heartbeats import LiveWorkers, live_workers
+from exceptiondrive_records.phase_life import is_anonymous, is_late, pseudonym_of_team
+from exceptiondrive_records.published_forms import score_kept_back_since, shown_sheet
 from exceptiondrive_records.tables import (
     Job,
     JobState,
@@ -39,6 +42,8 @@ def view(
     team = session.get_one(Team, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
     is_scored = submission.status is SubmissionStatus.SCORED
+    hidden_since = score_kept_back_since(session, phase, submission)
+    shows_sheet = is_scored and hidden_since is None
     return SubmissionView(
         id=submission.id,
         phase=phase.id,
@@ -56,9 +61,16 @@ def view(
         queue=queue_place(session, submission, heartbeat_ttl_s=heartbeat_ttl_s),
         report=submission.report,
         failure=_failure(submission),
-        sheet=published_sheet(session, submission, phase) if is_scored else None,
+        sheet=published_sheet(session, submission, phase) if shows_sheet else None,
         rank=current_rank(session, submission) if is_scored else None,
         is_duplicate=is_duplicate,
+        is_late=is_late(phase, submission),
+        is_chosen=is_chosen(session, submission),
+        is_published=not phase.life.entries_private or submission.published_at is not None,
+        score_kept_back_since=hidden_since,
+        known_as=pseudonym_of_team(phase, team.id)
+        if is_anonymous(phase) and not team.is_reference
+        else None,
     )
 
 
@@ -91,10 +103,10 @@ def queue_place(
 
 
 def published_sheet(session: Session, submission: Submission, phase: Phase) -> ScoreSheet | None:
-    """Return the sheet under the protocol and split revision that the phase shows."""
+    """Return the sheet under the protocol and split revision that the phase shows, as it may be."""
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)
-    return None if row is None else row.sheet
+    return None if row is None else shown_sheet(session, phase, row)
 
 
 def current_rank(session: Session, submission: Submission) -> int | None:

@@ -1,8 +1,10 @@
 """Take an upload: kept, accepted, and a worker called. The API and the page's form both do this."""
 
 from collections.abc import Iterator
+from datetime import datetime
 from typing import BinaryIO
 
+from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.orphans import keep_stored
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.quotas import quota_of
@@ -18,8 +20,22 @@ from exceptiondrive_server.upload_form import Upload
 CHUNK_BYTES = 256 * 1024
 
 
-def take_upload(services: Services, team_id: int, upload: Upload) -> tuple[SubmissionView, Quota]:
+def arrival_now(services: Services) -> datetime:
+    """Return the database's time: asked when an upload begins, since deadlines are judged by it."""
+    with services.database.read() as session:
+        return database_now(session)
+
+
+def take_upload(
+    services: Services, team_id: int, upload: Upload, arrived_at: datetime
+) -> tuple[SubmissionView, Quota]:
     """Store the file, then accept it in one transaction, then call a worker.
+
+    Args:
+        services: Of the application.
+        team_id: Who submits.
+        upload: What was sent.
+        arrived_at: When it began, from `arrival_now`.
 
     Raises:
         RecordsError: It is refused; nothing but the file's bytes was kept.
@@ -42,6 +58,7 @@ def take_upload(services: Services, team_id: int, upload: Upload) -> tuple[Submi
             linked_to=fields.linked_to or None,
             file_digest=file_digest,
             size_bytes=size_bytes,
+            arrived_at=arrived_at,
         )
     _ring(services, accepted)
     with services.database.read() as session:

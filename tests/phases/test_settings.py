@@ -30,7 +30,7 @@ def test_a_phase_shows_its_life(life: "Life") -> None:
         "part": None,
         "n_counted": 5,
         "frozen_since": None,
-        "families_hidden_until": None,
+        "families_shown_from": None,
         "is_anonymous": True,
         "takes_late_entries": False,
     }

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import DatabaseError
 
-from exceptiondrive_records import boards
+from exceptiondrive_records import board_records, boards
 from exceptiondrive_records.audit import count_audit_lines
 from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import BoardClaim
@@ -193,7 +193,7 @@ def test_the_latest_scored_submission_of_each_method_is_an_entry(world: World) -
         world.score(world.submit(content, method, team_id).job_id, hcc)
     world.submit("waiting", "c")
     with world.database.read() as session:
-        found = boards.entries_for_board(session, "dev", world.protocol_digest)
+        found = board_records.entries_for_board(session, "dev", world.protocol_digest)
     assert [(e.team, e.method, e.sheet.micro["hcc"], e.is_reference) for e in found] == [
         ("Alpha", "a", 0.2, False),
         ("Alpha", "b", 0.3, False),
@@ -208,12 +208,12 @@ def test_a_withdrawn_submission_gives_way_to_the_one_before_it(world: World) -> 
     with world.database.write() as session:
         withdraw(session, second.submission.id, actor="test")
     with world.database.read() as session:
-        found = boards.entries_for_board(session, "dev", world.protocol_digest)
+        found = board_records.entries_for_board(session, "dev", world.protocol_digest)
     assert [entry.sheet.micro["hcc"] for entry in found] == [0.1]
 
 
 def test_a_board_never_mixes_protocols(world: World) -> None:
     world.score(world.submit("1").job_id)
     with world.database.read() as session:
-        assert boards.entries_for_board(session, "dev", OTHER) == []
+        assert board_records.entries_for_board(session, "dev", OTHER) == []
         assert session.get_one(Phase, "dev").protocol_digest == world.protocol_digest

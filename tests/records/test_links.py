@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.boards import LinkedRecord, entries_for_board
+from exceptiondrive_records.board_records import LinkedRecord, entries_for_board
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.submissions import Accepted, accept, withdraw

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exceptiondrive_records.boards import EntryRecord
+from exceptiondrive_records.board_records import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import Protocol
@@ -116,6 +116,7 @@ class _Rows:
             coverage={"edited": sheet.coverage.edited, "source": sheet.coverage.source},
             flags=sheet.plausibility.flags,
             reminder_effect=entry.effect,
+            is_late=record.is_late,
         )
 
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:

@@ -4,19 +4,22 @@ from datetime import UTC, datetime
 
 import structlog
 
+from exceptiondrive_records.board_records import entries_for_board
 from exceptiondrive_records.boards import (
     BoardClaim,
     claim_board,
     current_board,
-    entries_for_board,
     latest_board,
     publish_board,
 )
+from exceptiondrive_records.phase_life import part_of
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.splits import find_split
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.phase_life import BoardView
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
@@ -48,11 +51,12 @@ def build_board(
         return
     try:
         board, standings = _board(doors, claimed)
+        late = _late_board(doors, claimed)
     except SplitUnavailableError as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
         return
     with doors.database.write() as session:
-        row = publish_board(session, claimed, board)
+        row = publish_board(session, claimed, board, late)
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
     draw_protocol(doors, protocol_digest)
     draw_entries(doors, standings, most=DRAWN_AT_ONCE)
@@ -85,17 +89,30 @@ def _without_previous(entries: tuple[BoardEntry, ...]) -> tuple[BoardEntry, ...]
     return tuple(row.model_copy(update={"previous_rank": None}) for row in entries)
 
 
-def _board(doors: Doors, claimed: BoardClaim) -> tuple[Board, list[Standing]]:
+def _late_board(doors: Doors, claimed: BoardClaim) -> Board | None:
+    """The board of the late view; None where the phase has none, or nothing came late."""
+    with doors.database.read() as session:
+        phase = find_phase(session, claimed.phase_id)
+        if phase.life.late_entries != "own_view":
+            return None
+        records = entries_for_board(
+            session, phase.id, claimed.protocol_digest, claimed.split_revision, "late"
+        )
+    return _board(doors, claimed, "late")[0] if any(each.is_late for each in records) else None
+
+
+def _board(
+    doors: Doors, claimed: BoardClaim, view: BoardView = "main"
+) -> tuple[Board, list[Standing]]:
     with doors.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
-        records = entries_for_board(session, phase.id, protocol.digest, claimed.split_revision)
+        key = (phase.id, protocol.digest, claimed.split_revision)
+        records = entries_for_board(session, *key, view)
+        part = part_of(find_split(session, phase.split_name, claimed.split_revision))
         boards = [
             None if row is None else Board.model_validate_json(row.body)
-            for row in (
-                latest_board(session, phase.id, protocol.digest, claimed.split_revision),
-                current_board(session, phase.id),
-            )
+            for row in (latest_board(session, *key, view), current_board(session, phase.id))
         ]
     challenge = CHALLENGES[ChallengeId(phase.challenge)]
     split = doors.splits.find(phase.split_name, claimed.split_revision, protocol)
@@ -107,7 +124,8 @@ def _board(doors: Doors, claimed: BoardClaim) -> tuple[Board, list[Standing]]:
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, *boards)
     board = _document(phase, challenge, split, protocol, entries)
-    return board.model_copy(update={"comparisons": compared}), standings
+    more = {"comparisons": compared, "view": view, "part": part}
+    return board.model_copy(update=more), standings
 
 
 def _scored(doors: Doors, standings: list[Standing]) -> list[ScoredEntry]:

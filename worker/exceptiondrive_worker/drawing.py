@@ -9,7 +9,7 @@ from pathlib import Path
 
 import structlog
 
-from exceptiondrive_records.boards import EntryRecord
+from exceptiondrive_records.board_records import EntryRecord
 from exceptiondrive_records.drawings import (
     PublicSplit,
     drawn_submissions,

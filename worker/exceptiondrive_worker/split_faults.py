@@ -51,15 +51,29 @@ def split_faults(split: Split, protocol: Protocol) -> tuple[SplitFault, ...]:
     repeated = [sample_id for sample_id, count in Counter(ids).items() if count > 1]
     known = {task.id for task in protocol.tasks}
     strangers = [sample.sample_id for sample in split.samples if sample.task not in known]
+    partless = [sample.sample_id for sample in split.samples if sample.part is None]
     found = [
         SplitFault("sample ids that occur more than once", tuple(sorted(repeated))),
         SplitFault(
             f"samples of a task that protocol {protocol.version} does not know",
             tuple(sorted(strangers)),
         ),
+        *_part_faults(split, partless),
         *_region_faults(np.array(ids), regions_of(split), protocol.geometry),
     ]
     return tuple(fault for fault in found if fault.sample_ids)
+
+
+def _part_faults(split: Split, partless: list[str]) -> list[SplitFault]:
+    """A split has no parts, or every sample has one and neither part is empty."""
+    if not split.has_parts:
+        return []
+    ids = tuple(sorted(sample.sample_id for sample in split.samples))
+    parts = {sample.part for sample in split.samples if sample.part is not None}
+    return [
+        SplitFault("samples of no part, though others have one", tuple(sorted(partless))),
+        *(SplitFault(f"all samples are {part}", ids) for part in parts if len(parts) == 1),
+    ]
 
 
 def _region_faults(

@@ -1,7 +1,8 @@
 """The split store: the only door to withheld splits.
 
 A split lies at `<folder>/<name>/split.json` or `split.json.gz`. Older revisions may stay beside it
-(`split-2026.json.gz`), so that what was scored against them can be scored again. Nothing read
+(`split-2026.json.gz`), so that what was scored against them can be scored again. A split whose samples
+name parts is three revisions: the whole, and each part by the digest of its own samples. Nothing read
 here leaves the worker: the manifest carries sample ids only.
 """
 
@@ -12,11 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.phase_life import SplitPart
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
+from exceptiondrive_scoring.aliases import IntArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_worker.private_store import array_digest
@@ -38,12 +42,14 @@ class LoadedSplit:
     """A split under one protocol: its public manifest and its withheld arrays.
 
     Attributes:
-        manifest: What participants may know; sample ids in canonical order.
-        arrays: Regions, tasks and scenes in the same order.
-        samples_digest: Digest of the sample ids in this order: what reading an upload needs.
+        manifest: What participants may know; all sample ids that a file answers, in canonical
+            order. Of a part it names the samples of the whole, under the revision of the part.
+        arrays: Regions, tasks and scenes of the samples that count, in the same order.
+        samples_digest: Digest of the manifest's ids in this order: what reading an upload needs.
         regions_digest: Digest of what `measure` reads.
         grading_digest: Digest of what `grade` reads: tasks, families, d_safe, acceptable.
         scenes_digest: Digest of what the bootstrap reads besides.
+        rows: (N,) places of the samples that count among the manifest's; None: all count.
     """
 
     manifest: Manifest
@@ -52,6 +58,12 @@ class LoadedSplit:
     regions_digest: str
     grading_digest: str
     scenes_digest: str
+    rows: IntArray | None = None
+
+    @property
+    def rows_digest(self) -> str | None:
+        """Digest of which samples count; None where all do."""
+        return None if self.rows is None else array_digest(self.rows)
 
 
 def read_split(path: Path) -> Split:
@@ -95,8 +107,8 @@ def _place(location: tuple[int | str, ...], document: Any) -> str:
     return ".".join(parts)
 
 
-def load_split(split: Split, protocol: Protocol) -> LoadedSplit:
-    """Return manifest and arrays of a split, in the canonical order of sample ids.
+def load_split(split: Split, protocol: Protocol, part: SplitPart | None = None) -> LoadedSplit:
+    """Return manifest and arrays of a split or a part of it, in the canonical order of sample ids.
 
     Raises:
         SplitRefusedError: A sample cannot be scored under this protocol; all are listed.
@@ -105,9 +117,11 @@ def load_split(split: Split, protocol: Protocol) -> LoadedSplit:
     if faults:
         raise SplitRefusedError(split.name, faults)
     samples = sorted(split.samples, key=lambda sample: sample.sample_id)
-    arrays = split_arrays(samples, protocol.taxonomy)
+    rows = [i for i, sample in enumerate(samples) if part is None or sample.part == part]
+    arrays = split_arrays([samples[i] for i in rows], protocol.taxonomy)
+    revision = split.revision if part is None else split.part(part).revision
     return LoadedSplit(
-        manifest=_manifest(split, samples, protocol),
+        manifest=_manifest(split, samples, protocol, revision),
         arrays=arrays,
         samples_digest=content_digest([sample.sample_id for sample in samples]),
         regions_digest=array_digest(arrays.regions_m),
@@ -115,6 +129,7 @@ def load_split(split: Split, protocol: Protocol) -> LoadedSplit:
             arrays.task_index, arrays.family_index, arrays.d_safe_m, arrays.acceptable
         ),
         scenes_digest=array_digest(arrays.scene_index),
+        rows=None if part is None else np.array(rows, dtype=np.int64),
     )
 
 
@@ -130,7 +145,7 @@ class SplitStore:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._split_of_revision: dict[tuple[str, str], Split] = {}
+        self._split_of_revision: dict[tuple[str, str], tuple[Split, SplitPart | None]] = {}
         self._loaded: dict[tuple[str, str, str], LoadedSplit] = {}
 
     def files(self) -> list[Path]:
@@ -151,10 +166,11 @@ class SplitStore:
         """
         key = (name, revision, protocol.digest)
         if key not in self._loaded:
-            self._loaded[key] = load_split(self._find_split(name, revision), protocol)
+            split, part = self._find_split(name, revision)
+            self._loaded[key] = load_split(split, protocol, part)
         return self._loaded[key]
 
-    def _find_split(self, name: str, revision: str) -> Split:
+    def _find_split(self, name: str, revision: str) -> tuple[Split, SplitPart | None]:
         if (name, revision) not in self._split_of_revision:
             seen = self._read_all_of(name)
             if revision not in seen:
@@ -174,18 +190,26 @@ class SplitStore:
                 split = read_split(path)
             except SplitUnreadableError:
                 continue
-            revision = split.revision
-            seen.add(revision)
-            self._split_of_revision[split.name, revision] = split
+            for part in parts_of(split):
+                revision = split.revision if part is None else split.part(part).revision
+                seen.add(revision)
+                self._split_of_revision[split.name, revision] = (split, part)
         return seen
 
 
-def _manifest(split: Split, samples: list[SplitSample], protocol: Protocol) -> Manifest:
+def parts_of(split: Split) -> tuple[SplitPart | None, ...]:
+    """Return what of a split can be scored: all of it (None), and its parts where it has some."""
+    return (None, "public", "private") if split.has_parts else (None,)
+
+
+def _manifest(
+    split: Split, samples: list[SplitSample], protocol: Protocol, revision: str
+) -> Manifest:
     return Manifest(
         schema_="exceptiondrive.manifest/1",
         name=split.name,
         title=split.title,
-        revision=split.revision,
+        revision=revision,
         waypoints=protocol.geometry.waypoints,
         time_step_s=protocol.geometry.time_step_s,
         sample_ids=tuple(sample.sample_id for sample in samples),

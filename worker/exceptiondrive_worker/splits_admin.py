@@ -14,6 +14,7 @@ from exceptiondrive_worker.split_store import (
     SplitUnavailableError,
     family_counts,
     load_split,
+    parts_of,
     read_split,
 )
 
@@ -59,8 +60,18 @@ def publish_split_file(
 
 
 def _register(database: Database, path: Path, protocol: Protocol) -> RegisteredSplit:
+    """Record the whole split and, where it has parts, each part; return the whole."""
     split = read_split(path)
-    manifest = load_split(split, protocol).manifest
+    loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
+    whole = loaded[None].manifest
     with database.write() as session:
-        register_split(session, manifest, family_counts(split, protocol), ACTOR)
-    return RegisteredSplit(path, manifest)
+        for part, of_part in loaded.items():
+            register_split(
+                session,
+                of_part.manifest,
+                family_counts(split if part is None else split.part(part), protocol),
+                ACTOR,
+                part=part,
+                whole_revision=None if part is None else whole.revision,
+            )
+    return RegisteredSplit(path, whole)

@@ -131,7 +131,7 @@ class Stages:
             return kept
         answers = self.answers(target)
         measured = self._scoring_of(target).measure(
-            answers, target.split.arrays, target.protocol.geometry
+            _of_part(answers, target.split), target.split.arrays, target.protocol.geometry
         )
         self._private.write_columns(Shelf.MEASUREMENTS, key, measured)
         return measured
@@ -198,12 +198,14 @@ class Stages:
         return digest, answers
 
     def _measurement_key(self, target: Target, answers_digest: str) -> str:
+        rows_digest = target.split.rows_digest
         return content_key(
             "measurement",
             SCORER_VERSION,
             answers_digest,
             target.split.regions_digest,
             target.protocol.geometry_digest,
+            *([] if rows_digest is None else [rows_digest]),
         )
 
     def _kept_sheet(self, key: str) -> ScoreSheet | None:
@@ -220,6 +222,14 @@ class Stages:
         return exact_sheet(
             self._scoring_of(target), measured, split.arrays, split.manifest.ref, target.protocol
         )
+
+
+def _of_part(answers: Columns, split: LoadedSplit) -> Columns:
+    """Return the answers about the samples that count; a file always answers the whole split."""
+    rows = split.rows
+    if rows is None:
+        return answers
+    return {name: column[rows] for name, column in answers.items()}
 
 
 def _read_key(target: Target) -> str:

@@ -5,8 +5,9 @@ from functools import lru_cache
 
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.board_records import entry_ids_for_board
 from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import entry_ids_for_board, is_board_wanted, latest_board
+from exceptiondrive_records.boards import is_board_wanted, latest_board
 from exceptiondrive_records.rescoring.keys import ScoringKey
 from exceptiondrive_records.tables import BoardRow
 

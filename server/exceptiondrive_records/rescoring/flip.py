@@ -3,10 +3,12 @@
 from sqlalchemy import Select, select, update
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import flip_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.notices.inbox import tell_teams
+from exceptiondrive_records.phase_life import frozen_since
 from exceptiondrive_records.rescoring.compared import Compared, compare_rows
 from exceptiondrive_records.rescoring.draft_board import fresh_board
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
@@ -19,6 +21,7 @@ from exceptiondrive_records.rescoring.keys import (
     other_key,
 )
 from exceptiondrive_records.rescoring.pairs import count_pairs
+from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import move_run
 from exceptiondrive_records.tables import BoardRow, Job, JobState, Phase, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
@@ -72,6 +75,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
         found.append("The run is paused: resume it.")
     if not counts.missing and fresh_board(session, run.phase_id, key) is None:
         found.append("The board is being built from the newest sheets; try again in a moment.")
+    found += reveal_blockers(session, run)
     return tuple(found)
 
 
@@ -109,6 +113,8 @@ def apply_run(
     run.from_board_id, run.to_board_id = phase.current_board_id, row.id
     run.applied_at = run.state_at
     run.comparison = compared.comparison
+    if frozen_since(phase, run.state_at) is not None:  # only a reveal comes here
+        phase.unfrozen_at = run.state_at
     run.apply_flip_id = _flip(session, phase, row, new_key(run))
     tell_teams(session, run, compared.comparison, "protocol_applied")
     return run
@@ -163,6 +169,9 @@ def _checked(
 def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int | None:
     old = key_of_phase(phase)
     phase.protocol_digest, phase.split_revision = key.protocol_digest, key.split_revision
+    phase.late_board_id = None
+    if phase.life.late_entries == "own_view":  # its late view is built next
+        want_board(session, phase.id, key.protocol_digest, key.split_revision)
     flip = flip_board(session, phase, row)
     _turn_waiting_jobs(session, phase.id, old, key)
     return None if flip is None else flip.id

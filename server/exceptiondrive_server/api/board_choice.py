@@ -7,12 +7,13 @@ from fastapi import Depends, Query
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import board_at, current_board, latest_public_board
+from exceptiondrive_records.boards import board_at, current_board, late_board, latest_public_board
 from exceptiondrive_records.errors import InvalidRecord, NotFound
 from exceptiondrive_records.phases import find_phase, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardRow, Phase
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.phase_life import BoardView
 from exceptiondrive_server.api.times import Moment
 
 SORTS = tuple(
@@ -31,6 +32,7 @@ class BoardChoice(BaseModel):
     protocol: str | None
     as_of: datetime | date | None
     sort: str | None
+    view: BoardView = "main"
 
 
 def board_choice(
@@ -54,9 +56,17 @@ def board_choice(
             examples=["ur", "-hcc"],
         ),
     ] = None,
+    view: Annotated[
+        BoardView,
+        Query(
+            description="`late`: with the entries that came after the deadline, ranked among all"
+        ),
+    ] = "main",
 ) -> BoardChoice:
     """Read the query."""
-    return BoardChoice(challenge=challenge, phase=phase, protocol=protocol, as_of=as_of, sort=sort)
+    return BoardChoice(
+        challenge=challenge, phase=phase, protocol=protocol, as_of=as_of, sort=sort, view=view
+    )
 
 
 ChosenBoard = Annotated[BoardChoice, Depends(board_choice)]
@@ -67,9 +77,11 @@ def find_chosen(session: Session, choice: BoardChoice) -> BoardRow:
 
     Raises:
         NotFound: There is none.
-        InvalidRecord: Both a date and a protocol are asked for.
+        InvalidRecord: Both a date and a protocol are asked for, or an earlier late view.
     """
     phase = _phase(session, choice)
+    if choice.view == "late":
+        return _late(session, phase, choice)
     if choice.as_of is not None and choice.protocol is not None:
         raise InvalidRecord("Ask for a date or for a protocol, not for both: a date has its own.")
     if choice.as_of is not None:
@@ -80,6 +92,17 @@ def find_chosen(session: Session, choice: BoardChoice) -> BoardRow:
         row = current_board(session, phase.id)
     if row is None:
         raise NotFound("such board of the phase", phase.id)
+    return row
+
+
+def _late(session: Session, phase: Phase, choice: BoardChoice) -> BoardRow:
+    if choice.as_of is not None or choice.protocol is not None:
+        raise InvalidRecord(
+            "The late view is the present one: ask for it without date or protocol."
+        )
+    row = late_board(session, phase.id)
+    if row is None:
+        raise NotFound("late view, since nothing came late, of the phase", phase.id)
     return row
 
 

@@ -7,6 +7,9 @@ from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, StrictBool, StrictInt
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.board_records import names_of
+from exceptiondrive_records.boards import latest_board
+from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phase_changes import (
     freeze_phase,
     reveal_board,
@@ -14,9 +17,11 @@ from exceptiondrive_records.phase_changes import (
     update_phase,
 )
 from exceptiondrive_records.phase_life import part_of
-from exceptiondrive_records.phases import create_phase, phase_view
+from exceptiondrive_records.phases import create_phase, find_phase, phase_view
+from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tables import Phase
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_life import PhaseLife, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
@@ -71,9 +76,18 @@ class PhaseStep(Form):
 
 
 class Reveal(PhaseStep):
-    """What is to be shown: the board behind a freeze, or the names."""
+    """What is to be shown: the board behind a freeze, the names, or the other part of the split."""
 
-    what: Literal["board", "names"]
+    what: Literal["board", "names", "split"]
+
+
+class LiveBoard(BaseModel):
+    """The newest board of a phase, and the names of its entries."""
+
+    is_public: bool
+    names: dict[str, tuple[str, str]]
+    """Submission to team and method."""
+    board: Board
 
 
 class SplitView(BaseModel):
@@ -162,13 +176,38 @@ def post_freeze(
 def post_reveal(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Reveal
 ) -> PhaseView:
-    """Show the board behind a freeze, or the names; names cannot be taken back."""
+    """Show the board behind a freeze, or the names, which cannot be taken back.
+
+    For `split` scoring of the revealed part begins, and organizers alone see it: it is a rescoring
+    run like any other, and the board changes when that is applied.
+    """
     with services.database.write() as session:
         phase = _REVEALS[step.what](session, phase_id, reason=step.reason, actor=organizer.actor)
         return _view(session, services, phase)
 
 
-_REVEALS: Mapping[str, Callable[..., Phase]] = {"board": reveal_board, "names": reveal_names}
+_REVEALS: Mapping[str, Callable[..., Phase]] = {
+    "board": reveal_board,
+    "names": reveal_names,
+    "split": reveal_split,
+}
+
+
+@router.get("/phases/{phase_id}/board", operation_id="showLiveBoard")
+def get_live_board(services: ServicesOf, phase_id: PhaseId) -> LiveBoard:
+    """Show the newest board, behind a freeze too, and who stands behind its pseudonyms."""
+    with services.database.read() as session:
+        phase = find_phase(session, phase_id)
+        row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
+        if row is None:
+            raise NotFound("board of the phase", phase_id)
+        board = Board.model_validate_json(row.body)
+        ids = [entry.submission_id for entry in board.entries if entry.submission_id]
+        return LiveBoard(
+            is_public=row.id == phase.current_board_id,
+            names={name.submission_id: (name.team, name.method) for name in names_of(session, ids)},
+            board=board,
+        )
 
 
 def _view(session: Session, services: Services, phase: Phase) -> PhaseView:

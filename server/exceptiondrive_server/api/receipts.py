@@ -6,7 +6,9 @@ from fastapi import APIRouter, Path
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.phase_life import is_anonymous
 from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.published_forms import score_kept_back_since, shown_sheet
 from exceptiondrive_records.submissions import find_submission
 from exceptiondrive_records.tables import ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.base import content_digest
@@ -56,11 +58,14 @@ def entry_receipt(services: Services, submission_id: str) -> Receipt:
     """Return the receipt of what stands on a current board.
 
     Raises:
-        NotFound: It stands on none.
+        NotFound: It stands on none, or its phase is anonymous: a receipt names team and file.
     """
     get_entry(services, submission_id)
     with services.database.read() as session:
-        statement = _statement(session, find_submission(session, submission_id))
+        submission = find_submission(session, submission_id)
+        if is_anonymous(find_phase(session, submission.phase_id)):
+            raise NotFound("public receipt, before names are revealed, of entry", submission_id)
+        statement = _statement(session, submission)
     return services.signer.sign(statement)
 
 
@@ -69,9 +74,9 @@ def _statement(session: Session, submission: Submission) -> ReceiptStatement:
     phase = find_phase(session, submission.phase_id)
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)
-    if row is None:
+    if row is None or score_kept_back_since(session, phase, submission) is not None:
         raise NotFound("receipt of a score for submission", submission.id)
-    sheet = row.sheet
+    sheet = shown_sheet(session, phase, row)
     return ReceiptStatement(
         submission_id=submission.id,
         file_digest=submission.file_digest,

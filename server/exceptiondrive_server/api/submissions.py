@@ -1,17 +1,22 @@
 """Submissions: accept an upload, show where it stands, withdraw it."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+from exceptiondrive_records.final_entries import choose, publish, unpublish
 from exceptiondrive_records.submissions import find_submission, list_submissions, withdraw
+from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.tokens import Principal
 from exceptiondrive_records.views import view, views
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_server.auth import Reader, ServicesOf, Submitter, own_team, team_of
 from exceptiondrive_server.problems import problem_responses, rate_limit_headers
-from exceptiondrive_server.submitting import take_upload
+from exceptiondrive_server.services import Services
+from exceptiondrive_server.submitting import arrival_now, take_upload
 from exceptiondrive_server.upload_form import received_upload, upload_body
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
@@ -48,8 +53,9 @@ async def submit(
     The same bytes again give the first submission (200) and cost no quota.
     """
     team_id = team_of(principal)
+    arrived_at = await run_in_threadpool(arrival_now, services)
     async with received_upload(request) as upload:
-        taken, quota = await run_in_threadpool(take_upload, services, team_id, upload)
+        taken, quota = await run_in_threadpool(take_upload, services, team_id, upload, arrived_at)
     response.status_code = 200 if taken.is_duplicate else 202
     response.headers["Location"] = f"/api/v1/submissions/{taken.id}"
     response.headers.update(
@@ -107,5 +113,55 @@ def withdraw_submission(
     with services.database.write() as session:
         find_submission(session, submission_id, team_id=own_team(principal))
         withdraw(session, submission_id, actor=principal.actor)
+    with services.database.read() as session:
+        return view(session, find_submission(session, submission_id))
+
+
+@router.post(
+    "/{submission_id}/choose",
+    operation_id="chooseSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def choose_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Let a submission stand for its team, in a phase that shows one of each; the last counts."""
+    return _say(services, principal, submission_id, choose)
+
+
+@router.post(
+    "/{submission_id}/publish",
+    operation_id="publishSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def publish_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Put an entry on the board, in a phase that keeps entries private until then."""
+    return _say(services, principal, submission_id, publish)
+
+
+@router.post(
+    "/{submission_id}/unpublish",
+    operation_id="unpublishSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def unpublish_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Take an entry off the board again; earlier boards keep what they showed."""
+    return _say(services, principal, submission_id, unpublish)
+
+
+def _say(
+    services: Services,
+    principal: Principal,
+    submission_id: str,
+    what: Callable[..., Submission],
+) -> SubmissionView:
+    """Let a team decide about a submission of its own."""
+    with services.database.write() as session:
+        find_submission(session, submission_id, team_id=own_team(principal))
+        what(session, submission_id, actor=principal.actor)
     with services.database.read() as session:
         return view(session, find_submission(session, submission_id))

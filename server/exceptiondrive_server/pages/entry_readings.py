@@ -8,7 +8,9 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards import public_board_with, public_protocols
 from exceptiondrive_records.drawings import entry_drawings
 from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.phase_life import is_anonymous
 from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.published_forms import shown_sheet
 from exceptiondrive_records.tables import Phase, ProtocolRow, ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.drawing import EntryDrawings
@@ -43,7 +45,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
         is_current=is_current,
         sheet=_sheet(session, key, board) if submission else None,
         receipt=Receipt(submission.file_digest, submission.size_bytes, submission.received_at)
-        if submission
+        if submission and not is_anonymous(phase)
         else None,
         past=_past(session, submission) if submission else (),
         drawings=_drawings(session, submission, board) if submission else None,
@@ -61,7 +63,7 @@ def _board_with(
         if reading.board is None:
             raise NotFound("entry", key)
         return reading.board, reading.is_current
-    if submission.status == SubmissionStatus.WITHDRAWN:
+    if submission.status == SubmissionStatus.WITHDRAWN or _is_kept_private(session, submission):
         raise NotFound("entry", key)
     reading = read_board(session, BoardQuery(phase=submission.phase_id))
     if reading.board and find_entry(reading.board, key):
@@ -80,8 +82,15 @@ def read_sheets(session: Session, board: Board, keys: Sequence[str]) -> dict[str
 
 
 def _sheet(session: Session, key: str, board: Board) -> ScoreSheet | None:
+    """As it may be shown: families and tasks wait for their date."""
     row = session.get(ScoreSheetRow, (key, board.protocol.digest, board.split.revision))
-    return row.sheet if row else None
+    phase = session.get_one(Phase, board.phase)
+    return shown_sheet(session, phase, row) if row else None
+
+
+def _is_kept_private(session: Session, submission: Submission) -> bool:
+    phase = session.get_one(Phase, submission.phase_id)
+    return phase.life.entries_private and submission.published_at is None
 
 
 def _past(session: Session, submission: Submission) -> tuple[PastStanding, ...]:

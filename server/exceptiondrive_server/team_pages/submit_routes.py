@@ -20,7 +20,7 @@ from exceptiondrive_server.pages.responses import page, private_page
 from exceptiondrive_server.pages.site import origin_of
 from exceptiondrive_server.pages.submit_page import submit_page
 from exceptiondrive_server.services import Services
-from exceptiondrive_server.submitting import take_upload
+from exceptiondrive_server.submitting import arrival_now, take_upload
 from exceptiondrive_server.team_pages.upload_view import UploadView, upload_view
 from exceptiondrive_server.upload_form import received_upload
 
@@ -47,9 +47,10 @@ async def submit(request: Request, services: ServicesOf, browser: Browser) -> Re
     require_same_origin(request)
     require_scope(browser, Scope.SUBMIT)
     team_id = team_of(browser.principal)
+    arrived_at = await run_in_threadpool(arrival_now, services)
     async with received_upload(request, has_form_token=True) as upload:
         require_form_token(browser.secret, upload.form_token)
-        taken, _ = await run_in_threadpool(take_upload, services, team_id, upload)
+        taken, _ = await run_in_threadpool(take_upload, services, team_id, upload, arrived_at)
     address = f"/submissions/{taken.id}" + ("?again=1" if taken.is_duplicate else "")
     return RedirectResponse(address, status_code=303, headers={"Cache-Control": "no-store"})
 

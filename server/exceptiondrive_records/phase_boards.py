@@ -1,0 +1,48 @@
+"""Ask for the boards of a phase anew: for what changes what they may say."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.boards import is_board_wanted, latest_board
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.rescoring.keys import companion_key, key_of_phase
+from exceptiondrive_records.tables import Phase
+
+
+def want_boards(session: Session, phase: Phase) -> None:
+    """Ask for the board that the phase shows, and for the draft of an open rescoring run."""
+    keys = {key_of_phase(phase)}
+    companion = companion_key(session, phase.id)
+    if companion is not None:
+        keys.add(companion[0])
+    for key in sorted(keys, key=lambda key: (key.protocol_digest, key.split_revision)):
+        want_board(session, phase.id, key.protocol_digest, key.split_revision)
+
+
+def tend_phases(database: Database) -> int:
+    """Ask for the boards of phases whose families may be shown now; return how many phases."""
+    with database.read() as session:
+        if not any(_families_are_due(session, phase) for phase in _phases(session)):
+            return 0
+    with database.write() as session:
+        due = [phase for phase in _phases(session) if _families_are_due(session, phase)]
+        for phase in due:
+            want_boards(session, phase)
+        return len(due)
+
+
+def _phases(session: Session) -> list[Phase]:
+    return list(session.scalars(select(Phase).order_by(Phase.id)))
+
+
+def _families_are_due(session: Session, phase: Phase) -> bool:
+    families_from = phase.life.families_from
+    if families_from is None or database_now(session) < families_from:
+        return False
+    key = (phase.protocol_digest, phase.split_revision)
+    if is_board_wanted(session, phase.id, *key):
+        return False
+    row = latest_board(session, phase.id, *key)
+    return row is not None and row.published_at < families_from

@@ -1,0 +1,80 @@
+"""Reveal the other part of a split: nothing but a rescoring run to the revision of that part."""
+
+from datetime import datetime
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.errors import Conflict
+from exceptiondrive_records.phase_changes import lock_phase
+from exceptiondrive_records.phase_life import frozen_since, has_closed
+from exceptiondrive_records.rescoring.runs import create_run, start_run
+from exceptiondrive_records.splits import find_split, part_revision
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.phase_life import SplitPart
+from exceptiondrive_schemas.rescoring import RunState
+
+
+def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
+    """Begin to score the part that the phase reveals; the board changes when the run is applied.
+
+    Raises:
+        NotFound: No such phase.
+        Conflict: The split has no parts, it is revealed already, or a run is open.
+    """
+    phase = lock_phase(session, phase_id)
+    part: SplitPart | None = "private" if phase.life.revealed_part == "private" else None
+    target = part_revision(session, phase.split_name, phase.split_revision, part)
+    has_parts = part_revision(session, phase.split_name, phase.split_revision, "private")
+    if target is None or has_parts is None:
+        raise Conflict("The split of this phase has no parts: all samples count already.")
+    if target == phase.split_revision:
+        raise Conflict("The phase shows this part of its split already.")
+    run = create_run(session, phase_id, split_revision=target, reason=reason, actor=actor)
+    start_run(session, run.id, reason=reason, actor=actor)
+    return phase
+
+
+def is_reveal(session: Session, run: RescoringRun) -> bool:
+    """Whether a run changes which part of the split counts."""
+    phase = session.get_one(Phase, run.phase_id)
+    old, new = (
+        find_split(session, phase.split_name, revision)
+        for revision in (run.from_split_revision, run.to_split_revision)
+    )
+    return old.part != new.part
+
+
+def reveal_blockers(session: Session, run: RescoringRun) -> list[str]:
+    """Return what the life of the phase has against applying a run."""
+    if run.state is RunState.APPLIED:
+        return []
+    phase = session.get_one(Phase, run.phase_id)
+    now = database_now(session)
+    reveals = is_reveal(session, run)
+    words = _against_reveal(phase, now) if reveals else _against_update(phase, now)
+    return [] if words is None else [words]
+
+
+def _against_reveal(phase: Phase, now: datetime) -> str | None:
+    if phase.closes_at is None:
+        return (
+            "The phase has no deadline: teams could tune on what is revealed. Set closes_at first."
+        )
+    if has_closed(phase, now):
+        return None
+    return (
+        f"The phase is open until {phase.closes_at:%Y-%m-%d %H:%M} UTC: teams could tune on what "
+        "is revealed. Apply after the deadline."
+    )
+
+
+def _against_update(phase: Phase, now: datetime) -> str | None:
+    since = frozen_since(phase, now)
+    if since is None:
+        return None
+    return (
+        f"The board is frozen since {since:%Y-%m-%d %H:%M} UTC: applying would show what the "
+        "freeze hides. Reveal the board first."
+    )

@@ -1,0 +1,216 @@
+"""A split with parts: the live board counts one part, the other is revealed at the end."""
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive_records.splits import find_split, list_splits
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_store import load_split
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+CAREFUL = dict.fromkeys("abcde", 1.0)
+PUBLIC_ONLY = CAREFUL | {"c": 9.0, "d": 9.0, "e": 9.0}
+"""Good on the public part, a collision on every private sample."""
+PRIVATE_ONLY = CAREFUL | {"a": 9.0, "b": 9.0}
+PLACES = (
+    "/?phase=test",
+    "/export/board.csv?phase=test",
+    "/export/board.tex?phase=test",
+    "/feed.atom?phase=test",
+    "/compare?phase=test",
+    "/api/v1/leaderboard?phase=test",
+    "/api/v1/leaderboard.csv?phase=test",
+    "/api/v1/boards?phase=test",
+    "/api/v1/phases",
+    "/api/v1/phases/test",
+    "/api/v1/phases/test/manifest",
+)
+OF_ENTRY = (
+    "/entries/{id}",
+    "/badges/{id}.svg",
+    "/api/v1/entries/{id}",
+    "/api/v1/entries/{id}/receipt",
+)
+OF_TEAM = (
+    "/api/v1/submissions",
+    "/api/v1/submissions/{id}",
+    "/api/v1/submissions/{id}/receipt",
+    "/api/v1/notifications",
+)
+
+
+def everything(life: "Life", who: str, submission_id: str) -> str:
+    """All that a participant can read about the phase and an own submission."""
+    texts = [life.get(path.format(id=submission_id)).text for path in PLACES + OF_ENTRY]
+    texts += [life.get(path.format(id=submission_id), who).text for path in OF_TEAM]
+    texts += [life.get(f"/api/v1/boards/test/{number}").text for number in range(1, 9)]
+    return re.sub(r'"request_id": ?"[^"]*"', "", "\n".join(texts))
+
+
+def revisions(life: "Life") -> dict[str | None, str]:
+    with life.database.read() as session:
+        rows = [row for row in list_splits(session) if row.name == "parted"]
+    return {row.part: row.revision for row in rows}
+
+
+def test_a_split_with_parts_is_three_revisions_and_the_whole_is_the_default(life: "Life") -> None:
+    found = revisions(life)
+    assert set(found) == {None, "public", "private"}
+    assert len(set(found.values())) == 3
+    with life.database.read() as session:
+        whole = find_split(session, "parted")
+        assert (whole.part, whole.n_samples) == (None, 5)
+        public = find_split(session, "parted", found["public"])
+        assert (public.n_samples, public.family_counts) == (
+            2,
+            {
+                "sudden_emergence": 1,
+                "lane_blockage": 1,
+            }
+            | public.family_counts,
+        )
+        assert public.manifest.sample_ids == whole.manifest.sample_ids
+
+
+def test_what_a_part_holds_is_in_no_column_of_the_server(life: "Life") -> None:
+    """Manifest and row of a part name all samples alike: nobody can tell which ones count."""
+    found = revisions(life)
+    with life.database.read() as session:
+        rows = {row.part: row for row in list_splits(session) if row.name == "parted"}
+        documents = {
+            part: canonical_json(row.manifest).decode().replace(found[part], "REVISION")
+            for part, row in rows.items()
+        }
+    assert documents["public"] == documents["private"] == documents[None]
+
+
+def test_the_live_board_counts_the_public_part_of_files_that_answer_everything(
+    life: "Life",
+) -> None:
+    made = life.make_phase()
+    assert (made["n_samples"], made["now"]["part"], made["now"]["n_counted"]) == (5, "public", 2)
+    life.submit("alpha", PUBLIC_ONLY)
+    life.submit("beta", PRIVATE_ONLY)
+    life.work()
+    board = life.board()
+    assert (board["n_samples"], board["part"]) == (2, "public")
+    first, second = board["entries"]
+    assert (first["team"], first["metrics"]["ur"]) == ("Alpha Institute", 0.0)
+    assert (second["team"], second["metrics"]["ur"]) == ("Beta Labs", 1.0)
+
+
+def test_a_part_scores_as_a_split_of_its_samples_alone(life: "Life") -> None:
+    """The sheet under a part equals that of a split which holds nothing else."""
+    from tests.phases import conftest as world
+
+    alone = {key: value for key, value in world.SAMPLES.items() if value[2] == "private"}
+    life.add_split(world.split_of({k: (t, m, None) for k, (t, m, _) in alone.items()}, "alone"))
+    life.make_phase("lone", split="alone")
+    life.make_phase()
+    mixed = {"a": 9.0, "b": 9.0, "c": 1.0, "d": 3.5, "e": 9.0}
+    life.submit("alpha", mixed)
+    lone = {key: speed for key, speed in mixed.items() if key in alone}
+    life.submit("alpha", lone, "Planner", "alone", "lone")
+    life.work()
+    life.move(closes_at=life.now())
+    life.apply(reveal(life))
+    shown, expected = life.board()["entries"][0], life.board(phase="lone")["entries"][0]
+    for key in ("metrics", "micro", "families", "intervals", "coverage", "flags"):
+        assert shown[key] == expected[key], key
+
+
+def test_every_sample_must_be_answered_whatever_counts(life: "Life") -> None:
+    life.make_phase()
+    lacking = life.submit("alpha", {"a": 1.0, "b": 1.0})
+    life.work()
+    view = life.json(f"/api/v1/submissions/{lacking}", "alpha")
+    assert view["status"] == "rejected"
+    assert '"c"' in str(view["report"]).replace("'", '"')
+
+
+def reveal(life: "Life") -> str:
+    life.done("/phases/test/reveal", {"what": "split", "reason": "the end"})
+    life.work()
+    run: str = life.json("/api/v1/organizer/rescoring?phase=test", "organizer")[0]["id"]
+    return run
+
+
+def test_nothing_of_the_private_part_is_readable_before_it_is_revealed(life: "Life") -> None:
+    life.make_phase()
+    mine = life.submit("alpha", PUBLIC_ONLY)
+    life.submit("beta", PRIVATE_ONLY)
+    life.work()
+    before = everything(life, "alpha", mine)
+    run = reveal(life)
+    preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
+    assert [entry["new"]["metrics"]["ur"] for entry in preview["comparison"]["entries"]] == [1, 0]
+    private = revisions(life)["private"]
+    seen = everything(life, "alpha", mine)
+    assert private not in seen
+    assert seen == before  # draft sheets and the draft board changed nothing that can be read
+    assert life.get(f"/api/v1/rescoring/{run}").status_code == 404
+    assert life.get(f"/api/v1/organizer/rescoring/{run}/preview", "alpha").status_code == 403
+
+
+def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life") -> None:
+    life.make_phase(closes_at=life.ahead(60))
+    life.submit("alpha", PUBLIC_ONLY)
+    life.submit("beta", PRIVATE_ONLY)
+    life.work()
+    run = reveal(life)
+    preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
+    body = {"preview": preview["digest"], "reason": "too early"}
+    assert "open until" in life.refused(f"/rescoring/{run}/apply", body, 409)
+    old = life.get("/api/v1/boards/test/1").text
+    since = life.json("/api/v1/boards?phase=test")[0]["shown_from"]
+    life.move(closes_at=life.now())
+    life.apply(run)
+    board = life.board()
+    assert (board["n_samples"], board["part"]) == (3, "private")
+    assert [entry["team"] for entry in board["entries"]] == ["Beta Labs", "Alpha Institute"]
+    assert life.json("/api/v1/phases/test")["now"]["part"] == "private"
+    assert life.board(f"&as_of={since}")["part"] == "public"
+    assert life.get("/api/v1/boards/test/1").text == old
+    changes = life.json("/api/v1/boards?phase=test")[0]["what_changed"]
+    words = (
+        "the private part of the split (3 samples) count in place of the public part of the split"
+    )
+    assert changes == [f"{words} (2 samples)"]
+
+
+def test_the_whole_may_be_revealed_instead_and_a_split_without_parts_has_nothing(
+    life: "Life",
+) -> None:
+    life.make_phase(life={"revealed_part": "whole"})
+    life.make_phase("plain", split="plain")
+    life.submit("alpha", CAREFUL)
+    life.work()
+    words = life.refused("/phases/plain/reveal", {"what": "split", "reason": "end"}, 409)
+    assert "has no parts" in words
+    run = reveal(life)
+    life.move(closes_at=life.now())
+    life.apply(run)
+    assert life.board()["n_samples"] == 5
+    assert "part" not in life.board()
+    again = life.refused("/phases/test/reveal", {"what": "split", "reason": "end"}, 409)
+    assert "already" in again
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [(("public", None), "samples of no part"), (("public", "public"), "all samples are public")],
+)
+def test_parts_must_be_complete(
+    make_split: Callable[..., Split], parts: tuple[Any, ...], words: str
+) -> None:
+    samples = {key: ("SE1", 10.0, part) for key, part in zip("ab", parts, strict=True)}
+    with pytest.raises(SplitRefusedError, match=words):
+        load_split(make_split(samples, "odd"), packaged_protocol())
