@@ -7,6 +7,7 @@ under its name before the row that mentions it is written.
 import hashlib
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from exceptiondrive_records.errors import NotFound, StoreError, UploadTooLarge
 
 _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
 _NAME = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
+_LEAST_FREE_BYTES = 64 << 20
 _IN_MEMORY_BYTES = 1 << 20
 
 
@@ -104,6 +106,17 @@ class FileStore:
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
         return True
+
+    def takes_files(self) -> bool:
+        """Whether the store answers and, where it is a folder, can be written and has room."""
+        try:
+            self.holds("sha256:" + "0" * 64)
+        except StoreError:
+            return False
+        if self._folder is None:
+            return True
+        has_room = shutil.disk_usage(self._folder).free >= _LEAST_FREE_BYTES
+        return has_room and os.access(self._folder, os.W_OK | os.X_OK)
 
     def stored(self) -> Iterator[StoredFile]:
         """Yield every stored file, in no order; whatever else lies there is left alone.

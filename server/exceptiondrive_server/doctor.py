@@ -24,7 +24,7 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import StoreError
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.heartbeats import live_workers
-from exceptiondrive_records.migrations import is_current
+from exceptiondrive_records.migrations import is_current, is_usable
 from exceptiondrive_records.reconciler import LEADERSHIP
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.tables import Job, JobState, Leader, Phase
@@ -105,14 +105,17 @@ def _database(settings: RecordsSettings) -> Iterator[Finding]:
         yield from _private_file(path, "the records")
     database = Database(settings.database_url)
     try:
-        if not is_current(database):
+        if not is_usable(database):
             yield Finding(
                 Severity.ERROR,
-                "the records have another schema than this version",
-                "stop server and workers, back up, run: exceptiondrive-server migrate",
+                "the records have an older schema than this version",
+                "back up, then run: exceptiondrive-server migrate",
             )
             return
-        yield Finding(Severity.OK, f"the records answer ({url.get_backend_name()}), schema current")
+        schema = "current" if is_current(database) else "newer than this version, which is fine"
+        yield Finding(
+            Severity.OK, f"the records answer ({url.get_backend_name()}), schema {schema}"
+        )
         yield from _clock(database)
         yield from _queue(database, settings)
         yield from _append_only(database)

@@ -11,8 +11,8 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.broker_options import transport_options
-from exceptiondrive_records.errors import StoreError
 from exceptiondrive_records.heartbeats import live_workers
+from exceptiondrive_records.migrations import is_usable
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.metrics import exposition
 from exceptiondrive_server.services import Services, services_of
@@ -20,7 +20,6 @@ from exceptiondrive_server.services import Services, services_of
 router = APIRouter(tags=["health"])
 ServicesOf = Annotated[Services, Depends(services_of)]
 PROBE_TIMEOUT_S = 1
-_NO_FILE = "sha256:" + "0" * 64
 
 
 class Health(BaseModel):
@@ -53,7 +52,7 @@ def readyz(services: ServicesOf) -> Response:
     A broker or worker that is away delays scoring but loses nothing: uploads are still accepted.
     """
     workers = _workers(services)
-    database, store = workers is not None, _store_answers(services)
+    database, store = workers is not None, services.files.takes_files()
     broker = _broker_answers(services.settings.broker_url)
     note = "" if broker and workers else "Scoring is delayed: no broker or no worker is alive."
     readiness = Readiness(
@@ -76,22 +75,16 @@ def metrics(services: ServicesOf) -> Response:
 
 
 def _workers(services: Services) -> int | None:
-    """Live workers, or None when the records do not answer."""
+    """Live workers, or None when the records do not answer or have an older schema."""
     try:
+        if not is_usable(services.database):
+            return None
         with services.database.read() as session:
             session.execute(text("SELECT 1"))
             ttl_s = services.settings.heartbeat_ttl_s
             return live_workers(session, Lane.LIVE, ttl_s=ttl_s).workers
     except SQLAlchemyError:
         return None
-
-
-def _store_answers(services: Services) -> bool:
-    try:
-        services.files.holds(_NO_FILE)
-    except StoreError:
-        return False
-    return True
 
 
 def _broker_answers(broker_url: str) -> bool:

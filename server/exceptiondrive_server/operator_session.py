@@ -11,7 +11,7 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import OperationalError
 
 from exceptiondrive_records.database import Database
-from exceptiondrive_records.migrations import is_current
+from exceptiondrive_records.migrations import is_usable
 from exceptiondrive_records.settings import PREFIX, RecordsSettings, SettingsError, load_settings
 from exceptiondrive_server.launcher.layout import Layout
 
@@ -58,7 +58,7 @@ def opened(settings: RecordsSettings) -> Iterator[Database]:
         )
     database = Database(settings.database_url)
     try:
-        if not is_current(database):
+        if not is_usable(database):
             raise SettingsError("the records are not up to date: run exceptiondrive-server migrate")
         yield database
     except OperationalError as error:

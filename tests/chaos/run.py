@@ -12,6 +12,7 @@ from tests.chaos.topology import Topology
 
 from exceptiondrive_records.audit import count_audit_lines
 from exceptiondrive_records.invariants import unfinished
+from exceptiondrive_records.reconciler import LEADERSHIP
 from exceptiondrive_records.tables import Job, JobState, Leader, ScoreSheetRow, Submission
 from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.jobs import Lane
@@ -92,7 +93,7 @@ class Run:
 
     def leader(self) -> str | None:
         with self.topology.database.read() as session:
-            return session.scalar(select(Leader.holder))
+            return session.scalar(select(Leader.holder).where(Leader.name == LEADERSHIP))
 
     def n_retried(self) -> int:
         """How many jobs took more than one attempt."""

@@ -8,10 +8,10 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import inspect
+from sqlalchemy import inspect, text
 
 from exceptiondrive_records.database import Database
-from exceptiondrive_records.migrations import is_current, migrate
+from exceptiondrive_records.migrations import is_current, is_usable, migrate
 from exceptiondrive_records.tables import Base
 
 
@@ -79,4 +79,18 @@ def test_sqlite_keeps_commits_and_waits_for_other_writers(sqlite_url: str, tmp_p
         "foreign_keys": 1,
         "busy_timeout": 15_000,
     }
+    database.dispose()
+
+
+def test_a_newer_schema_is_left_alone_and_worked_with(database_url: str) -> None:
+    """After an upgrade is taken back, the older code meets what it does not know."""
+    database = Database(database_url)
+    with database.write() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    migrate(database_url)
+    assert is_usable(database)
+    assert not is_current(database)
+    with database.write() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = '0001'"))
+    assert not is_usable(database)
     database.dispose()

@@ -4,6 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pytest
+from sqlalchemy import text
+
+from exceptiondrive_records import file_store
 from exceptiondrive_records.heartbeats import beat
 
 if TYPE_CHECKING:
@@ -56,6 +60,24 @@ def test_without_the_file_store_it_is_not_ready(
     response = api.get("/readyz")
     assert response.status_code == 503
     assert (response.json()["database"], response.json()["file_store"]) == (True, False)
+
+
+def test_a_store_without_room_is_not_ready(
+    make_api: MakeApi, sqlite_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api = make_api(sqlite_url)
+    monkeypatch.setattr(file_store, "_LEAST_FREE_BYTES", 1 << 62)
+    response = api.get("/readyz")
+    assert response.status_code == 503
+    assert (response.json()["database"], response.json()["file_store"]) == (True, False)
+
+
+def test_an_older_schema_is_not_ready_and_a_newer_one_is(api_on_both: "Api") -> None:
+    for revision, status in (("0001", 503), ("9999", 200)):
+        with api_on_both.database.write() as session:
+            session.execute(text("UPDATE alembic_version SET version_num = :to"), {"to": revision})
+        response = api_on_both.get("/readyz")
+        assert (response.status_code, response.json()["database"]) == (status, status == 200)
 
 
 def test_without_the_database_every_answer_is_503_and_says_when_to_come_back(

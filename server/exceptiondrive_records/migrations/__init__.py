@@ -1,5 +1,6 @@
 """Alembic migrations, applied by `migrate`."""
 
+from functools import cache
 from pathlib import Path
 
 from alembic import command
@@ -7,6 +8,7 @@ from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import text
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.database import Database
 
@@ -14,13 +16,19 @@ _LOCK = 0x45447363  # any constant: one migration at a time on PostgreSQL
 
 
 def migrate(url: str) -> None:
-    """Bring the database to the newest schema; all of a migration is applied, or nothing."""
+    """Bring the database to the newest schema; all of a migration is applied, or nothing.
+
+    A schema newer than this code knows is left as it is: migrations only add, so that this code
+    runs on it, as it must between an upgrade and its taking back.
+    """
     database = Database(url)
     try:
         with database.write() as session:
             if session.get_bind().dialect.name == "postgresql":
                 session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
             config = alembic_config()
+            if _is_newer(_revision_of(session)):
+                return
             config.attributes["connection"] = session.connection()
             command.upgrade(config, "head")
     finally:
@@ -35,6 +43,7 @@ def alembic_config() -> Config:
     return config
 
 
+@cache
 def newest_revision() -> str:
     """Return the revision that `migrate` leads to."""
     head = ScriptDirectory.from_config(alembic_config()).get_current_head()
@@ -43,7 +52,27 @@ def newest_revision() -> str:
 
 
 def is_current(database: Database) -> bool:
-    """Whether the database has the newest schema."""
+    """Whether the database has the newest schema that this code knows."""
     with database.read() as session:
-        context = MigrationContext.configure(session.connection())
-        return context.get_current_revision() == newest_revision()
+        return _revision_of(session) == newest_revision()
+
+
+def is_usable(database: Database) -> bool:
+    """Whether this code can work with the schema: it is the newest known one, or newer still."""
+    with database.read() as session:
+        revision = _revision_of(session)
+    return revision == newest_revision() or _is_newer(revision)
+
+
+def _revision_of(session: Session) -> str | None:
+    return MigrationContext.configure(session.connection()).get_current_revision()
+
+
+def _is_newer(revision: str | None) -> bool:
+    return revision is not None and revision not in _known_revisions()
+
+
+@cache
+def _known_revisions() -> frozenset[str]:
+    scripts = ScriptDirectory.from_config(alembic_config()).walk_revisions()
+    return frozenset(script.revision for script in scripts)
