@@ -25,6 +25,7 @@ from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.board_selection import count_by_source, select
 from exceptiondrive_server.pages.ceiling_chart import CeilingChart, ceiling_chart
 from exceptiondrive_server.pages.comparison import Comparison, compare_entries, default_pair
+from exceptiondrive_server.pages.effect_arrows import EffectLine, effect_lines
 from exceptiondrive_server.pages.entry_facts import BADGES, challenge_of
 from exceptiondrive_server.pages.heat_map import HeatMap, heat_map
 from exceptiondrive_server.pages.numbers import Digits, fixed
@@ -95,6 +96,7 @@ class BoardView:
     heat: HeatMap
     comparison: Comparison | None
     sort_sentence: str
+    effects: tuple[EffectLine, ...]
 
     @property
     def shows_outcome(self) -> bool:
@@ -164,6 +166,7 @@ def board_view(
         narrow_chart=ceiling_chart(board, drawn, average, width=350, height=400),
         heat=heat_map(board, setter.heat, rows, query),
         comparison=compare_entries(board, *pair, digits) if pair else None,
+        effects=effect_lines(board, digits),
         sort_sentence=_sort_sentence(challenge, query, metric_columns(challenge, query)),
     )
 

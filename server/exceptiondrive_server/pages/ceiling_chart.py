@@ -8,6 +8,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.score_sheet import Interval
 from exceptiondrive_server.pages.board_query import Average
+from exceptiondrive_server.pages.effect_arrows import Arrow, effect_arrows
 from exceptiondrive_server.pages.entry_facts import (
     challenge_of,
     interval_of,
@@ -60,6 +61,7 @@ class CeilingChart:
     ceiling_label: tuple[float, float, float]
     points: tuple[Point, ...]
     labels: tuple[Label, ...]
+    arrows: tuple[Arrow, ...]
     x_title: str
     y_title: str
     outside: tuple[str, ...]
@@ -121,6 +123,9 @@ def ceiling_chart(
         ceiling=(px(ends[0]), px(ends[1]), px(ends[2]), px(ends[3])),
         ceiling_label=words,
         points=points,
+        arrows=effect_arrows([mark.entry for mark in marks], (second, first), x_scale, y_scale)
+        if average == board.headline
+        else (),
         labels=_labels(marks, x_scale, y_scale, ends, words),
         x_title=_axis_title(second),
         y_title=_axis_title(first),

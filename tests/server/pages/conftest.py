@@ -23,7 +23,15 @@ from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.splits import publish_split, register_split
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
-from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
+from exceptiondrive_schemas.board import (
+    Board,
+    BoardEntry,
+    FamilyCell,
+    FamilyHead,
+    Links,
+    PairedDifference,
+    ReminderEffect,
+)
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import (
@@ -99,6 +107,19 @@ STILL = Flag(
     code="stands_still",
     label="Stands still",
     detail="100% of the edited trajectories end within 0.5 m of the start.",
+)
+
+EFFECT = ReminderEffect(
+    without="a0000001kq",
+    without_method="Careful agent, no reminder",
+    differences={
+        "accuracy": PairedDifference(
+            difference=0.1625, interval=(0.1, 0.23), discordant=0.4, verdict="with is better"
+        ),
+        "under_warning": PairedDifference(
+            difference=-0.1525, interval=(-0.22, -0.09), discordant=0.4, verdict="with is better"
+        ),
+    },
 )
 
 
@@ -543,9 +564,19 @@ def strategy_board(lively_board: Board) -> Board:
             "coverage": {"edited": 1.0, "source": None},
         }
     )
+    without = agent.model_copy(
+        update={
+            "submission_id": "a0000001kq",
+            "method": "Careful agent, no reminder",
+            "rank": 2,
+            "previous_rank": 1,
+            "metrics": {**metrics, "accuracy": 0.45, "under_warning": 0.44},
+        }
+    )
+    agent = agent.model_copy(update={"reminder_effect": EFFECT})
     printed = reported_entries(ChallengeId.STRATEGY, lively_board.headline)
     return lively_board.model_copy(
-        update={"challenge": "strategy", "phase": "strategy", "entries": (agent, *printed)}
+        update={"challenge": "strategy", "phase": "strategy", "entries": (agent, without, *printed)}
     )
 
 

@@ -1,5 +1,9 @@
 """The ceiling chart."""
 
+import math
+from typing import Any
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,6 +36,43 @@ def test_a_reference_far_away_is_named_beside_the_picture(lively_board: Board) -
 
 def test_without_values_there_is_no_chart(empty_board: Board) -> None:
     assert ceiling_chart(empty_board, (), "macro_family") is None
+
+
+def test_linked_submissions_are_joined_by_an_arrow_with_the_interval_of_the_change(
+    strategy_board: Board,
+) -> None:
+    chart = ceiling_chart(strategy_board, strategy_board.entries, "macro_family")
+    assert chart is not None
+    (arrow,) = chart.arrows
+    with_it, without = chart.points[:2]
+    start, end = (float(arrow.line[0]), float(arrow.line[1])), (arrow.line[2], arrow.line[3])
+    assert math.dist(start, (float(without.x), float(without.y))) < 10
+    assert math.dist([float(at) for at in end], (float(with_it.x), float(with_it.y))) < 20
+    assert arrow.box is not None
+    left, top, width, height = (float(at) for at in arrow.box)
+    assert left <= float(with_it.x) <= left + width
+    assert top <= float(with_it.y) <= top + height
+    per_point = (float(without.x) - float(with_it.x)) / (44.0 - 28.75)
+    assert width == pytest.approx(13 * per_point, abs=0.2)  # -22 to -9 points
+
+
+def test_there_is_no_arrow_without_both_ends_or_under_the_other_average(
+    strategy_board: Board, lively_board: Board
+) -> None:
+    alone = ceiling_chart(strategy_board, strategy_board.entries[:1], "macro_family")
+    other = ceiling_chart(strategy_board, strategy_board.entries, "micro")
+    planning = ceiling_chart(lively_board, lively_board.entries, "macro_family")
+    for chart in (alone, other, planning):
+        assert chart is not None
+        assert chart.arrows == ()
+
+
+async def test_the_board_says_the_effect_in_words_beside_the_arrows(shown_site: Any) -> None:
+    text = (await shown_site.get("/?phase=strategy")).text
+    assert text.count('<g class="eff">') == 2  # wide and narrow
+    assert "Accuracy +16.25 points (+10.00 to +23.00)" in text
+    assert "Under-warning \u221215.25 points (\u221222.00 to \u22129.00)" in text
+    assert 'class="eff' not in (await shown_site.get("/?phase=sample")).text
 
 
 spots = st.lists(
