@@ -33,6 +33,10 @@ _TEX = str.maketrans(
         "_": r"\_",
         "~": r"\textasciitilde{}",
         "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': "''",
     }
 )
 
@@ -73,7 +77,8 @@ def latex(board: Board, protocol: Protocol, site_url: str) -> str:
         f"% {permalink(board, site_url)}",
         (
             f"% board {board.board} of {day(board.published_at)}, split {board.split.name} "
-            f"({board.n_samples} samples), protocol {board.protocol.version}"
+            f"({board.n_samples} samples), protocol {board.protocol.version} "
+            f"{board.protocol.digest}"
         ),
         r"% needs \usepackage{booktabs}",
         rf"\begin{{tabular}}{{rl{'r' * len(heads)}}}",
@@ -129,16 +134,16 @@ def comma_separated(board: Board, protocol: Protocol, site_url: str) -> str:
         + ["submission_id", "method", "team", "submitted_at", *keys]
         + [f"{key}_{end}" for key in keys for end in ("low", "high")]
         + [f"{first}.{family}" for family in families]
-        + ["flags"]
+        + ["flags", "board_url"]
     )
     for block in in_blocks(board):
         for entry in block:
-            writer.writerow(_csv_line(board, entry, keys, families))
+            writer.writerow(_csv_line(board, entry, keys, families, permalink(board, site_url)))
     return out.getvalue()
 
 
 def _csv_line(
-    board: Board, entry: BoardEntry, keys: tuple[str, ...], families: list[str]
+    board: Board, entry: BoardEntry, keys: tuple[str, ...], families: list[str], address: str
 ) -> list[object]:
     interval = entry.rank_interval or (None, None)
     ends = [entry.intervals.get(key) or (None, None) for key in keys]
@@ -161,6 +166,7 @@ def _csv_line(
         *(end for pair in ends for end in pair),
         *(cell.metrics.get(keys[0]) if cell else None for cell in cells),
         " ".join(flag.code for flag in entry.flags),
+        address,
     ]
 
 

@@ -2,6 +2,8 @@
 
 import csv
 import io
+import re
+from collections.abc import Callable
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -23,6 +25,40 @@ def test_latex_is_a_booktabs_table_with_the_published_digits(
     assert r"1 & Kestrel-2 & 61.40 & 31.10 & 52.71 & 2.81 & 2.44 & 0.92 \\" in text
     assert r"-- & ST-P3 (reported) & 21.03 & 78.11" in text
     assert f"{SITE}/?phase=sample&board=7" in text
+
+
+SPECIAL = re.compile(r"(?<!\\)[#$%&_{}~^<>|\"]")
+COMMANDS = re.compile(
+    r"\\text(?:backslash|asciitilde|asciicircum|less|greater|bar)\{\}|\\[{}&%$#_]|\\\\$"
+)
+
+
+def test_every_latex_row_has_the_columns_of_the_head_whatever_the_names_are(
+    lively_board: Board, protocol: Protocol
+) -> None:
+    nasty = lively_board.entries[0].model_copy(
+        update={"method": 'a&b \\ 5% of $x_1^2$ {#1} ~ <"|">\n\\end{tabular}'}
+    )
+    board = lively_board.model_copy(update={"entries": (nasty, *lively_board.entries[1:])})
+    lines = [line for line in latex(board, protocol, SITE).splitlines() if "&" in line]
+    table = [line for line in lines if not line.startswith("%")]
+    assert len(table) == 1 + len(board.entries)
+    assert {len(re.findall(r"(?<!\\)&", line)) for line in table} == {7}
+    name = table[1].split(" & ")[1]
+    assert SPECIAL.search(COMMANDS.sub("", name)) is None
+    assert "\\" not in COMMANDS.sub("", name)
+
+
+@pytest.mark.parametrize("write", [latex, bibtex, comma_separated])
+def test_every_file_says_which_board_it_is(
+    lively_board: Board, protocol: Protocol, write: Callable[[Board, Protocol, str], str]
+) -> None:
+    text = write(lively_board, protocol, SITE)
+    assert f"{SITE}/?phase=sample&board=7" in text
+    assert "1.0" in text
+    assert "21 Nov 2026" in text or "2026-11-21T02:05:00Z" in text
+    if write is not bibtex:
+        assert protocol.digest in text
 
 
 def test_names_cannot_break_out_of_latex() -> None:
