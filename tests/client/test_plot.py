@@ -85,7 +85,7 @@ def test_what_is_missing_is_said_and_not_drawn(scenes: Scenes) -> None:
 
 
 def test_the_worst_come_first_and_missing_trajectories_not_at_all(scenes: Scenes) -> None:
-    assert scenes.worst(9) == ["s1", "s2", "s0"]
+    assert scenes.worst(9) == ["s1", "s0", "s2"]
     assert scenes.worst(1) == ["s1"]
 
 
@@ -118,7 +118,7 @@ def test_the_command_writes_svg_and_png(file: Path, split_file: Path, tmp_path: 
     assert _classes(svg.read_text("utf-8"))["box"] == 7
     pytest.importorskip("resvg_py", reason="the extra `plot` is not installed")
     several = CliRunner().invoke(app, [*base, "--worst", "2", "-o", str(png), "--json"])
-    assert json.loads(several.output)["sample_ids"] == ["s1", "s2"]
+    assert json.loads(several.output)["sample_ids"] == ["s1", "s0"]
     assert png.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
 
 

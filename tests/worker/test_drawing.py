@@ -125,6 +125,25 @@ def test_the_worst_and_the_middle_of_a_family_are_those_of_the_stated_order(
     assert chosen[0].drawing.metrics["hcc"] == 0.0
 
 
+def test_among_equally_compliant_samples_the_nearest_is_the_worst(
+    world: World, make_split: Callable[..., Split], planning_file: MakeFile, protocol: Protocol
+) -> None:
+    split = make_split({key: {} for key in "abc"})
+    ends = {"a": 0.5, "b": 0.9, "c": 0.7}
+    changes = {
+        key: {"edited": [[v * k * 0.5, 0.0] for k in range(1, 7)]} for key, v in ends.items()
+    }
+    world.add_phase(split)
+    publish(world, protocol)
+    submission_id = world.score(planning_file(split, changes=changes))
+    build(world)
+    chosen = kept(world, submission_id, split, protocol).samples
+    assert [(each.drawing.sample_id, each.drawing.metrics["hcc"]) for each in chosen] == [
+        ("b", 1.0),
+        ("c", 1.0),
+    ]
+
+
 def test_a_drawing_says_what_the_scorer_measured(
     world: World, tiny: Split, planning_file: MakeFile, protocol: Protocol
 ) -> None:

@@ -49,10 +49,10 @@ class Drawer:
         return grade(self.measured, self.split, self.protocol)
 
     def from_worst_to_best(self) -> list[int]:
-        """Samples by HCC, then HPR, then id, the least first; without an answer: left out."""
-        hcc, hpr = (self.scores.metric_keys.index(key) for key in ("hcc", "hpr"))
-        values, given = self.scores.values, np.flatnonzero(self.measured.edited_given).tolist()
-        return sorted(given, key=lambda i: (values[i, hcc], values[i, hpr], self.sample_ids[i]))
+        """Samples by HCC, then clearance, then id, the least first; without an answer: left out."""
+        hcc = self.scores.values[:, self.scores.metric_keys.index("hcc")]
+        near, given = self.measured.clearance_m, np.flatnonzero(self.measured.edited_given)
+        return sorted(given.tolist(), key=lambda i: (hcc[i], near[i], self.sample_ids[i]))
 
     def worst_and_middle(self) -> EntryDrawings:
         """Draw the worst sample of each family, and the one in the middle of the same order."""

@@ -32,7 +32,7 @@ class Scenes:
         self._drawer = Drawer(self.sample_ids, pairs, measured, arrays, protocol)
 
     def worst(self, count: int) -> list[str]:
-        """Return the samples with the least HCC, then the least HPR; missing ones are left out."""
+        """Return the samples with the least HCC, then the least clearance; without answer: left out."""
         return [self.sample_ids[i] for i in self._drawer.from_worst_to_best()[:count]]
 
     def scene(self, sample_id: str) -> SampleDrawing:

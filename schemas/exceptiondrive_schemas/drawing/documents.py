@@ -51,7 +51,7 @@ class SampleDrawing(Document):
 
 
 class DrawnSample(Document):
-    """A sample that stands for its family: its worst, or its middle by HCC, then by HPR."""
+    """A sample that stands for its family: its worst, or its middle by HCC, then clearance."""
 
     chosen_as: Literal["worst", "middle"]
     drawing: SampleDrawing

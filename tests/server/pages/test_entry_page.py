@@ -13,6 +13,7 @@ async def test_an_entry_shows_all_tasks_both_averages_and_its_receipt(lively_sit
     for task in ("SE1", "LB4", "BG4", "SR3", "IC3", "RS3"):
         assert f"<code>{task}</code>" in text
     assert "57.30 to 65.50" in text
+    assert "The whisker is the 95" in text
     assert "60.70" in text
     assert "sha256:" + "ab12" * 16 in text
     assert "41.2 kB" in text
@@ -28,6 +29,7 @@ async def test_a_reported_row_has_a_page_and_claims_no_interval(lively_site: Any
     text = (await lively_site.get("/entries/reported-st-p3?phase=sample")).text
     assert "21.03" in text
     assert "Unknown: the numbers were printed, not scored here." in text
+    assert "The whisker is" not in text
     assert "Receipt" not in text
 
 
