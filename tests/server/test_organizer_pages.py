@@ -18,6 +18,7 @@ from exceptiondrive_server.organizer_pages import (
     phase_routes,
     protocol_routes,
     run_routes,
+    similarity_routes,
     submission_routes,
     team_routes,
     team_step_routes,
@@ -56,6 +57,7 @@ PARTS = (
     submission_routes,
     protocol_routes,
     run_routes,
+    similarity_routes,
     verification_routes,
     audit_routes,
 )
@@ -213,6 +215,16 @@ def test_answers_are_kept_by_nobody(organizer: "TeamBrowser") -> None:
         answer: Any = organizer.get(path)
         assert answer.headers["cache-control"] == "no-store"
         assert "script-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_alike_submissions_of_a_phase_are_reported(api: "Api", organizer: "TeamBrowser") -> None:
+    for team in ("alpha", "beta"):
+        api.score(api.submit("the same bytes", team, method=f"of {team}").json()["id"])
+    assert 'href="/organize/similar/dev"' in organizer.get("/organize/phases/dev").text
+    page = organizer.get("/organize/similar/dev").text
+    for words in ("equal files", "of alpha", "of beta", "not proof"):
+        assert words in page
+    assert organizer.get("/organize/similar/no-such").status_code == 404
 
 
 def test_the_api_refuses_teams_and_retries_submissions_by_the_same_rules(

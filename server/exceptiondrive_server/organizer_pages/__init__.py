@@ -8,6 +8,7 @@ from exceptiondrive_server.organizer_pages.overview_routes import router as _ove
 from exceptiondrive_server.organizer_pages.phase_routes import router as _phases
 from exceptiondrive_server.organizer_pages.protocol_routes import router as _protocols
 from exceptiondrive_server.organizer_pages.run_routes import router as _runs
+from exceptiondrive_server.organizer_pages.similarity_routes import router as _similar
 from exceptiondrive_server.organizer_pages.submission_routes import router as _submissions
 from exceptiondrive_server.organizer_pages.team_routes import router as _teams
 from exceptiondrive_server.organizer_pages.team_step_routes import router as _team_steps
@@ -21,6 +22,7 @@ for _part in (
     _teams,
     _team_steps,
     _phases,
+    _similar,
     _submissions,
     _protocols,
     _runs,

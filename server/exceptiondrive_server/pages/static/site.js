@@ -119,7 +119,12 @@
     if (fresh.outerHTML === shown) { again(fresh); return; }
     const isOther = fresh.dataset.live !== now.dataset.live || fresh.dataset.againS !== now.dataset.againS;
     shown = fresh.outerHTML;
+    const places = "a, button, summary";
+    const held = [...now.querySelectorAll(places)].indexOf(document.activeElement);
+    const words = document.activeElement?.textContent;
     now.replaceWith(document.adoptNode(fresh));
+    const place = held < 0 ? null : fresh.querySelectorAll(places)[held]; // the keyboard stays where it was
+    if (place?.textContent === words) place?.focus({ preventScroll: true });
     if (!isOther) { again(fresh); return; }
     for (const source of sources.splice(0)) source.close();
     follow();
