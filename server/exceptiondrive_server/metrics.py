@@ -5,12 +5,13 @@ from collections.abc import Iterable
 from prometheus_client import CollectorRegistry, Histogram, generate_latest
 from prometheus_client.metrics_core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
-from sqlalchemy import func, select
+from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
-from exceptiondrive_records.tables import Job, JobState, Submission, WorkerHeartbeat
+from exceptiondrive_records.tables import BoardRequest, Job, JobState, Submission, WorkerHeartbeat
+from exceptiondrive_records.views import recent_scoring_s
 
 
 class RequestMetrics:
@@ -43,6 +44,7 @@ class RecordsCollector(Collector):
             yield from _queue(session)
             yield _submissions(session)
             yield _heartbeats(session)
+            yield from _durations(session)
 
 
 def exposition(requests: RequestMetrics, database: Database) -> bytes:
@@ -93,3 +95,25 @@ def _heartbeats(session: Session) -> Metric:
     for worker_id, at in session.execute(select(WorkerHeartbeat.worker_id, WorkerHeartbeat.at)):
         gauge.add_metric([worker_id], (now - at).total_seconds())
     return gauge
+
+
+def _durations(session: Session) -> Iterable[Metric]:
+    scoring = GaugeMetricFamily(
+        "exceptiondrive_scoring_seconds", "Median of the last live scoring runs."
+    )
+    recent_s = recent_scoring_s(session)
+    if recent_s is not None:
+        scoring.add_metric([], recent_s)
+    building = GaugeMetricFamily(
+        "exceptiondrive_board_build_seconds", "Longest last build of a board.", labels=["phase"]
+    )
+    late = GaugeMetricFamily(
+        "exceptiondrive_boards_wanted", "Boards that lag behind a score.", labels=["phase"]
+    )
+    is_wanted = case((BoardRequest.wanted > BoardRequest.built, 1), else_=0)
+    query = select(BoardRequest.phase_id, func.max(BoardRequest.build_s), func.sum(is_wanted))
+    for phase, build_s, n_wanted in session.execute(query.group_by(BoardRequest.phase_id)):
+        late.add_metric([phase], n_wanted)
+        if build_s is not None:
+            building.add_metric([phase], build_s)
+    return scoring, building, late

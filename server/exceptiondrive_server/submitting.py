@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import BinaryIO
 
+import structlog
+
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.orphans import keep_stored
 from exceptiondrive_records.phases import find_phase
@@ -16,6 +18,8 @@ from exceptiondrive_schemas.submission import Quota, SubmissionView
 from exceptiondrive_server.problems import ApiProblem
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.upload_form import Upload
+
+_log = structlog.get_logger("exceptiondrive.uploads")
 
 CHUNK_BYTES = 256 * 1024
 
@@ -60,6 +64,12 @@ def take_upload(
             size_bytes=size_bytes,
             arrived_at=arrived_at,
         )
+    _log.info(
+        "upload accepted",
+        submission=accepted.submission.id,
+        job=accepted.job_id,
+        is_duplicate=accepted.is_duplicate,
+    )
     _ring(services, accepted)
     with services.database.read() as session:
         submission = find_submission(session, accepted.submission.id)

@@ -77,6 +77,10 @@ def post(topology: Topology, data: bytes, method: str) -> httpx.Response:
     )
 
 
+def log_lines(topology: Topology) -> list[str]:
+    return (topology.folder / "server.log").read_text().splitlines()
+
+
 def wait_for_scores(topology: Topology, submission_ids: list[str]) -> None:
     def statuses() -> set[SubmissionStatus]:
         with topology.database.read() as session:
@@ -116,6 +120,9 @@ def test_uploads_beyond_the_limit_are_sent_away_and_nothing_accepted_is_lost(
     assert [status for status, _ in answers] == [202, 202]
     wait_for_scores(topology, ids + [view["id"] for _, view in answers])
     assert len(set(ids)) == 6
+    logged = [json.loads(line) for line in log_lines(topology) if '"upload accepted"' in line]
+    assert set(ids) <= {line["submission"] for line in logged}
+    assert all(len(line["request_id"]) >= 8 for line in logged)
 
 
 def test_a_stopped_server_finishes_the_upload_under_way(

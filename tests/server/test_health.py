@@ -117,6 +117,8 @@ def test_metrics_tell_queue_submissions_workers_and_requests(api_on_both: "Api")
     assert lines['exceptiondrive_submissions{status="scored"}'] == "1.0"
     assert 0 <= float(lines['exceptiondrive_oldest_queued_seconds{lane="live"}']) < 600
     assert 0 <= float(lines['exceptiondrive_worker_heartbeat_age_seconds{worker="worker-1"}']) < 600
+    assert 0 <= float(lines["exceptiondrive_scoring_seconds"]) < 600
+    assert lines['exceptiondrive_boards_wanted{phase="dev"}'] in ("0.0", "1.0")
     name = "exceptiondrive_request_seconds_count"
     route = "/api/v1/entries/{submission_id}"
     assert lines[f'{name}{{method="GET",route="{route}",status="404"}}'] == "1.0"

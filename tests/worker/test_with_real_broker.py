@@ -332,6 +332,10 @@ def test_nothing_but_ids_goes_through_the_broker(
     assert body["kwargsrepr"] == "{}"
 
 
+def parsed(lines: list[str]) -> list[str]:
+    return [line for line in lines if line.startswith("{")]
+
+
 def test_the_worker_writes_one_json_object_per_log_line(
     embedded: World,
     tiny: Split,
@@ -342,14 +346,16 @@ def test_the_worker_writes_one_json_object_per_log_line(
     tmp_path: Path,
 ) -> None:
     embedded.add_phase(tiny)
-    embedded.submit(planning_file(tiny))
+    submission_id, job_id = embedded.submit(planning_file(tiny))
     worker = run_worker(embedded)
     run_reconciler(embedded)
     wait_until(lambda: count_scored(embedded) == 1, "the submission to be scored")
     assert worker.stop() == 0
     lines = [line for line in (tmp_path / "worker.log").read_text().splitlines() if line]
-    events = {json.loads(line)["event"] for line in lines if line.startswith("{")}
+    events = {json.loads(line)["event"] for line in parsed(lines)}
     assert {"worker starts", "scored"} <= events
+    (scored,) = [line for line in map(json.loads, parsed(lines)) if line["event"] == "scored"]
+    assert (scored["submission"], scored["job"]) == (submission_id, job_id)
     assert [line for line in lines if not line.startswith("{")] == [
         "worker: Warm shutdown (MainProcess)"  # Celery's own, past all logging
     ]

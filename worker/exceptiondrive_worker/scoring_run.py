@@ -152,7 +152,7 @@ def _score(doors: Doors, claimed: Claim, wanted: _Wanted) -> None:
     except RejectedUpload as rejected:
         with doors.database.write() as session:
             outcome = finish_rejected(session, claimed, rejected.report)
-        _log.info("rejected", job=claimed.job_id, outcome=outcome.value)
+        _log.info("rejected", **_ids(claimed), outcome=outcome.value)
         return
     published = Rounding(challenge, protocol.publication).sheet(scored.sheet)
     with doors.database.write() as session:
@@ -166,7 +166,7 @@ def _score(doors: Doors, claimed: Claim, wanted: _Wanted) -> None:
         )
         boards = take_due_boards(session, doors.settings)
     ring_boards(doors.database, doors.doorbell, boards)
-    _log.info("scored", job=claimed.job_id, outcome=outcome.value)
+    _log.info("scored", **_ids(claimed), outcome=outcome.value)
 
 
 def _record_failure(doors: Doors, claimed: Claim, failure: Failure) -> None:
@@ -179,3 +179,9 @@ def _record_failure(doors: Doors, claimed: Claim, failure: Failure) -> None:
             retry=failure.may_retry,
             backoff_s=doors.settings.retry_backoff_s,
         )
+    _log.warning("scoring failed", **_ids(claimed), code=failure.code.value)
+
+
+def _ids(claimed: Claim) -> dict[str, str]:
+    """What every log line of a job names."""
+    return {"job": claimed.job_id, "submission": claimed.submission_id}
