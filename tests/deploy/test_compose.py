@@ -100,3 +100,10 @@ def test_the_data_network_reaches_nothing_outside(compose: dict[str, Any]) -> No
     assert compose["networks"]["data"]["internal"] is True
     outside = [n for n, s in compose["services"].items() if "edge" in s.get("networks", [])]
     assert outside == ["proxy"]
+
+
+def test_people_type_a_public_address_and_stopping_is_not_hurried(compose: dict[str, Any]) -> None:
+    services = compose["services"]
+    assert services["server"]["environment"]["EXCEPTIONDRIVE_PUBLIC_URL"]
+    assert services["server"]["stop_grace_period"] == "45s"
+    assert services["worker-live"]["stop_grace_period"] == "120s"

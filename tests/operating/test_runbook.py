@@ -1,0 +1,77 @@
+"""The runbook names only what is there: commands, options, settings and metrics."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from exceptiondrive_server.metrics import RecordsCollector
+from exceptiondrive_server.operator_cli import app as server_app
+from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_worker.operator_cli import app as worker_app
+from exceptiondrive_worker.settings import WorkerSettings
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = ("docs/operating.md", "docs/scaling.md", "compose.yaml")
+NOT_SETTINGS = {"EXCEPTIONDRIVE_SECRETS_DIR"}
+
+
+@pytest.fixture(params=DOCUMENTS)
+def document(request: pytest.FixtureRequest) -> str:
+    return (ROOT / str(request.param)).read_text("utf-8")
+
+
+def commands_of(app: typer.Typer) -> dict[str, Any]:
+    group: Any = typer.main.get_command(app)
+    return dict(group.commands)
+
+
+COMMANDS = {
+    "exceptiondrive-server": commands_of(server_app),
+    "exceptiondrive-worker": commands_of(worker_app),
+}
+CALL = re.compile(
+    r'(exceptiondrive-(?:server|worker))"?,? "?([a-z][a-z|-]*)((?:,? "?[^`,\n.;)\]]+)?)'
+)
+
+
+def calls(text: str) -> list[tuple[str, str, str]]:
+    return [
+        (program, command, rest)
+        for program, commands, rest in CALL.findall(text)
+        for command in commands.split("|")
+    ]
+
+
+def test_every_command_and_option_that_is_named_is_there(document: str) -> None:
+    for program, command, rest in calls(document):
+        known = COMMANDS[program]
+        assert command in known, f"{program} {command}"
+        options = {name for param in known[command].params for name in param.opts}
+        assert set(re.findall(r"--[a-z-]+", rest)) <= options, f"{program} {command} {rest}"
+
+
+def test_the_runbook_is_read_at_all() -> None:
+    text = (ROOT / "docs/operating.md").read_text("utf-8")
+    named = {command for _, command, _ in calls(text)}
+    assert {"backup", "restore", "verify", "doctor", "migrate", "sweep", "retry"} <= named
+
+
+def test_every_setting_that_is_named_is_there(document: str) -> None:
+    fields = {*ServerSettings.model_fields, *WorkerSettings.model_fields}
+    known = {f"EXCEPTIONDRIVE_{name.upper()}" for name in fields} | NOT_SETTINGS
+    assert set(re.findall(r"EXCEPTIONDRIVE_[A-Z_]+[A-Z]", document)) <= known
+
+
+def test_every_metric_that_is_named_is_there(migrated_sqlite: Path) -> None:
+    from exceptiondrive_records.database import Database
+
+    database = Database(f"sqlite:///{migrated_sqlite}")
+    known = {metric.name for metric in RecordsCollector(database).collect()}
+    database.dispose()
+    text = (ROOT / "docs/operating.md").read_text("utf-8")
+    named = set(re.findall(r"`(exceptiondrive_[a-z_]+)", text)) - {"exceptiondrive_api"}
+    assert named - {"exceptiondrive_request_seconds"} <= known
+    assert len(named) >= 5
