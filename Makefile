@@ -43,8 +43,8 @@ bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; the
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.upload_to_rank
 
-chaos: $(STAMP)  ## inject every fault of research/reliability.md into real processes; F="F01 F24" picks some
-	$(BIN)/python -m tests.chaos $(F)
+chaos: $(STAMP)  ## inject every fault of research/reliability.md into real processes; F="F01 F24" picks some, RESUME=1 goes on
+	$(BIN)/python -m tests.chaos $(if $(RESUME),--resume) $(F)
 
 load: $(STAMP)  ## a deadline rush: hundreds of uploads within minutes, while the board is read
 	$(BIN)/python -m benchmarks.load

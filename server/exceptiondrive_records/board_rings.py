@@ -15,8 +15,9 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.tables import BoardRequest
+from exceptiondrive_records.tables import BoardRequest, Phase
 from exceptiondrive_records.turns import live_job_waits
+from exceptiondrive_schemas.jobs import Lane
 
 PAUSE_FACTOR = 4
 """In a rush the builds of a board take at most 1 / (1 + PAUSE_FACTOR) of one slot ..."""
@@ -32,6 +33,8 @@ class DueBoard:
     protocol_digest: str
     split_revision: str
     fence: int
+    lane: Lane
+    """A board that nobody sees yet, a draft's, waits behind the live ones."""
 
 
 def build_after(built_at: datetime | None, build_s: float | None) -> datetime | None:
@@ -55,9 +58,7 @@ def due_boards(session: Session, settings: RecordsSettings) -> list[DueBoard]:
     wanted = list(session.scalars(query))
     if wanted and live_job_waits(session):
         wanted = [row for row in wanted if _is_due(row, now)]
-    return [
-        DueBoard(row.phase_id, row.protocol_digest, row.split_revision, row.fence) for row in wanted
-    ]
+    return [_due(session, row) for row in wanted]
 
 
 def take_due_boards(session: Session, settings: RecordsSettings) -> list[DueBoard]:
@@ -91,6 +92,13 @@ def ring_due_boards(database: Database, doorbell: Doorbell, settings: RecordsSet
     return ring_boards(database, doorbell, taken)
 
 
+def _due(session: Session, row: BoardRequest) -> DueBoard:
+    phase = session.get_one(Phase, row.phase_id)
+    key = (row.protocol_digest, row.split_revision)
+    is_shown = key == (phase.protocol_digest, phase.split_revision)
+    return DueBoard(row.phase_id, *key, row.fence, Lane.LIVE if is_shown else Lane.RESCORE)
+
+
 def _is_due(row: BoardRequest, now: datetime) -> bool:
     after = build_after(row.built_at, row.build_s)
     return after is None or after <= now
@@ -98,7 +106,7 @@ def _is_due(row: BoardRequest, now: datetime) -> bool:
 
 def _ring(doorbell: Doorbell, board: DueBoard) -> bool:
     return doorbell.ring_board(
-        board.phase_id, board.protocol_digest, split_revision=board.split_revision
+        board.phase_id, board.protocol_digest, board.lane, split_revision=board.split_revision
     )
 
 

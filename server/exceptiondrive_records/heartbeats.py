@@ -12,6 +12,8 @@ from exceptiondrive_schemas.jobs import Lane
 
 HEARTBEAT_TTL_S = 15.0
 _FORGET_AFTER = timedelta(days=1)
+_SCORER_COUNTS_FOR = timedelta(hours=1)
+"""A newer scorer that was killed keeps older ones away for so long."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +25,21 @@ class LiveWorkers:
 
 
 def beat(
-    session: Session, worker_id: str, lanes: tuple[Lane, ...] = (Lane.LIVE,), slots: int = 1
+    session: Session,
+    worker_id: str,
+    lanes: tuple[Lane, ...] = (Lane.LIVE,),
+    slots: int = 1,
+    scorer_version: str | None = None,
 ) -> None:
     """Record a sign of life, every few seconds; forget workers that are long gone."""
     now = database_now(session)
     session.merge(
         WorkerHeartbeat(
-            worker_id=worker_id, at=now, lanes=[lane.value for lane in lanes], slots=slots
+            worker_id=worker_id,
+            at=now,
+            lanes=[lane.value for lane in lanes],
+            slots=slots,
+            scorer_version=scorer_version,
         )
     )
     session.execute(delete(WorkerHeartbeat).where(WorkerHeartbeat.at < now - _FORGET_AFTER))
@@ -43,6 +53,25 @@ def live_workers(
     rows = session.scalars(select(WorkerHeartbeat).where(WorkerHeartbeat.at > oldest))
     alive = [row for row in rows if lane.value in row.lanes]
     return LiveWorkers(workers=len(alive), slots=sum(row.slots for row in alive))
+
+
+def scorers_at_work(session: Session) -> list[str]:
+    """Return the scorer versions on the list of workers, the newest last."""
+    oldest = database_now(session) - _SCORER_COUNTS_FOR
+    found = session.scalars(
+        select(WorkerHeartbeat.scorer_version).where(WorkerHeartbeat.at > oldest).distinct()
+    )
+    return sorted((version for version in found if version is not None), key=_numbers)
+
+
+def newer_scorer(session: Session, version: str) -> str | None:
+    """Return the newest scorer version on the list of workers, if it is newer than `version`."""
+    newest = max(scorers_at_work(session), key=_numbers, default=version)
+    return newest if _numbers(newest) > _numbers(version) else None
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split("."))
 
 
 def forget_worker(session: Session, worker_id: str) -> None:

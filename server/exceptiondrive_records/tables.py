@@ -301,6 +301,8 @@ class WorkerHeartbeat(Base):
     at: Mapped[datetime]
     lanes: Mapped[list[str]]
     slots: Mapped[int]
+    scorer_version: Mapped[str | None]
+    """Whose scores it makes; None: a release that did not say."""
 
 
 class ReceiptKeyRow(Base):

@@ -23,7 +23,7 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import StoreError
 from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.heartbeats import live_workers
+from exceptiondrive_records.heartbeats import live_workers, scorers_at_work
 from exceptiondrive_records.migrations import is_current, is_usable
 from exceptiondrive_records.reconciler import LEADERSHIP
 from exceptiondrive_records.settings import RecordsSettings
@@ -149,12 +149,20 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
             select(Job.created_at).where(Job.state == JobState.QUEUED).order_by(Job.created_at)
         )
         workers = live_workers(session, Lane.LIVE, ttl_s=settings.heartbeat_ttl_s).workers
+        scorers = scorers_at_work(session)
         leading = (Leader.name == LEADERSHIP, Leader.lease_until > now)
         leads = session.scalar(select(Leader.holder).where(*leading))
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
     if not workers:
         yield Finding(
             Severity.WARNING, "no worker is alive", "start one: exceptiondrive-worker run"
+        )
+    if len(scorers) > 1:
+        older = ", ".join(scorers[:-1])
+        yield Finding(
+            Severity.WARNING,
+            f"workers run scorer {older} beside {scorers[-1]}: the older ones score nothing",
+            "upgrade them; see `upgrade` in docs/operating.md",
         )
     if leads is None:
         yield Finding(

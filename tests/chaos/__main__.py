@@ -1,59 +1,109 @@
-"""`python -m tests.chaos [--short] [F01 ...]`: inject faults, print the table, fail on violations."""
+"""`python -m tests.chaos [--short] [--resume] [F01 ...]`: inject faults, print the table.
+
+Every fault is followed by the checker of histories and the invariants; what breaks one is LOST, and
+the exit code is then 1. Outcomes are kept in `.state/chaos.json`, so that `--resume` goes on after an
+interruption with those that have not survived yet.
+"""
 
 import argparse
+import json
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 from rich.console import Console
-from tests.chaos.suite import FAULTS, NOT_INJECTED, Fault, On, Outcome, run_fault, running, why_not
+from tests.chaos.suite import FAULTS, Fault, On, Outcome, run_fault, running
 
 _CONSOLE = Console(width=150, soft_wrap=True, highlight=False)
+_KEPT = Path(__file__).parents[2] / ".state" / "chaos.json"
 
 
 def main() -> None:
     """Run the chosen faults."""
-    parser = argparse.ArgumentParser(prog="python -m tests.chaos", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.chaos",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("ids", nargs="*", help="ids of faults; all by default")
     parser.add_argument("--short", action="store_true", help="only the short form")
-    parser.add_argument("--keep", action="store_true", help="keep folders and logs")
+    parser.add_argument("--resume", action="store_true", help="leave out what survived before")
     given = parser.parse_args()
+    unknown = sorted(set(given.ids) - {fault.id for fault in FAULTS})
+    if unknown:
+        parser.error(f"no such fault: {', '.join(unknown)}")
+    kept = _survived_before() if given.resume else {}
     chosen = [
         fault
         for fault in FAULTS
         if (not given.ids or fault.id in given.ids) and (not given.short or fault.is_short)
     ]
+    sys.exit(_run_all(chosen, kept))
+
+
+def _run_all(chosen: list[Fault], kept: dict[str, str]) -> int:
+    """Run what is left, print the table, and return the exit code."""
     began = time.monotonic()
-    outcomes = list(_run(chosen))
-    for identifier, reason in NOT_INJECTED.items():
-        if not given.ids:
-            _CONSOLE.print(f"{identifier:5} -      {reason}")
-    lost = [outcome for outcome in outcomes if not outcome.is_survived]
+    _CONSOLE.print(f"{'fault':5} {'seconds':>7} {'':7} injection: outcome")
+    for fault in chosen:
+        if fault.id in kept:
+            _line(fault, "-", "earlier", kept[fault.id])
+    left = [fault for fault in chosen if fault.id not in kept]
+    skipped = {fault.id: reason for fault in left if (reason := _why_not(fault)) is not None}
+    for fault in left:
+        if fault.id in skipped:
+            _line(fault, "-", "SKIPPED", skipped[fault.id])
+    n_survived, lost = 0, []
+    for outcome in _run([fault for fault in left if fault.id not in skipped]):
+        word = "ok" if outcome.is_survived else "LOST"
+        _line(outcome.fault, f"{outcome.seconds:.1f}", word, outcome.text)
+        if outcome.is_survived:
+            n_survived += 1
+            kept = _keep(outcome)
+        else:
+            lost.append(outcome.fault.id)
+    n_run = n_survived + len(lost)
     _CONSOLE.print(
-        f"{len(outcomes) - len(lost)} of {len(outcomes)} faults survived, "
-        f"{time.monotonic() - began:.0f} s in all"
+        f"{n_survived} of {n_run} faults survived, {len(skipped)} skipped, "
+        f"{len(chosen) - n_run - len(skipped)} earlier; {time.monotonic() - began:.0f} s in all"
     )
-    sys.exit(1 if lost else 0)
+    if lost:
+        _CONSOLE.print(f"LOST: {' '.join(lost)}")
+    return 1 if lost else 0
+
+
+def _line(fault: Fault, seconds: str, word: str, text: str) -> None:
+    where = f" [{fault.on.value}]"
+    _CONSOLE.print(f"{fault.id:5} {seconds:>7} {word:7} {fault.injection}: {text}{where}")
 
 
 def _run(chosen: list[Fault]) -> Iterator[Outcome]:
-    _CONSOLE.print(f"{'fault':5} {'seconds':>7} {'':4} injection: outcome")
     for on in On:
         faults = [fault for fault in chosen if fault.on is on]
-        reason = why_not(on)
-        if reason is not None or not faults:
-            for fault in faults:
-                _CONSOLE.print(f"{fault.id:5} {'-':>7} skip {fault.injection}: {reason}")
-            continue
-        with running(on) as run:
-            for fault in faults:
-                outcome = run_fault(fault, run)
-                word = "ok  " if outcome.is_survived else "LOST"
-                _CONSOLE.print(
-                    f"{fault.id:5} {outcome.seconds:7.1f} {word} {fault.injection}: {outcome.text}"
-                    f" [{on.value}]"
-                )
-                yield outcome
+        if faults:
+            with running(on) as run:
+                for fault in faults:
+                    yield run_fault(fault, run)
+
+
+def _why_not(fault: Fault) -> str | None:
+    return None if fault.why_not is None else fault.why_not()
+
+
+def _survived_before() -> dict[str, str]:
+    """Return what survived, and what came of it, by id."""
+    with suppress(FileNotFoundError, ValueError):
+        return {str(key): str(text) for key, text in json.loads(_KEPT.read_text()).items()}
+    return {}
+
+
+def _keep(outcome: Outcome) -> dict[str, str]:
+    kept = {**_survived_before(), outcome.fault.id: outcome.text}
+    _KEPT.parent.mkdir(exist_ok=True)
+    _KEPT.write_text(json.dumps(kept, indent=2))
+    return kept
 
 
 if __name__ == "__main__":

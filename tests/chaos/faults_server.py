@@ -8,17 +8,10 @@ import subprocess
 import time
 from pathlib import Path
 
-from sqlalchemy import select, text
-from tests.chaos.run import OPEN, Run
-from tests.chaos.topology import PHASE
+from sqlalchemy import text
+from tests.chaos.run import Run
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.database import database_now
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.submissions import new_job
-from exceptiondrive_records.tables import JobState, Phase, Submission
-from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_records.tables import JobState, Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -96,8 +89,8 @@ def cut_postgres(run: Run) -> str:
 
 def wrong_clock(run: Run) -> str:
     """Workers an hour ahead and an hour behind; leases follow the database's clock."""
-    library = next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
-    assert library is not None, "libfaketime is missing: as root, apt-get install faketime"
+    library = _faketime()
+    assert library is not None
     skewed = [
         run.topology.add_worker(
             environment={
@@ -258,8 +251,20 @@ def _mount(run: Run, *arguments: str) -> None:
     subprocess.run(["mount", *arguments, str(run.topology.uploads)], check=True)
 
 
-def can_mount() -> bool:
-    return os.getuid() == 0 and shutil.which("mount") is not None
+def why_no_mount() -> str | None:
+    """Say why no small or read-only file system can be mounted, if so."""
+    if os.getuid() == 0 and shutil.which("mount") is not None:
+        return None
+    return "needs root and `mount`, for a file system of its own"
+
+
+def why_no_faketime() -> str | None:
+    """Say why no process can be given another clock, if so."""
+    return None if _faketime() else "needs libfaketime: as root, apt-get install faketime"
+
+
+def _faketime() -> Path | None:
+    return next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
 
 
 def _edit_protocol(run: Run, before: str, after: str) -> None:
@@ -276,56 +281,3 @@ def _edit_protocol(run: Run, before: str, after: str) -> None:
         session.execute(text(statement))
         for _, again in triggers:
             session.execute(text(again))
-
-
-def rescore_while_submitting(run: Run) -> str:
-    """A hundred rescoring jobs wait; what teams submit meanwhile overtakes them."""
-    n_jobs = _add_rescoring(run, "1.0-chaosa", 120)
-    run.clients.stream(8)
-    run.clients.join()
-    live_s = run.topology.wait_until(lambda: not run.count(*OPEN, lane=Lane.LIVE), "live jobs")
-    left = run.count(*OPEN, lane=Lane.RESCORE)
-    run.settle(300)
-    assert n_jobs == 120
-    assert live_s < 30, f"live jobs waited {live_s:.0f} s"
-    return (
-        f"8 live jobs done {live_s:.1f} s after the last upload, {left} rescoring jobs still left"
-    )
-
-
-def kill_in_mid_rescore(run: Run) -> str:
-    """The board stays the old protocol's; the rescoring goes on by itself."""
-    _add_rescoring(run, "1.0-chaosb", 60)
-    run.topology.wait_until(lambda: 0 < run.count(*OPEN, lane=Lane.RESCORE) < 50, "the middle")
-    left = run.count(*OPEN, lane=Lane.RESCORE)
-    for process in run.topology.supervisor.processes:
-        process.kill_group()
-    run.topology.broker.kill()
-    run.topology.broker.start()
-    took_s = run.settle(300)
-    with run.topology.database.read() as session:
-        board = current_board(session, PHASE)
-        phase = session.get_one(Phase, PHASE)
-    assert board is not None
-    assert board.protocol_digest == phase.protocol_digest
-    return f"killed with {left} of 60 left; resumed by itself in {took_s:.1f} s, board unchanged"
-
-
-def _add_rescoring(run: Run, version: str, n_jobs: int) -> int:
-    """Queue up to `n_jobs` scored submissions under a protocol with another d_safe."""
-    toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"', 1)
-    while run.n_sheets() < n_jobs:
-        run.clients.stream(n_jobs - run.n_sheets(), every_s=0)
-        run.settle(300)
-    with run.topology.database.write() as session:
-        protocol = add_protocol(session, toml, "chaos")
-        now = database_now(session)
-        query = select(Submission).where(Submission.status == SubmissionStatus.SCORED)
-        found = list(session.scalars(query.limit(n_jobs)))
-        phase = session.get_one(Phase, PHASE)
-        for submission in found:
-            lane = Lane.RESCORE
-            session.add(
-                new_job(submission, protocol.digest, phase.split_revision, lane, False, now)
-            )
-    return len(found)

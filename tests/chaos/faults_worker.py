@@ -4,6 +4,7 @@ import signal
 import time
 
 from tests.chaos.run import Run
+from tests.chaos.saboteur import VISIBILITY_S
 from tests.chaos.topology import LEASE_S
 
 from exceptiondrive_records.tables import JobState
@@ -137,14 +138,24 @@ def kill_everything(run: Run) -> str:
     return f"settled {run.settle():.1f} s after the stream"
 
 
-def running_job_holds_no_message(run: Run) -> str:
-    """A message is acknowledged before it runs: no visibility timeout can deliver it again."""
-    run.slowly(1.0)
-    run.upload()
+def outlast_the_visibility_timeout(run: Run) -> str:
+    """The broker would deliver again after 1 s what is not acknowledged; the job takes 3 s."""
+    run.topology.worker.hold_down()
+    impatient = [run.topology.add_worker(environment={VISIBILITY_S: "1"}) for _ in range(2)]
+    run.topology.wait_until(lambda: run.topology.readiness()["live_workers"] >= 4, "two more")
+    scored, stale = run.lines("submission scored"), run.lines("stale fence rejected")
+    call = run.upload(order="3")
     run.wait_for_lease()
     with run.topology.broker.client() as client:
         held = client.hlen("ed:unacked")
-    run.at_full_speed()
     run.settle()
+    time.sleep(2)
+    attempts = run.job_of(call).attempts
+    for worker in impatient:
+        run.topology.remove_worker(worker)
+    run.topology.worker.start()
     assert held == 0, f"{held} messages wait for an acknowledgement"
-    return "0 unacknowledged messages while a job runs"
+    assert attempts == 1, f"it ran {attempts} times"
+    assert run.lines("submission scored") == scored + 1
+    assert run.lines("stale fence rejected") == stale
+    return "a job three times as long as the timeout: one execution, 0 messages unacknowledged"

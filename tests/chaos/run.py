@@ -91,6 +91,12 @@ class Run:
             query = select(Job).where(Job.submission_id == call.submission_id, Job.is_first)
             return session.scalars(query).one()
 
+    def wait_of_s(self, call: Call) -> float:
+        """How long a submission waited from upload to its end."""
+        with self.topology.database.read() as session:
+            row = session.get_one(Submission, call.submission_id)
+            return (row.status_at - row.received_at).total_seconds()
+
     def leader(self) -> str | None:
         with self.topology.database.read() as session:
             return session.scalar(select(Leader.holder).where(Leader.name == LEADERSHIP))

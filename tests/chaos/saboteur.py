@@ -14,6 +14,10 @@ from pathlib import Path
 from typing import Any
 
 ORDERS = "CHAOS_ORDERS"
+SCORER = "CHAOS_SCORER_VERSION"
+"""The worker says that its scorer is this version."""
+VISIBILITY_S = "CHAOS_VISIBILITY_TIMEOUT_S"
+"""The broker gives a message that was not acknowledged to another worker after so long."""
 
 
 def _orders() -> Path:
@@ -45,6 +49,22 @@ def _once(name: str) -> bool:
 
 
 def _sabotage_worker() -> Callable[[], None]:
+    import exceptiondrive_scoring
+    from exceptiondrive_records import broker_options
+
+    exceptiondrive_scoring.SCORER_VERSION = os.environ.get(
+        SCORER, exceptiondrive_scoring.SCORER_VERSION
+    )
+    options = broker_options.transport_options
+
+    def impatient(**named: Any) -> dict[str, Any]:
+        wait_s = float(os.environ[VISIBILITY_S])
+        restore = {"unacked_restore_interval": 1, "unacked_restore_throttle": 0.5}
+        return {**options(**named), **restore, "visibility_timeout": wait_s}
+
+    if VISIBILITY_S in os.environ:
+        broker_options.transport_options = impatient
+
     from exceptiondrive_worker import operator_cli
     from exceptiondrive_worker.stages import Stages
 

@@ -113,6 +113,13 @@ class Topology:
             self._raise_walls(users)
         self.database = Database(self.database_url)
         self.files = FileStore(self.uploads.as_uri())
+        try:
+            self._start(n_workers)
+        except BaseException:
+            self.close(keep=True)  # its logs tell why
+            raise
+
+    def _start(self, n_workers: int) -> None:
         self.tokens = self._prepare()
         self.server = self._add("server", "server", "serve", "--port", self.url.rpartition(":")[2])
         self.reconcilers = [self._add(f"reconciler-{n}", "server", "reconcile") for n in (1, 2)]
@@ -120,14 +127,8 @@ class Topology:
             self._add(f"worker-{n + 1}", "worker", "run", "--concurrency", "2")
             for n in range(n_workers)
         ]
-        self._wait_for_start(2 * n_workers)
-
-    def _wait_for_start(self, n_slots: int) -> None:
-        try:
-            self.wait_until(lambda: self.readiness().get("live_workers", 0) >= n_slots, "a start")
-        except TimeoutError:
-            self.close(keep=True)  # its logs tell why
-            raise
+        n_slots = 2 * n_workers
+        self.wait_until(lambda: self.readiness().get("live_workers", 0) >= n_slots, "a start")
 
     @property
     def worker(self) -> Process:

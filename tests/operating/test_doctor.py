@@ -47,6 +47,17 @@ def test_it_finds_nothing_wrong_with_a_healthy_server(healthy: RecordsSettings) 
     assert troubles(healthy) == []
 
 
+def test_an_older_scorer_beside_a_newer_one_is_named(
+    healthy: RecordsSettings, lived: Lived
+) -> None:
+    with lived.database.write() as session:
+        beat(session, "worker", scorer_version="1")
+    assert troubles(healthy) == []
+    with lived.database.write() as session:
+        beat(session, "another", scorer_version="2")
+    assert whats(healthy) == "workers run scorer 1 beside 2: the older ones score nothing"
+
+
 def test_every_trouble_says_what_to_do(tmp_path: Path) -> None:
     settings = RecordsSettings(
         database_url=f"sqlite:///{tmp_path / 'none.sqlite3'}",

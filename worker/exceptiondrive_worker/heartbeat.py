@@ -13,6 +13,7 @@ from exceptiondrive_records.heartbeats import beat, forget_worker
 from exceptiondrive_records.identifiers import random_id
 from exceptiondrive_records.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_scoring import SCORER_VERSION
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -47,7 +48,7 @@ class Heartbeat:
         while os.getppid() == self._parent:
             try:
                 with self._database.write() as session:
-                    beat(session, self.worker_id, self._lanes, slots=1)
+                    beat(session, self.worker_id, self._lanes, 1, SCORER_VERSION)
             except SQLAlchemyError as error:
                 _log.warning("heartbeat not recorded", error=type(error).__name__)
             if self._stopped.wait(self._every_s):

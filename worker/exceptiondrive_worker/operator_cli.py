@@ -22,6 +22,7 @@ from exceptiondrive_worker.log import configure_logging
 from exceptiondrive_worker.process import run_worker
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
+from exceptiondrive_worker.scorer_version import OlderScorerError, refuse_if_older
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_store import (
@@ -49,6 +50,7 @@ _KNOWN_ERRORS = (
     SplitUnreadableError,
     SplitRefusedError,
     SplitUnavailableError,
+    OlderScorerError,
     OSError,
 )
 
@@ -59,7 +61,11 @@ def run(
     concurrency: Annotated[int, typer.Option(min=1, help="Processes that score.")] = 2,
 ) -> None:
     """Score submissions and build boards until stopped."""
-    run_worker(load_settings(WorkerSettings), _lanes(lanes), concurrency)
+    settings = load_settings(WorkerSettings)
+    database = Database(settings.database_url)
+    refuse_if_older(database)
+    database.dispose()  # its connections must not be shared with the processes that score
+    run_worker(settings, _lanes(lanes), concurrency)
 
 
 @app.command("heartbeat-age")

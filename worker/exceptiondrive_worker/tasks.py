@@ -8,6 +8,7 @@ from exceptiondrive_schemas.jobs import JobName
 from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.doors import Doors
 from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.scorer_version import may_work
 from exceptiondrive_worker.scoring_run import answer_ring, ring_on
 from exceptiondrive_worker.verify_run import verify_sheet
 
@@ -23,18 +24,21 @@ def register_jobs(app: Celery, doors: Callable[[], Doors]) -> None:
     @app.task(name=JobName.SCORE.value)
     def score(job_id: str) -> None:
         with job_boundary(job_id, _left_to_the_reconciler):
-            answer_ring(doors(), job_id)
+            if may_work(doors().database):
+                answer_ring(doors(), job_id)
 
     @app.task(name=JobName.BUILD_BOARD.value)
     def board(phase_id: str, protocol_digest: str, split_revision: str | None = None) -> None:
         with job_boundary(f"board:{phase_id}", _left_to_the_reconciler):
-            build_board(doors(), phase_id, protocol_digest, split_revision)
-            ring_on(doors())
+            if may_work(doors().database):
+                build_board(doors(), phase_id, protocol_digest, split_revision)
+                ring_on(doors())
 
     @app.task(name=JobName.VERIFY.value)
     def verify(item_id: str) -> None:
         with job_boundary(item_id, _left_to_the_reconciler):
-            verify_sheet(doors(), item_id)
+            if may_work(doors().database):
+                verify_sheet(doors(), item_id)
 
 
 def _left_to_the_reconciler(failure: Failure) -> None:

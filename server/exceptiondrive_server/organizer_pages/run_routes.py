@@ -10,7 +10,7 @@ from exceptiondrive_records.audit import audit_page
 from exceptiondrive_records.errors import NotFound, RecordsError
 from exceptiondrive_records.phases import list_phases
 from exceptiondrive_records.protocols import find_protocol, list_protocols
-from exceptiondrive_records.rescoring import runs
+from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.keys import find_run
 from exceptiondrive_records.rescoring.verification import list_verifications
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
@@ -189,6 +189,8 @@ def post_step(
     preview = str(form.get("preview", ""))[:100]
     try:
         reason = read((REASON,), form)["reason"]
+        if known.is_flip:
+            flip.work_out(services.database, run_id)
         with services.database.write() as session:
             take_step(
                 session,

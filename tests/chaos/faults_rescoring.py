@@ -1,0 +1,83 @@
+"""Faults of a rescoring: what teams submit overtakes it, and nothing ends it half-way."""
+
+from sqlalchemy import select
+from tests.chaos.run import OPEN, Run
+from tests.chaos.topology import PHASE
+
+from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.database import database_now
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.submissions import new_job
+from exceptiondrive_records.tables import Phase, Submission
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+_N_SUBMISSIONS = 100
+_N_PROTOCOLS = 10
+_LONGEST_LIVE_WAIT_S = 30.0
+
+
+def rescore_while_submitting(run: Run) -> str:
+    """A thousand rescoring jobs wait; what teams submit meanwhile overtakes them."""
+    versions = [f"1.0-chaosa{number}" for number in range(_N_PROTOCOLS)]
+    n_jobs = sum(_add_rescoring(run, version, _N_SUBMISSIONS) for version in versions)
+    shown = _shown_protocol(run)
+    start_s = run.history.now_s()
+    run.clients.stream(20)
+    run.clients.join()
+    run.topology.wait_until(lambda: not run.count(*OPEN, lane=Lane.LIVE), "live jobs")
+    left = run.count(*OPEN, lane=Lane.RESCORE)
+    assert _shown_protocol(run) == shown, "the board changed before anyone applied anything"
+    waits_s = [run.wait_of_s(call) for call in run.calls_since(start_s)]
+    run.settle(600)
+    assert n_jobs == _N_SUBMISSIONS * _N_PROTOCOLS
+    assert left, "nothing was overtaken: all rescoring jobs were done before"
+    assert max(waits_s) < _LONGEST_LIVE_WAIT_S, f"a live job waited {max(waits_s):.0f} s"
+    assert _shown_protocol(run) == shown
+    return f"20 live jobs waited up to {max(waits_s):.1f} s; {left} of {n_jobs} were left then"
+
+
+def _shown_protocol(run: Run) -> str:
+    with run.topology.database.read() as session:
+        board = current_board(session, PHASE)
+    assert board is not None
+    return board.protocol_digest
+
+
+def kill_in_mid_rescore(run: Run) -> str:
+    """The board stays the old protocol's; the rescoring goes on by itself."""
+    _add_rescoring(run, "1.0-chaosb", 60)
+    run.topology.wait_until(lambda: 0 < run.count(*OPEN, lane=Lane.RESCORE) < 50, "the middle")
+    left = run.count(*OPEN, lane=Lane.RESCORE)
+    for process in run.topology.supervisor.processes:
+        process.kill_group()
+    run.topology.broker.kill()
+    run.topology.broker.start()
+    took_s = run.settle(300)
+    with run.topology.database.read() as session:
+        board = current_board(session, PHASE)
+        phase = session.get_one(Phase, PHASE)
+    assert board is not None
+    assert board.protocol_digest == phase.protocol_digest
+    return f"killed with {left} of 60 left; resumed by itself in {took_s:.1f} s, board unchanged"
+
+
+def _add_rescoring(run: Run, version: str, n_jobs: int) -> int:
+    """Queue up to `n_jobs` scored submissions under a protocol with another d_safe."""
+    toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"', 1)
+    while run.n_sheets() < n_jobs:
+        run.clients.stream(n_jobs - run.n_sheets(), every_s=0)
+        run.settle(300)
+    with run.topology.database.write() as session:
+        protocol = add_protocol(session, toml, "chaos")
+        now = database_now(session)
+        query = select(Submission).where(Submission.status == SubmissionStatus.SCORED)
+        found = list(session.scalars(query.limit(n_jobs)))
+        phase = session.get_one(Phase, PHASE)
+        for submission in found:
+            lane = Lane.RESCORE
+            session.add(
+                new_job(submission, protocol.digest, phase.split_revision, lane, False, now)
+            )
+    return len(found)
