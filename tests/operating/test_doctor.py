@@ -123,7 +123,7 @@ def test_an_old_schema_is_an_error(healthy: RecordsSettings, empty_database_url:
         Path(path).touch()
     settings = healthy.model_copy(update={"database_url": empty_database_url})
     (finding,) = troubles(settings)
-    assert "another schema" in finding.what
+    assert "older schema" in finding.what
     assert "migrate" in finding.do
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
+from tests.sample_documents import make_manifest, make_sheet
 
 from exceptiondrive_records import jobs
 from exceptiondrive_records.claims import Claim, Finish
@@ -15,28 +16,7 @@ from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.submissions import Accepted, accept
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
-from exceptiondrive_schemas.score_sheet import (
-    BreakdownRow,
-    Coverage,
-    Plausibility,
-    ProtocolRef,
-    ScoreSheet,
-)
-from exceptiondrive_schemas.split import Manifest, SplitRef
-
-REVISION = "sha256:" + "5" * 64
-
-
-def make_manifest(name: str = "sample", revision: str = REVISION) -> Manifest:
-    return Manifest(
-        schema_="exceptiondrive.manifest/1",
-        name=name,
-        title="Sample",
-        revision=revision,
-        waypoints=6,
-        time_step_s=0.5,
-        sample_ids=("s1", "s2", "s3"),
-    )
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
 def digest_of(text: str) -> str:
@@ -86,19 +66,7 @@ class World:
 
     def sheet(self, hcc: float = 0.5) -> ScoreSheet:
         row: dict[str, float | None] = {"hcc": hcc, "ur": 0.25, "cts": None}
-        return ScoreSheet(
-            challenge="planning",
-            protocol=ProtocolRef(version="1.0", digest=self.protocol_digest),
-            split=SplitRef(name="sample", revision=REVISION),
-            scorer_version="1",
-            n=3,
-            coverage=Coverage(edited=1.0, source=1.0),
-            micro=row,
-            macro_family=row,
-            families={"sudden_emergence": BreakdownRow.of(3, row)},
-            tasks={},
-            plausibility=Plausibility(shares={"blind": 0.0}),
-        )
+        return make_sheet(self.protocol_digest, row)
 
 
 def build_world(

@@ -4,13 +4,16 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from sqlalchemy import delete, func, select
 
+from exceptiondrive_records.audit import verify_audit
 from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.board_rings import due_boards
 from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.rescoring import flip
 from exceptiondrive_records.rescoring.compared import _compared
-from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.tables import BoardFlip, Job, JobState, Phase
 from exceptiondrive_schemas.jobs import Lane
 
 Stage = Any
@@ -53,3 +56,61 @@ def test_the_board_of_a_draft_is_built_behind_the_live_ones(
             want_board(session, "dev", digest)
         lanes = {board.protocol_digest: board.lane for board in due_boards(session, stage.settings)}
     assert lanes == {shown: Lane.LIVE, draft: Lane.RESCORE}
+
+
+@pytest.mark.parametrize("flips", ["apply", "rollback"])
+def test_a_flip_that_breaks_off_at_its_last_step_changes_nothing(
+    stage: Stage,
+    make_protocol: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
+    flips: str,
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    if flips == "rollback":
+        stage.apply(run_id)
+    before = everything_shown(stage, run_id)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flip, "tell_teams", killed)
+    with pytest.raises(KeyboardInterrupt):
+        getattr(stage, flips)(run_id)
+    assert everything_shown(stage, run_id) == before
+
+
+def everything_shown(stage: Stage, run_id: str) -> tuple[object, ...]:
+    with stage.database.read() as session:
+        phase = session.get_one(Phase, "dev")
+        shown = (phase.protocol_digest, phase.split_revision, phase.current_board_id)
+        verdict = verify_audit(session)
+        n_flips = session.scalar(select(func.count()).select_from(BoardFlip))
+    return (*shown, stage.board(), stage.view(run_id).state, verdict, n_flips)
+
+
+def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    fresh = stage.submit(3.0, "fresh")
+    tend_runs(stage.database)
+    with stage.database.read() as session:
+        waiting = list(session.scalars(select(Job).where(Job.state == JobState.QUEUED)))
+    lanes = {(job.submission_id, job.is_first): job.lane for job in waiting}
+    assert lanes.pop((fresh, True)) is Lane.LIVE
+    assert lanes == {(key, False): Lane.RESCORE for key in stage.submitted}
+
+
+def test_a_sheet_whose_job_is_gone_is_not_made_again(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.step("cancel", run_id)
+    with stage.database.write() as session:
+        session.execute(delete(Job).where(Job.is_first.is_(False)))
+    again = stage.draft(protocol="1.1")
+    stage.step("start", again)
+    assert stage.work() == 0
+    assert stage.view(again).state.value == "ready"

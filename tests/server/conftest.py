@@ -17,6 +17,7 @@ import pytest
 import structlog
 from fastapi import FastAPI
 from starlette.testclient import TestClient
+from tests.sample_documents import REVISION, make_manifest, make_sheet
 
 from exceptiondrive_records import jobs
 from exceptiondrive_records.board_requests import want_board
@@ -30,20 +31,13 @@ from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
-from exceptiondrive_schemas.score_sheet import (
-    BreakdownRow,
-    Coverage,
-    Plausibility,
-    ProtocolRef,
-    ScoreSheet,
-)
-from exceptiondrive_schemas.split import Manifest, SplitRef
+from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
+from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.settings import ServerSettings
 
 PROTOCOL = packaged_protocol()
-REVISION = "sha256:" + "5" * 64
 PREFIX = "/api/v1"
 MAX_UPLOAD_BYTES = 64 * 1024
 METRICS: dict[str, float | None] = {
@@ -54,18 +48,6 @@ METRICS: dict[str, float | None] = {
     "cts_x": 1.0,
     "cts_y": None,
 }
-
-
-def manifest(name: str = "sample", revision: str = REVISION) -> Manifest:
-    return Manifest(
-        schema_="exceptiondrive.manifest/1",
-        name=name,
-        title="Sample",
-        revision=revision,
-        waypoints=6,
-        time_step_s=0.5,
-        sample_ids=("s1", "s2", "s3"),
-    )
 
 
 def entry(
@@ -96,19 +78,7 @@ def entry(
 
 def sheet(hcc: float = 0.5) -> ScoreSheet:
     row = {**METRICS, "hcc": hcc}
-    return ScoreSheet(
-        challenge="planning",
-        protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
-        split=SplitRef(name="sample", revision=REVISION),
-        scorer_version="1",
-        n=3,
-        coverage=Coverage(edited=1.0, source=1.0),
-        micro=row,
-        macro_family=row,
-        families={"sudden_emergence": BreakdownRow.of(3, row)},
-        tasks={},
-        plausibility=Plausibility(shares={"blind": 0.0}),
-    )
+    return make_sheet(PROTOCOL.digest, row)
 
 
 @dataclass
@@ -256,7 +226,7 @@ class TeamBrowser:
 def _populate(api: Api) -> None:
     with api.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
-        register_split(session, manifest(), {"sudden_emergence": 3}, "test")
+        register_split(session, make_manifest(), {"sudden_emergence": 3}, "test")
         for slug in ("alpha", "beta"):
             team = create_team(session, slug, slug.title(), actor="test")
             api.team_ids[slug] = team.id

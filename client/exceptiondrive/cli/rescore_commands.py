@@ -52,16 +52,6 @@ def start(
     _show_run(run, json)
 
 
-def begin(
-    run_id: RunArgument,
-    reason: ReasonOption,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """Begin to score a run that was only drafted."""
-    _step(run_id, "start", reason, server, json)
-
-
 def status(
     run_id: Annotated[str | None, typer.Argument(metavar="[RUN]", help="Else all runs.")] = None,
     phase: PhaseOption = None,
@@ -84,26 +74,6 @@ def status(
     _show_run(run, json)
     if watch and run["progress"]["failed"]:
         raise typer.Exit(6)
-
-
-def pause(
-    run_id: RunArgument,
-    reason: ReasonOption,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """Let no further sheet of a run begin."""
-    _step(run_id, "pause", reason, server, json)
-
-
-def resume(
-    run_id: RunArgument,
-    reason: ReasonOption,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """Go on with a run, and try failed sheets again."""
-    _step(run_id, "resume", reason, server, json)
 
 
 def preview(
@@ -151,36 +121,6 @@ def apply(
     _show_run(run, json)
 
 
-def cancel(
-    run_id: RunArgument,
-    reason: ReasonOption,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """End a run that was not applied; the board never changed."""
-    _step(run_id, "cancel", reason, server, json)
-
-
-def rollback(
-    run_id: RunArgument,
-    reason: ReasonOption,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """Show the board under the earlier protocol again."""
-    _step(run_id, "rollback", reason, server, json)
-
-
-def close(
-    run_id: RunArgument,
-    reason: ReasonOption,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """End an applied run for good: it can no longer be rolled back."""
-    _step(run_id, "close", reason, server, json)
-
-
 def verify(
     phase: Annotated[str, typer.Option("--phase", metavar="ID", help="Whose sheets.")],
     reason: ReasonOption,
@@ -208,10 +148,21 @@ def _rescoring(server: str | None) -> "Iterator[Rescoring]":
         yield organizer.rescoring
 
 
-def _step(run_id: str, step: str, reason: str, server: str | None, json: bool) -> None:
-    with _rescoring(server) as rescoring:
-        run = rescoring.step(run_id, step, reason)
-    _show_run(run, json)
+def _step(step: str, words: str) -> Callable[..., None]:
+    """Return the command of a step that needs nothing but a run and a reason."""
+
+    def take(
+        run_id: RunArgument,
+        reason: ReasonOption,
+        server: options.Server = None,
+        json: options.Json = False,
+    ) -> None:
+        with _rescoring(server) as rescoring:
+            run = rescoring.step(run_id, step, reason)
+        _show_run(run, json)
+
+    take.__doc__ = words
+    return take
 
 
 def _show_run(run: dict[str, Any], json: bool) -> None:
@@ -272,14 +223,14 @@ def _sample_size(sample: str) -> int | None:
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "start": start,
-    "begin": begin,
+    "begin": _step("start", "Begin to score a run that was only drafted."),
     "status": status,
-    "pause": pause,
-    "resume": resume,
+    "pause": _step("pause", "Let no further sheet of a run begin."),
+    "resume": _step("resume", "Go on with a run, and try failed sheets again."),
     "preview": preview,
     "apply": apply,
-    "cancel": cancel,
-    "rollback": rollback,
-    "close": close,
+    "cancel": _step("cancel", "End a run that was not applied; the board never changed."),
+    "rollback": _step("rollback", "Show the board under the earlier protocol again."),
+    "close": _step("close", "End an applied run for good: it can no longer be rolled back."),
     "verify": verify,
 }
