@@ -190,6 +190,22 @@ class Client:
         path = f"/submissions/{_quoted(submission_id)}/withdraw"
         return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
 
+    def choose(self, submission_id: str) -> SubmissionView:
+        """Let a submission stand for the team, in a phase that shows one entry of each."""
+        return self._say(submission_id, "choose")
+
+    def publish(self, submission_id: str) -> SubmissionView:
+        """Put an entry on the board of a phase that keeps entries private."""
+        return self._say(submission_id, "publish")
+
+    def unpublish(self, submission_id: str) -> SubmissionView:
+        """Make an entry private again; earlier boards keep what they showed."""
+        return self._say(submission_id, "unpublish")
+
+    def _say(self, submission_id: str, what: str) -> SubmissionView:
+        path = f"/submissions/{_quoted(submission_id)}/{what}"
+        return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
+
     def receipt(self, submission_id: str) -> Receipt:
         """Return the signed receipt of a scored submission."""
         return self._get(Receipt, f"/submissions/{_quoted(submission_id)}/receipt")

@@ -20,7 +20,7 @@ def shown_board(phase: Phase, board: Board, now: datetime) -> Board:
             "families": (),
             "entries": tuple(entry.model_copy(update={"families": {}}) for entry in board.entries),
             "comparisons": tuple(
-                pair.model_copy(update={"families": {}}) for pair in board.comparisons
+                pair.model_copy(update={"families": {}, "tasks": {}}) for pair in board.comparisons
             ),
         }
     )

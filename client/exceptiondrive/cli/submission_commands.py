@@ -8,7 +8,7 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_document, show_json
 
 if TYPE_CHECKING:
-    from exceptiondrive_schemas.submission import Quota, SubmissionStatus
+    from exceptiondrive_schemas.submission import Quota, SubmissionStatus, SubmissionView
 
 
 def submit(
@@ -143,6 +143,45 @@ def withdraw(
         show(f"{view.id} {view.status}")
 
 
+def choose(
+    submission_id: options.SubmissionId,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Let a submission stand for the team, in a phase that shows one entry of each.
+
+    The last choice before the deadline counts; without one it is the latest scored submission.
+    """
+    from exceptiondrive.cli.session import open_client
+
+    with open_client(server) as client:
+        view = client.choose(submission_id)
+    _show_saying(view, "stands for the team", json)
+
+
+def publish(
+    submission_id: options.SubmissionId,
+    undo: Annotated[
+        bool, typer.Option("--undo", help="Make it private again; earlier boards keep it.")
+    ] = False,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Put an entry on the board of a phase that keeps entries private."""
+    from exceptiondrive.cli.session import open_client
+
+    with open_client(server) as client:
+        view = client.unpublish(submission_id) if undo else client.publish(submission_id)
+    _show_saying(view, "is public" if view.is_published else "is private", json)
+
+
+def _show_saying(view: "SubmissionView", words: str, json: bool) -> None:
+    if json:
+        show_document(view)
+    else:
+        show(f"{view.id} {words}")
+
+
 def _status(name: str | None) -> "SubmissionStatus | None":
     from exceptiondrive.errors import InvalidArgumentError
     from exceptiondrive_schemas.submission import SubmissionStatus
@@ -172,3 +211,5 @@ def register(app: typer.Typer) -> None:
     app.command()(status)
     app.command()(submissions)
     app.command()(withdraw)
+    app.command()(choose)
+    app.command()(publish)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
+from exceptiondrive_schemas.phase_life import PhaseNow
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_changes import BoardBefore, ChangeLine, change_line
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
@@ -19,6 +20,7 @@ from exceptiondrive_server.pages.page_parts import (
     PhaseLink,
     metric_cards,
 )
+from exceptiondrive_server.pages.phase_notices import standing_notices
 from exceptiondrive_server.pages.scene_drawing import SceneDrawing, scene_drawing
 
 MAX_CHOICES = 25
@@ -37,6 +39,8 @@ class BoardReading:
     is_current: bool
     drawing: ProtocolDrawing = field(default_factory=packaged_drawing)
     before: BoardBefore | None = None
+    now: PhaseNow | None = None
+    has_late_view: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,8 @@ class BoardPage:
     picture: str
     clear_url: str
     notice: Notice | None
+    standing: tuple[Notice, ...]
+    """What the phase keeps back now, or shows apart."""
     change: ChangeLine | None
     submit_command: str
     submit_url: str
@@ -114,6 +120,7 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
         picture=_picture(reading),
         clear_url=query.url(search="", source=None),
         notice=_notice(reading, query),
+        standing=standing_notices(reading),
         change=change_line(board, reading.before) if board else None,
         submit_url=f"/submit?phase={phase.id}" if phase else "/submit",
         submit_command=submit_command(challenge, phase.id if phase else "sample"),

@@ -31,6 +31,7 @@ class BoardQuery:
     protocol: str | None = None
     board: int | None = None
     as_of: str | None = None
+    view: Literal["late"] | None = None
     source: EntrySource | None = None
     average: Average | None = None
     search: str = ""
@@ -51,6 +52,7 @@ class BoardQuery:
             protocol=one.get("protocol") or None,
             board=_positive(one.get("board")),
             as_of=one.get("as_of") or None,
+            view="late" if one.get("view") == "late" else None,
             source=_one_of(one.get("source"), SOURCES),
             average=_one_of(one.get("average"), AVERAGES),
             search=one.get("q", "")[:MAX_SEARCH],
@@ -67,6 +69,7 @@ class BoardQuery:
             ("protocol", self.protocol),
             ("board", self.board),
             ("as_of", self.as_of),
+            ("view", self.view),
             ("source", self.source),
             ("average", self.average),
             ("q", self.search or None),

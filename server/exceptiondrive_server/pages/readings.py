@@ -10,6 +10,7 @@ from exceptiondrive_records.boards import (
     board_at,
     current_board,
     find_board,
+    late_board,
     latest_public_board,
     public_protocols,
     was_shown,
@@ -17,6 +18,7 @@ from exceptiondrive_records.boards import (
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.drawings import protocol_drawing
 from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.phase_life import phase_now
 from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ProtocolRow, SplitRow
@@ -53,7 +55,9 @@ def read_board(session: Session, query: BoardQuery) -> BoardReading:
         protocol=protocol,
         protocol_versions=_protocol_versions(session, phase.id),
         current_protocol=current.version,
-        is_current=row is None or row.id == phase.current_board_id,
+        is_current=row is None or row.id in (phase.current_board_id, phase.late_board_id),
+        now=phase_now(session, phase),
+        has_late_view=phase.late_board_id is not None,
         drawing=protocol_drawing(session, protocol),
         before=_board_before(session, row) if row else None,
     )
@@ -122,6 +126,11 @@ def _phase(phases: list[Phase], phase_id: str | None) -> Phase | None:
 
 
 def _board_row(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:
+    if query.view == "late":
+        row = late_board(session, phase.id)
+        if row is None:
+            raise NotFound("late view, since nothing came late, of the phase", phase.id)
+        return row
     if query.board is not None:
         return find_board(session, phase.id, query.board)
     if query.protocol is not None:

@@ -1,11 +1,12 @@
 """The team's own submissions: the list, and the page of each. Another team's is not found."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.final_entries import choose, publish, unpublish
 from exceptiondrive_records.phases import list_phases, phase_view
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.submissions import find_submission, list_submissions, withdraw
@@ -63,13 +64,14 @@ def show_submission(
         seen = view(session, submission)
         phase = next(phase for phase in list_phases(session) if phase.id == seen.phase)
         protocol = find_protocol(session, phase.protocol_digest)
-        title = phase.title
+        title, life = phase.title, phase.life
     content = submission_view(
         seen,
         phase_title=title,
         protocol=protocol,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         is_again=again,
+        life=life,
     )
     return private_page(request, "submission.html", "my", page=content)
 
@@ -92,6 +94,26 @@ def withdraw_submission(
         find_submission(session, submission_id, team_id=own_team(who))
         withdraw(session, submission_id, actor=who.actor)
     return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
+
+
+@router.post("/submissions/{submission_id}/{what}")
+def say_of_submission(
+    services: ServicesOf,
+    browser: Browser,
+    form: PostedForm,
+    submission_id: SubmissionId,
+    what: Literal["choose", "publish", "unpublish"],
+) -> Response:
+    """Choose a submission for the board, publish it, or make it private again."""
+    require_scope(browser, Scope.SUBMIT)
+    who = browser.principal
+    with services.database.write() as session:
+        find_submission(session, submission_id, team_id=own_team(who))
+        _SAYINGS[what](session, submission_id, actor=who.actor)
+    return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
+
+
+_SAYINGS = {"choose": choose, "publish": publish, "unpublish": unpublish}
 
 
 def _phases(session: Session, services: Services, who: Principal) -> tuple[PhaseView, ...]:

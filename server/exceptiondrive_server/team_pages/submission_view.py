@@ -1,14 +1,16 @@
 """What the page of a submission shows: its way, its faults, its score, its rank."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.phase_life import PhaseLife
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES
-from exceptiondrive_server.pages.numbers import Digits, unit_of
+from exceptiondrive_server.pages.numbers import Digits, minute, unit_of
 from exceptiondrive_server.team_pages.status_words import Status, Step, status_of, steps_of
 
 BOARD_SOON = timedelta(minutes=2)
@@ -42,6 +44,10 @@ class SubmissionContent:
     form_token: str | None
     can_withdraw: bool
     is_again: bool
+    sentences: tuple[str, ...]
+    """How it stands in the life of its phase."""
+    actions: tuple[tuple[str, str], ...]
+    """What the team may say of it: end of the address, and words."""
 
 
 def submission_view(
@@ -51,6 +57,7 @@ def submission_view(
     protocol: Protocol,
     form_token: str | None,
     is_again: bool = False,
+    life: PhaseLife = PhaseLife(),  # noqa: B008 - immutable
     now: datetime | None = None,
 ) -> SubmissionContent:
     """Set the page of a submission; without `form_token` it can only be read."""
@@ -71,7 +78,30 @@ def submission_view(
         form_token=form_token,
         can_withdraw=not ended_without and seen.status is not SubmissionStatus.WITHDRAWN,
         is_again=is_again,
+        sentences=tuple(_sentences(seen)),
+        actions=tuple(_actions(seen, life)) if is_scored else (),
     )
+
+
+def _sentences(seen: SubmissionView) -> Iterator[str]:
+    if seen.known_as is not None:
+        yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
+    if seen.is_late:
+        yield "It came after the deadline: it stands on the late view alone."
+    if seen.score_kept_back_since is not None:
+        since = minute(seen.score_kept_back_since)
+        yield f"The board is frozen since {since}; the score is shown when it is revealed."
+    if seen.is_chosen:
+        yield "The team chose it: it stands for the team on the board."
+    if not seen.is_published:
+        yield "It is private: the team alone sees it, and it does not rank."
+
+
+def _actions(seen: SubmissionView, life: PhaseLife) -> Iterator[tuple[str, str]]:
+    if life.entries_shown == "chosen" and not seen.is_chosen and not seen.is_late:
+        yield "choose", "Choose it for the board"
+    if life.entries_private:
+        yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
 
 
 def _scores(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]:

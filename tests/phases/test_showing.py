@@ -1,0 +1,303 @@
+"""Freeze, late view, choice, families by date, anonymity, private entries: as attackers see them."""
+
+import re
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from exceptiondrive_records.phase_boards import tend_phases
+from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.submissions import LONGEST_UPLOAD, arrival
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+PUBLIC = (
+    "/?phase=test",
+    "/?phase=test&sort=family.sudden_emergence",
+    "/export/board.csv?phase=test",
+    "/export/board.tex?phase=test",
+    "/export/board.bib?phase=test",
+    "/feed.atom?phase=test",
+    "/compare?phase=test",
+    "/api/v1/leaderboard?phase=test",
+    "/api/v1/leaderboard?phase=test&sort=-hcc",
+    "/api/v1/leaderboard?phase=test&view=late",
+    "/api/v1/leaderboard.csv?phase=test",
+    "/api/v1/boards?phase=test",
+    "/api/v1/phases/test",
+    *(f"/api/v1/boards/test/{number}" for number in range(1, 9)),
+    *(f"/?phase=test&board={number}" for number in range(1, 5)),
+)
+OF_ENTRY = (
+    "/entries/{id}",
+    "/badges/{id}.svg",
+    "/compare?phase=test&a={id}",
+    "/api/v1/entries/{id}",
+    "/api/v1/entries/{id}/receipt",
+)
+OF_TEAM = ("/api/v1/submissions", "/api/v1/submissions/{id}", "/api/v1/submissions/{id}/receipt")
+
+
+def public_texts(life: "Life", *ids: str) -> dict[str, str]:
+    """Everything that anybody can read about the phase and these entries."""
+    paths = [*PUBLIC, *(path.format(id=each) for each in ids for path in OF_ENTRY)]
+    return {path: life.get(path).text for path in paths}
+
+
+def plain(life: "Life", *, showing: dict[str, Any] | None = None, **settings: Any) -> None:
+    life.make_phase(split="plain", life=showing or {}, **settings)
+
+
+def submit(life: "Life", who: str, speed: float, method: str = "Planner") -> str:
+    sent = life.submit(who, speed, method, "plain")
+    life.work()
+    return sent
+
+
+# --- freeze -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scores", ["shown", "hidden"])
+def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -> None:
+    plain(life, showing={"frozen_scores": scores})
+    early = submit(life, "alpha", 3.0)
+    before = life.get("/api/v1/leaderboard?phase=test").text
+    life.done("/phases/test/freeze")
+    frozen_since = life.json("/api/v1/phases/test")["now"]["frozen_since"]
+    assert frozen_since is not None
+    late = submit(life, "beta", 1.0, "Secret")
+    assert life.get("/api/v1/leaderboard?phase=test").text == before
+    seen = public_texts(life, late)
+    for path, text in seen.items():
+        assert "Secret" not in text, path
+        assert "Beta Labs" not in text, path
+    assert frozen_since[:10] in life.get("/?phase=test").text
+    assert "frozen" in life.get("/?phase=test").text
+    own = [life.get(path.format(id=late), "beta") for path in OF_TEAM]
+    has_score = ['"micro"' in answer.text for answer in own]
+    assert has_score == ([True] * 3 if scores == "shown" else [False] * 3)
+    assert '"micro"' in life.get(f"/api/v1/submissions/{early}", "alpha").text
+    live = life.json("/api/v1/organizer/phases/test/board", "organizer")
+    assert (live["is_public"], live["names"][late]) == (False, ["Beta Labs", "Secret"])
+    life.done("/phases/test/reveal", {"what": "board", "reason": "ceremony"})
+    assert set(life.entry_ids()) == {early, late}
+    assert life.json("/api/v1/phases/test")["now"]["frozen_since"] is None
+
+
+def test_a_board_freezes_by_its_date_and_no_update_shows_what_it_hides(life: "Life") -> None:
+    plain(life, closes_at=life.ahead(60), showing={"freezes_at": life.ahead(30)})
+    submit(life, "alpha", 3.0)
+    shown = life.entry_ids()
+    life.move(freezes_at=life.now())
+    submit(life, "beta", 1.0)
+    assert life.entry_ids() == shown
+    words = life.refused("/phases/test", {"life": {"freezes_at": life.ahead(20)}}, 409, "PATCH")
+    assert "frozen" in words
+    toml = _protocol("1.1")
+    with life.database.write() as session:
+        add_protocol(session, toml, "test")
+    run = life.start_run(protocol="1.1")
+    preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
+    body = {"preview": preview["digest"], "reason": "new"}
+    assert "frozen since" in life.refused(f"/rescoring/{run}/apply", body, 409)
+    assert life.entry_ids() == shown
+
+
+def _protocol(version: str) -> str:
+    return packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
+
+
+# --- late entries -----------------------------------------------------------------------------
+
+
+def test_late_files_are_refused_in_plain_words_unless_the_phase_takes_them(life: "Life") -> None:
+    plain(life, closes_at=life.ahead(60))
+    life.move(closes_at=life.now())
+    answer = life.upload("alpha", 1.0, "Planner", "plain")
+    assert (answer.status_code, answer.json()["code"]) == (403, "phase_closed")
+    assert "it closed at" in answer.json()["detail"]
+
+
+def test_late_entries_rank_on_their_own_view_and_move_no_rank(life: "Life") -> None:
+    plain(life, closes_at=life.ahead(60), showing={"late_entries": "own_view"})
+    in_time = submit(life, "alpha", 3.0)
+    other = submit(life, "beta", 9.0)
+    assert life.get("/api/v1/leaderboard?phase=test&view=late").status_code == 404
+    life.move(closes_at=life.now())
+    before = life.board()
+    late = submit(life, "gamma", 1.0)
+    again = submit(life, "alpha", 1.5)
+    assert life.json(f"/api/v1/submissions/{late}", "gamma")["is_late"] is True
+    after = life.board()
+    assert (after["entries"], after["board"]) == (before["entries"], before["board"])
+    view = life.board("&view=late")
+    assert view["view"] == "late"
+    by_id = {entry["submission_id"]: entry for entry in view["entries"]}
+    assert set(by_id) == {in_time, other, late, again}
+    assert by_id[late]["rank"] == 1
+    assert [by_id[key].get("is_late", False) for key in (in_time, late)] == [False, True]
+    assert "Gamma Works" not in life.get("/?phase=test").text
+    page = life.get("/?phase=test&view=late")
+    assert "Gamma Works" in page.text
+    assert "view=late" in life.get("/?phase=test").text
+    assert life.get("/api/v1/leaderboard?phase=test&view=late&as_of=2026-01-01").status_code == 400
+
+
+def test_the_deadline_is_judged_by_the_first_byte_but_nobody_holds_it_open(life: "Life") -> None:
+    now = life.now()
+    soon = now - timedelta(minutes=2)
+    assert arrival(soon, now) == soon
+    assert arrival(now - LONGEST_UPLOAD - timedelta(seconds=1), now) == now
+    assert arrival(now + timedelta(seconds=1), now) == now
+    assert arrival(None, now) == now
+
+
+# --- choice of the final entry ----------------------------------------------------------------
+
+
+def test_a_team_chooses_its_entry_until_the_deadline(life: "Life") -> None:
+    plain(life, closes_at=life.ahead(60), showing={"entries_shown": "chosen"})
+    first = submit(life, "alpha", 3.0, "A")
+    second = submit(life, "alpha", 9.0, "B")
+    other = submit(life, "beta", 2.0)
+    assert set(life.entry_ids()) == {second, other}  # the latest, while nothing is chosen
+    address = f"/api/v1/submissions/{first}/choose"
+    assert life.request("POST", address, "beta").status_code == 404
+    assert life.request("POST", address, "alpha").json()["is_chosen"] is True
+    life.work()
+    assert set(life.entry_ids()) == {first, other}
+    third = submit(life, "alpha", 1.0, "C")
+    assert set(life.entry_ids()) == {first, other}  # a choice stands until another is made
+    life.move(closes_at=life.now())
+    refusal = life.request("POST", f"/api/v1/submissions/{third}/choose", "alpha")
+    assert refusal.status_code == 409
+    assert "the choice stands" in refusal.json()["detail"]
+    life.request("POST", f"/api/v1/submissions/{first}/withdraw", "alpha")
+    life.work()
+    assert set(life.entry_ids()) == {third, other}
+
+
+# --- families by date -------------------------------------------------------------------------
+
+
+def test_families_are_absent_everywhere_until_their_date(life: "Life") -> None:
+    plain(life, showing={"families_from": life.ahead(60)})
+    mine = submit(life, "alpha", 3.0)
+    submit(life, "beta", 1.0)
+    texts = public_texts(life, mine)
+    texts |= {path: life.get(path.format(id=mine), "alpha").text for path in OF_TEAM}
+    receipt = life.json(f"/api/v1/submissions/{mine}/receipt", "alpha")
+    for path, text in texts.items():
+        if path.startswith(("/api", "/export/board.csv")):
+            assert not re.search(r"sudden_emergence|lane_blockage|\"SE1\"|Sudden", str(text)), path
+    assert receipt["statement"]["families"] == {}
+    board = life.board()
+    assert (board["families"], [entry["families"] for entry in board["entries"]]) == ([], [{}, {}])
+    sheet = life.json(f"/api/v1/entries/{mine}")["sheet"]
+    assert (sheet["families"], sheet["tasks"]) == ({}, {})
+    for path in ("/?phase=test", f"/entries/{mine}", "/compare?phase=test"):
+        assert life.get(path).status_code == 200, path
+        assert not re.search(r'family\.sudden_emergence"|n = [0-9]+ of', life.get(path).text), path
+    assert tend_phases(life.database) == 0
+    life.move(families_from=life.now())
+    assert tend_phases(life.database) == 1
+    life.work()
+    assert tend_phases(life.database) == 0
+    assert {family["id"] for family in life.board()["families"]} >= {"sudden_emergence"}
+    assert life.json(f"/api/v1/entries/{mine}")["sheet"]["families"] != {}
+    words = life.refused("/phases/test", {"life": {"families_from": life.ahead(9)}}, 409, "PATCH")
+    assert "have been shown" in words
+
+
+# --- anonymous until revealed -----------------------------------------------------------------
+
+
+def test_names_stand_nowhere_until_they_are_revealed(life: "Life") -> None:
+    plain(life, showing={"anonymous": True})
+    mine = submit(life, "alpha", 3.0, "AlphaNet")
+    other = submit(life, "beta", 1.0, "BetaNet")
+    ids = (mine, other)
+    for path, text in public_texts(life, *ids).items():
+        for name in ("Alpha", "Beta", "alpha", "beta"):
+            assert name not in text, (path, name)
+    entries = {entry["submission_id"]: entry for entry in life.board()["entries"]}
+    own = life.json(f"/api/v1/submissions/{mine}", "alpha")
+    assert own["known_as"] == entries[mine]["team"] != entries[other]["team"]
+    assert re.fullmatch(r"Team [0-9A-Z]{3}-[0-9A-Z]{3}", entries[mine]["team"])
+    assert own["team"] == "Alpha Institute"
+    assert life.get(f"/api/v1/entries/{mine}/receipt").status_code == 404
+    assert life.get(f"/api/v1/submissions/{mine}/receipt", "alpha").status_code == 200
+    again = submit(life, "alpha", 2.0, "AlphaNet")
+    renewed = {entry["submission_id"]: entry for entry in life.board()["entries"]}
+    assert (renewed[again]["team"], renewed[again]["method"]) == (
+        entries[mine]["team"],
+        entries[mine]["method"],
+    )
+    live = life.json("/api/v1/organizer/phases/test/board", "organizer")
+    assert live["names"][again] == ["Alpha Institute", "AlphaNet"]
+    answers = {n: life.get(f"/api/v1/boards/test/{n}") for n in range(1, 5)}
+    old = {n: answer.text for n, answer in answers.items() if answer.status_code == 200}
+    assert len(old) >= 2
+    life.done("/phases/test/reveal", {"what": "names", "reason": "accepted"})
+    life.work()
+    assert {entry["team"] for entry in life.board()["entries"]} == {"Alpha Institute", "Beta Labs"}
+    for number, text in old.items():
+        assert life.get(f"/api/v1/boards/test/{number}").text == text
+        assert "Alpha" not in text
+    action = [line["action"] for line in life.json("/api/v1/organizer/audit", "organizer")]
+    assert "names revealed" in action
+
+
+def test_a_pseudonym_is_keyed_by_a_salt_that_nobody_sees(life: "Life") -> None:
+    for phase in ("one", "two"):
+        life.make_phase(phase, split="plain", life={"anonymous": True})
+        life.submit("alpha", 2.0, "Planner", "plain", phase)
+    life.work()
+    names = {life.board(phase=phase)["entries"][0]["team"] for phase in ("one", "two")}
+    assert len(names) == 2
+    with life.database.read() as session:
+        salts = [find_phase(session, phase).pseudonym_salt for phase in ("one", "two")]
+    paths = ("/api/v1/phases", "/api/v1/organizer/audit", "/api/v1/organizer/phases/one/board")
+    texts = [life.get(path, "organizer").text for path in paths]
+    assert all(salt and len(salt) == 64 and salt not in text for salt in salts for text in texts)
+
+
+# --- private until published ------------------------------------------------------------------
+
+
+def test_an_entry_is_its_teams_alone_until_it_is_published(life: "Life") -> None:
+    plain(life, showing={"entries_private": True})
+    mine = submit(life, "alpha", 3.0, "Secret")
+    public = submit(life, "beta", 9.0)
+    life.request("POST", f"/api/v1/submissions/{public}/publish", "beta")
+    life.work()
+    assert life.entry_ids() == [public]
+    for path, text in public_texts(life, mine).items():
+        assert "Secret" not in text, path
+        assert "Alpha" not in text, path
+    own = life.json(f"/api/v1/submissions/{mine}", "alpha")
+    assert (own["is_published"], own["rank"], own["sheet"] is not None) == (False, None, True)
+    address = f"/api/v1/submissions/{mine}"
+    assert life.request("POST", f"{address}/publish", "beta").status_code == 404
+    assert life.request("POST", f"{address}/publish", "alpha").json()["is_published"] is True
+    life.work()
+    assert life.entry_ids() == [mine, public]
+    assert life.get(f"/entries/{mine}").status_code == 200
+    life.request("POST", f"{address}/unpublish", "alpha")
+    life.work()
+    assert life.entry_ids() == [public]
+    for path in OF_ENTRY[:2] + OF_ENTRY[3:]:
+        assert life.get(path.format(id=mine)).status_code == 404, path
+
+
+def test_a_phase_that_shows_everything_has_nothing_to_choose_or_publish(life: "Life") -> None:
+    plain(life)
+    mine = submit(life, "alpha", 3.0)
+    for what in ("choose", "publish", "unpublish"):
+        assert (
+            life.request("POST", f"/api/v1/submissions/{mine}/{what}", "alpha").status_code == 409
+        )
