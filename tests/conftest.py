@@ -20,9 +20,12 @@ from typing import Any
 import psycopg
 import pytest
 import redis
+from sqlalchemy import make_url
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.migrations import migrate
+from exceptiondrive_records.role_grants import grant, make_role
+from exceptiondrive_records.roles import Role
 from exceptiondrive_server.launcher.broker import (
     NoBrokerError,
     broker_command,
@@ -73,9 +76,28 @@ def postgres() -> Iterator[Postgres]:
         connection.execute("SELECT pg_reload_conf()")
         connection.execute("CREATE DATABASE migrated")
     migrate(running.url("migrated"))
+    _make_roles(running.url("migrated"))
     yield running
     server.cleanup()
     shutil.rmtree(folder, ignore_errors=True)
+
+
+def _make_roles(url: str) -> None:
+    """Let copies of a database know the roles of production (`as_role`)."""
+    database = Database(url)
+    with database.write() as session:
+        for role in Role:
+            make_role(session, role)
+            grant(session, role)
+    database.dispose()
+
+
+def as_role(url: str, role: Role) -> str:
+    """Return the address with which a service connects in production; SQLite knows no roles."""
+    address = make_url(url)
+    if address.get_backend_name() != "postgresql":
+        return url
+    return address.set(username=role).render_as_string(hide_password=False)
 
 
 def _start_postgres(folder: Path) -> Any:

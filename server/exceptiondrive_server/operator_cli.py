@@ -18,6 +18,8 @@ from exceptiondrive_records.notices.settings import NoticeSettings
 from exceptiondrive_records.orphans import run_sweeper
 from exceptiondrive_records.preparation import prepare
 from exceptiondrive_records.reconciler import run_reconciler
+from exceptiondrive_records.role_grants import grant_to_files
+from exceptiondrive_records.roles import Role, grants
 from exceptiondrive_records.settings import SettingsError, load_settings
 from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.launcher.launch import launch
@@ -40,6 +42,16 @@ app.registered_commands += receipts_app.registered_commands
 app.registered_commands += upkeep_app.registered_commands
 
 HostOption = Annotated[str, typer.Option("--host", help="Address to listen on.")]
+GrantToOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--grant-to",
+        exists=True,
+        dir_okay=False,
+        help="File with the address with which a service connects: its role is made if need be, "
+        "and has its rights afterwards. May be given several times.",
+    ),
+]
 PortOption = Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")]
 
 
@@ -60,10 +72,22 @@ def run(
 
 
 @app.command()
-def migrate(data: DataOption = None) -> None:
-    """Bring the records up to date: schema and shipped protocols."""
-    prepare(records_settings(data).database_url)
+def migrate(grant_to: GrantToOption = None, data: DataOption = None) -> None:
+    """Bring the records up to date: schema and shipped protocols; run it as the database's owner."""
+    url = records_settings(data).database_url
+    prepare(url)
     say("the records are up to date")
+    for role in grant_to_files(url, grant_to) if grant_to else []:
+        say(f"{role} has its rights")
+
+
+@app.command()
+def roles() -> None:
+    """Print the SQL that gives each database role its rights, and no more (PostgreSQL)."""
+    for role in Role:
+        typer.echo(f"-- {role}")
+        for statement in grants(role):
+            typer.echo(f"{statement};")
 
 
 @app.command()
@@ -72,10 +96,12 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     from exceptiondrive_server.app import app_from_environment  # the other commands need it not
     from exceptiondrive_server.slow_clients import PatientProtocol
 
+    application = app_from_environment()
     uvicorn.run(
-        app_from_environment(),
+        application,
         host=host,
         port=port,
+        forwarded_allow_ips=application.state.services.settings.trusted_proxies,
         http=PatientProtocol,
         ws="none",
         log_config=None,

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import redis
+from sqlalchemy import make_url
 from tests.chaos.postgres import Postgres
 from tests.chaos.processes import Process, Supervisor
 from tests.chaos.proxy import Proxy
@@ -26,6 +27,8 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.preparation import prepare
+from exceptiondrive_records.role_grants import grant_to_files
+from exceptiondrive_records.roles import Role
 from exceptiondrive_records.splits import manifest_of
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
@@ -190,15 +193,33 @@ class Topology:
     def _add(self, name: str, which: str, *arguments: str, **environment: str) -> Process:
         command = [sys.executable, "-m", "tests.chaos.saboteur", which, *arguments]
         log = self.folder / f"{name}.log"
-        own = {**self.environment, **environment}
+        own = {**self.environment, **self._address_of(which, *arguments), **environment}
         if self.users is not None:
             user = self.users.worker if which == "worker" else self.users.server
             command = as_user(user, self.users.group, command)
-            own = self._with_secrets_in_files(own, user)
+            own = self._with_secrets_in_files(name, own, user)
         process = Process(name, command, own, log)
         process.start()
         self.supervisor.processes.append(process)
         return process
+
+    def _address_of(self, which: str, *arguments: str) -> dict[str, str]:
+        """Let a service connect as compose does: on PostgreSQL under a role of its own."""
+        if self.postgres is None:
+            return {}
+        of_server = Role.RECONCILER if "reconcile" in arguments else Role.API
+        role = Role.WORKER if which == "worker" else of_server
+        return {"EXCEPTIONDRIVE_DATABASE_URL": self.role_urls[role]}
+
+    @property
+    def role_urls(self) -> dict[Role, str]:
+        """The address of each role on PostgreSQL."""
+        assert self.postgres is not None
+        owner = make_url(self.postgres.url)
+        return {
+            role: owner.set(username=role, password="trusted").render_as_string(hide_password=False)
+            for role in Role
+        }
 
     def _environment(self) -> dict[str, str]:
         kept = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
@@ -231,9 +252,11 @@ class Topology:
             os.chown(folder, user, users.group)
             folder.chmod(mode)
 
-    def _with_secrets_in_files(self, environment: dict[str, str], user: int) -> dict[str, str]:
+    def _with_secrets_in_files(
+        self, service: str, environment: dict[str, str], user: int
+    ) -> dict[str, str]:
         """Take addresses out of the environment, as compose's secrets do."""
-        folder = self.folder / f"secrets-{user}"
+        folder = self.folder / f"secrets-{service}"
         folder.mkdir(exist_ok=True)
         environment["EXCEPTIONDRIVE_SECRETS_DIR"] = str(folder)
         for name in ("EXCEPTIONDRIVE_DATABASE_URL", "EXCEPTIONDRIVE_BROKER_URL"):
@@ -244,9 +267,19 @@ class Topology:
             os.chown(path, user, user)
         return environment
 
+    def _make_roles(self) -> None:
+        """Make the roles as `migrate --grant-to` does in compose."""
+        files = []
+        for role, url in self.role_urls.items():
+            files.append(self.folder / f"{role}.url")
+            files[-1].write_text(url)
+        grant_to_files(self.database_url, files)
+
     def _prepare(self) -> dict[str, str]:
         """Schema, split, phase, teams; return a token for each team."""
         prepare(self.database_url)
+        if self.postgres is not None:
+            self._make_roles()
         split = write_sample_split(self.splits)
         if self._split_copies > 1:
             _multiply(split, self._split_copies)
@@ -255,7 +288,7 @@ class Topology:
                 os.chown(path, self.users.worker, self.users.group)
         subprocess.run(
             [sys.executable, "-m", "tests.chaos.saboteur", "worker", "register-splits"],
-            env=self.environment,
+            env={**self.environment, **self._address_of("worker")},
             check=True,
             capture_output=True,
         )

@@ -107,3 +107,41 @@ def test_people_type_a_public_address_and_stopping_is_not_hurried(compose: dict[
     assert services["server"]["environment"]["EXCEPTIONDRIVE_PUBLIC_URL"]
     assert services["server"]["stop_grace_period"] == "45s"
     assert services["worker-live"]["stop_grace_period"] == "120s"
+
+
+def test_the_proxy_hands_on_the_sender_and_nobody_else_is_believed(compose: dict[str, Any]) -> None:
+    """Else all the world would be one sender, and share its attempts to sign in."""
+    services = compose["services"]
+    (subnet,) = compose["networks"]["front"]["ipam"]["config"]
+    trusted = services["server"]["environment"]["EXCEPTIONDRIVE_TRUSTED_PROXIES"]
+    assert trusted == subnet["subnet"]
+    in_front = [name for name, service in services.items() if "front" in service["networks"]]
+    assert sorted(in_front) == ["proxy", "server"]
+    assert "data" not in services["proxy"]["networks"], "the proxy has no way to the database"
+    nginx = (ROOT / "deploy/nginx.conf").read_text("utf-8")
+    locations = nginx.count("proxy_pass http://application")
+    assert nginx.count("proxy_set_header X-Forwarded-For $remote_addr;") == locations >= 2
+    assert "$proxy_add_x_forwarded_for" not in nginx, "a sender could name another sender"
+
+
+def test_every_service_has_a_database_role_of_its_own(compose: dict[str, Any]) -> None:
+    services = compose["services"]
+    address_of = {
+        name: secret["source"]
+        for name, service in services.items()
+        for secret in service.get("secrets", [])
+        if isinstance(secret, dict) and secret["target"] == "exceptiondrive_database_url"
+    }
+    assert address_of == {
+        "server": "database_url",
+        "reconciler": "reconciler_database_url",
+        "worker-live": "worker_database_url",
+        "worker-rescore": "worker_database_url",
+        "migrate": "owner_database_url",
+    }
+    mounted = {
+        f"--grant-to=/run/secrets/{secret['target']}"
+        for secret in services["migrate"]["secrets"]
+        if secret["source"] in set(address_of.values()) - {"owner_database_url"}
+    }
+    assert mounted == set(services["migrate"]["command"][2:])

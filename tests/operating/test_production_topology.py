@@ -11,6 +11,7 @@ from tests.chaos.topology import PHASE, Topology
 from tests.chaos.users import Users, as_user, can_change_user
 
 from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.roles import Role
 from exceptiondrive_schemas.board import Board
 
 pytestmark = [pytest.mark.slow, pytest.mark.postgres, pytest.mark.xdist_group("end_to_end")]
@@ -85,7 +86,7 @@ def test_the_servers_user_gets_into_neither_splits_nor_private_store(
 
 
 def test_the_servers_user_reads_no_secret_of_the_workers(run: Run, walled: Users) -> None:
-    secret = run.topology.folder / f"secrets-{walled.worker}" / "exceptiondrive_database_url"
+    secret = run.topology.folder / "secrets-worker-1" / "exceptiondrive_database_url"
     assert _read_as(walled.worker, walled.group, secret).returncode == 0
     assert b"Permission denied" in _read_as(walled.server, walled.group, secret).stderr
 
@@ -96,3 +97,26 @@ def test_workers_read_uploads_but_do_not_write_them(run: Run, walled: Users) -> 
     write = as_user(walled.worker, walled.group, ["touch", str(run.topology.uploads / "new")])
     done = subprocess.run(write, capture_output=True, check=False)
     assert b"Permission denied" in done.stderr
+
+
+def test_every_service_connects_under_its_own_role(run: Run) -> None:
+    assert run.topology.postgres is not None
+    with run.topology.postgres.connect() as connection:
+        users = {
+            str(row[0])
+            for row in connection.execute(
+                "SELECT usename FROM pg_stat_activity WHERE datname = 'records'"
+            )
+        }
+        kept = connection.execute(
+            "SELECT rolname, rolpassword, rolsuper FROM pg_authid WHERE rolname LIKE 'exception%'"
+        ).fetchall()
+    assert users >= {str(role) for role in Role}
+    assert {str(row[0]) for row in kept} == {str(role) for role in Role}
+    assert all(str(row[1]).startswith("SCRAM-SHA-256$") and not row[2] for row in kept)
+
+
+def test_no_service_was_refused_what_it_needs(run: Run) -> None:
+    logs = {path.name: path.read_text() for path in run.topology.folder.glob("*.log")}
+    assert len(logs) >= 5
+    assert [name for name, text in logs.items() if "permission denied" in text.lower()] == []

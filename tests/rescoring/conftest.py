@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import uvicorn
 from starlette.testclient import TestClient
+from tests.conftest import as_role
 from tests.rescoring.documents import (
     caution_protocol,
     new_protocol,
@@ -17,6 +18,7 @@ from tests.rescoring.documents import (
 )
 from tests.rescoring.stage import Stage, open_stage
 
+from exceptiondrive_records.roles import Role
 from exceptiondrive_records.teams import find_team
 from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_schemas.split import Split
@@ -80,7 +82,7 @@ class Api:
 def application_over(stage: Stage) -> Any:
     return create_app(
         ServerSettings(
-            database_url=stage.settings.database_url,
+            database_url=as_role(stage.settings.database_url, Role.API),
             broker_url="memory://",
             file_store_url=stage.settings.file_store_url,
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import select
+from tests.conftest import as_role
 from tests.rescoring.documents import planning_file, split_document
 
 from exceptiondrive_records.boards import current_board
@@ -20,6 +21,7 @@ from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.keys import find_run
 from exceptiondrive_records.rescoring.views import preview_of, run_view
+from exceptiondrive_records.roles import Role
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables import BoardRequest, Job, JobState
 from exceptiondrive_records.tables_rescoring import VerificationItem
@@ -44,11 +46,12 @@ class Stage:
 
     settings: WorkerSettings
     doors: Doors
+    database: Database
+    """As the server sees it: on PostgreSQL every service has its own role."""
+    reconciler: Database
+    owner: Database
+    """For tests that damage records."""
     submitted: list[str] = field(default_factory=list)
-
-    @property
-    def database(self) -> Database:
-        return self.doors.database
 
     def submit(self, speed_mps: float, method: str, team: str = "alpha") -> str:
         return self.submit_file(planning_file(speed_mps), method, team)
@@ -76,7 +79,7 @@ class Stage:
         """Do what reconciler and workers do until nothing is left, or `most` jobs were run."""
         n_done = 0
         while n_done < most:
-            tend_runs(self.database)
+            tend_runs(self.reconciler)
             jobs = self._due_jobs()[: most - n_done]
             for job_id in jobs:
                 score_submission(self.doors, job_id)
@@ -152,7 +155,7 @@ class Stage:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
         splits = SplitStore(self.settings.splits_dir)
-        registered = register_all_splits(self.database, splits, packaged_protocol())
+        registered = register_all_splits(self.doors.database, splits, packaged_protocol())
         return registered[0].manifest.revision
 
     def verify_all(self) -> None:
@@ -168,13 +171,17 @@ class Stage:
 def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stage]:
     """A phase of a challenge on the tiny split, without submissions."""
     settings = WorkerSettings(
-        database_url=database_url,
+        database_url=as_role(database_url, Role.WORKER),
         broker_url="memory://",
         file_store_url=(folder / "uploads").as_uri(),
         splits_dir=folder / "splits",
         private_dir=folder / "private",
     )
-    made = Stage(settings, open_doors(settings))
+    server, reconciler = (
+        Database(as_role(database_url, role)) for role in (Role.API, Role.RECONCILER)
+    )
+    owner = Database(database_url)
+    made = Stage(settings, open_doors(settings), server, reconciler, owner)
     with made.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
     made.put_split(split_document())
@@ -191,3 +198,6 @@ def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stag
         )
     yield made
     made.doors.close()
+    server.dispose()
+    reconciler.dispose()
+    owner.dispose()

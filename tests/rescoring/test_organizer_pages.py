@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 from starlette.testclient import TestClient
+from tests.conftest import as_role
 
+from exceptiondrive_records.roles import Role
 from exceptiondrive_records.tables import AuditLine
 from exceptiondrive_records.teams import find_team
 from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
@@ -63,7 +65,7 @@ def visit(stage: Stage) -> Iterator[Callable[[str], Visitor]]:
     """Opens a browser as organizer or as team Alpha."""
     app = create_app(
         ServerSettings(
-            database_url=stage.settings.database_url,
+            database_url=as_role(stage.settings.database_url, Role.API),
             broker_url="memory://",
             file_store_url=stage.settings.file_store_url,
         )

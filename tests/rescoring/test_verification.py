@@ -19,7 +19,7 @@ def verified(stage: Stage, sample: int | None = None, *, spoil: bool = False) ->
             session, "dev", sample=sample, reason="to be sure", actor="organizer"
         )
     if spoil:
-        with stage.database.write() as session:
+        with stage.owner.write() as session:
             item = session.scalars(select(VerificationItem).limit(1)).one()
             item.expected_digest = "sha256:" + "0" * 64
     stage.verify_all()

@@ -17,6 +17,7 @@ import pytest
 import structlog
 from fastapi import FastAPI
 from starlette.testclient import TestClient
+from tests.conftest import as_role
 from tests.sample_documents import REVISION, make_manifest, make_sheet
 
 from exceptiondrive_records import jobs
@@ -25,6 +26,7 @@ from exceptiondrive_records.boards import claim_board, publish_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.roles import Role
 from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.tables import BoardRow, Job
 from exceptiondrive_records.teams import create_team
@@ -87,6 +89,7 @@ class Api:
 
     app: FastAPI
     client: TestClient
+    owner: Database
     tokens: dict[str, str] = field(default_factory=dict)
     team_ids: dict[str, int] = field(default_factory=dict)
 
@@ -97,7 +100,8 @@ class Api:
 
     @property
     def database(self) -> Database:
-        return self.services.database
+        """The records as their owner sees them; on PostgreSQL the application has fewer rights."""
+        return self.owner
 
     def headers(self, who: str | None) -> dict[str, str]:
         return {} if who is None else {"Authorization": f"Bearer {self.tokens[who]}"}
@@ -251,10 +255,12 @@ def make_api(tmp_path: Path) -> Iterator[Callable[..., Api]]:
                 "events_every_s": 0.01,
                 **settings,
             }
-            app = create_app(ServerSettings(database_url=url, **given))
+            app = create_app(ServerSettings(database_url=as_role(url, Role.API), **given))
+            owner = Database(url)
             client = TestClient(app, raise_server_exceptions=False, base_url="http://server.test")
+            stack.callback(owner.dispose)
             stack.callback(app.state.services.close)
-            api = Api(app, client)
+            api = Api(app, client, owner)
             _populate(api)
             return api
 

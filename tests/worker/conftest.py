@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.conftest import as_role
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
@@ -21,6 +22,7 @@ from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.reconciler import run_reconciler as reconcile
+from exceptiondrive_records.roles import Role
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables import Job, Submission
 from exceptiondrive_records.teams import create_team, find_team, list_teams
@@ -108,10 +110,14 @@ def planning_file() -> Callable[..., bytes]:
 
 
 class World:
-    """Records, files and splits of one test, and the doors of a worker."""
+    """Records, files and splits of one test, and the doors of a worker.
+
+    On PostgreSQL the worker has its own role, and `database` is the owner's.
+    """
 
     def __init__(self, settings: WorkerSettings) -> None:
-        self.settings = settings
+        role_url = as_role(settings.database_url, Role.WORKER)
+        self.settings = settings.model_copy(update={"database_url": role_url})
         self.database = Database(settings.database_url)
         self.files = FileStore(settings.file_store_url)
         self._doors: Doors | None = None

@@ -1,0 +1,106 @@
+"""Database roles in production: which service may do what with which table, and no more.
+
+One table of rights is the source of everything: the statements that `exceptiondrive-server roles`
+prints, what `migrate --grant-to` applies, and the tests, which run the services under these roles.
+The owner of the tables migrates; no service is the owner.
+"""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from types import MappingProxyType
+
+from exceptiondrive_records.tables import Base
+
+
+class Role(StrEnum):
+    """Who connects to the database, besides its owner."""
+
+    API = "exceptiondrive_api"
+    WORKER = "exceptiondrive_worker"
+    RECONCILER = "exceptiondrive_reconciler"
+
+
+R, RD, RI, RU, RIU, RID, RIUD = (
+    "SELECT",
+    "SELECT, DELETE",
+    "SELECT, INSERT",
+    "SELECT, UPDATE",
+    "SELECT, INSERT, UPDATE",
+    "SELECT, INSERT, DELETE",
+    "SELECT, INSERT, UPDATE, DELETE",
+)
+NONE = ""
+_STATUS = "SELECT, UPDATE (status, status_at, report, failure_code, failure_message)"
+_POINTER = "SELECT, UPDATE (current_board_id, late_board_id)"
+_VERSIONS = "alembic_version"
+
+RIGHTS = MappingProxyType(
+    {
+        # table: (api, worker, reconciler)
+        _VERSIONS: (R, R, R),
+        "audit_lines": (RI, RI, RI),  # nobody alters what was logged
+        "board_flips": (RI, RI, R),
+        "board_requests": (RIU, RIU, RIU),
+        "boards": (R, RI, R),  # only workers publish
+        "contact_points": (RIUD, R, R),
+        "deliveries": (RIU, RI, RIU),
+        "entry_drawings": (R, RI, R),
+        "invitations": (RIUD, NONE, NONE),
+        "jobs": (RIUD, RU, RIUD),
+        "leaders": (R, NONE, RIUD),
+        "memberships": (RID, NONE, NONE),
+        "notifications": (RIUD, RI, RI),
+        "page_sessions": (RID, NONE, NONE),
+        "people": (RIU, NONE, NONE),
+        "person_sessions": (RIUD, NONE, NONE),
+        "phases": (RIU, _POINTER, R),
+        "protocol_drawings": (R, RI, R),
+        "protocols": (RI, R, R),
+        "receipt_keys": (RI, NONE, NONE),
+        "rescoring_runs": (RIU, R, RU),
+        "score_sheets": (R, RI, R),  # only workers score
+        "sign_in_attempts": (RIUD, NONE, NONE),
+        "sign_in_flows": (RID, NONE, NONE),
+        "similarities": (R, RI, R),
+        "site_settings": (RIU, NONE, NONE),
+        "splits": (R, RIU, R),
+        "submissions": (RIU, _STATUS, _STATUS),
+        "team_turns": (RD, RIU, R),
+        "teams": (RIUD, R, R),
+        "tokens": (RIUD, NONE, NONE),
+        "verification_items": (RI, RU, RU),
+        "verifications": (RI, RU, RU),
+        "worker_heartbeats": (R, RIUD, R),
+    }
+)
+"""Missing tables are errors: a test compares this with the tables of the code."""
+
+
+def rights_of(role: Role) -> dict[str, str]:
+    """Return the rights of a role: table to what stands between GRANT and ON."""
+    column = list(Role).index(role)
+    return {table: rights[column] for table, rights in RIGHTS.items() if rights[column]}
+
+
+def grants(role: Role) -> Iterator[str]:
+    """Yield the statements that give a role its rights, and take every other right away."""
+    yield f"REVOKE ALL ON ALL TABLES IN SCHEMA public FROM {role}"
+    yield f"REVOKE ALL ON ALL SEQUENCES IN SCHEMA public FROM {role}"
+    yield "REVOKE CREATE ON SCHEMA public FROM PUBLIC"
+    yield f"GRANT USAGE ON SCHEMA public TO {role}"
+    for table, rights in rights_of(role).items():
+        yield f"GRANT {rights} ON {table} TO {role}"
+        if "INSERT" in rights and table in _NUMBERED:
+            yield f"GRANT USAGE ON SEQUENCE {table}_id_seq TO {role}"
+
+
+def _numbered() -> frozenset[str]:
+    """Return the tables whose rows the database numbers."""
+    return frozenset(
+        table.name
+        for table in Base.metadata.tables.values()
+        if table.autoincrement_column is not None
+    )
+
+
+_NUMBERED = _numbered()

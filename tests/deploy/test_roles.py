@@ -1,0 +1,130 @@
+"""Least privilege: each service may do what its row says, and is refused what it must not do."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import psycopg
+import pytest
+from psycopg import errors
+from sqlalchemy import make_url
+from tests.conftest import Postgres, as_role
+
+from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_records.role_grants import grant_to_files
+from exceptiondrive_records.roles import RIGHTS, Role, rights_of
+from exceptiondrive_records.tables import Base
+
+pytestmark = pytest.mark.postgres
+Ask = Callable[[Role, str], object]
+PRIVILEGES = ("SELECT", "INSERT", "UPDATE", "DELETE", "TRUNCATE", "REFERENCES", "TRIGGER")
+
+
+def test_every_table_has_a_row_that_says_who_may_do_what() -> None:
+    assert set(RIGHTS) == {*Base.metadata.tables, "alembic_version"}, (
+        "a new table needs its row in exceptiondrive_records/roles.py"
+    )
+
+
+@pytest.fixture
+def records_url(postgres: Postgres) -> Iterator[str]:
+    name = postgres.create("migrated")
+    yield postgres.url(name)
+    postgres.drop(name)
+
+
+@pytest.fixture
+def ask(records_url: str) -> Iterator[Ask]:
+    """Executes a statement as a role."""
+    with ExitStack() as stack:
+        connections = {}
+        for role in Role:
+            url = as_role(records_url, role).replace("+psycopg", "")
+            connections[role] = stack.enter_context(psycopg.connect(url, autocommit=True))
+
+        def run(role: Role, statement: str) -> object:
+            found = connections[role].execute(statement)
+            return found.fetchone() if found.description else None
+
+        yield run
+
+
+def test_the_database_grants_exactly_the_table(ask: Ask) -> None:
+    for role in Role:
+        for table in RIGHTS:
+            given = rights_of(role).get(table, "")
+            for privilege in PRIVILEGES:
+                is_whole = f"{privilege} (" not in given and privilege in given
+                found = ask(role, f"SELECT has_table_privilege('{table}', '{privilege}')")
+                assert found == (is_whole,), (role, table, privilege)
+
+
+REFUSED = [
+    *((role, f"{change} audit_lines{rest}") for role in Role for change, rest in (
+        ("UPDATE", " SET actor = 'x'"), ("DELETE FROM", ""), ("TRUNCATE", ""),
+        ("DROP TABLE", ""), ("ALTER TABLE", " DISABLE TRIGGER ALL"),
+    )),
+    *((role, f"SELECT * FROM {table}") for role in (Role.WORKER, Role.RECONCILER) for table in (
+        "tokens", "page_sessions", "person_sessions", "people", "invitations", "memberships",
+        "sign_in_flows", "sign_in_attempts", "site_settings",
+    )),
+    *((role, f"{change} {table}{rest}") for role in (Role.API, Role.RECONCILER)
+      for table in ("score_sheets", "boards", "entry_drawings") for change, rest in (
+        ("INSERT INTO", " DEFAULT VALUES"), ("UPDATE", " SET created_at = now()"
+         if table != "boards" else " SET body = ''"), ("DELETE FROM", ""),
+    )),
+    *((role, statement) for role in Role for statement in (
+        "CREATE TABLE mine (id int)", "CREATE ROLE another", "SET ROLE postgres",
+        "ALTER ROLE exceptiondrive_worker SUPERUSER", "SELECT pg_read_file('/etc/passwd')",
+        "UPDATE score_sheets SET exact_digest = 'x'", "UPDATE protocols SET toml = ''",
+        "UPDATE board_flips SET board_id = 1", "DELETE FROM submissions",
+        "UPDATE alembic_version SET version_num = 'x'",
+    )),
+    *((role, f"DELETE FROM {table}") for role in (Role.WORKER, Role.RECONCILER)
+      for table in ("teams", "phases", "rescoring_runs")),
+    (Role.WORKER, "UPDATE phases SET quota_per_day = 1000"),
+    (Role.WORKER, "UPDATE submissions SET team_id = 1"),
+    (Role.WORKER, "INSERT INTO submissions DEFAULT VALUES"),
+    (Role.WORKER, "UPDATE teams SET name = 'x'"),
+    (Role.RECONCILER, "UPDATE submissions SET file_digest = 'x'"),
+    (Role.API, "INSERT INTO splits DEFAULT VALUES"),
+    (Role.API, "UPDATE splits SET public_file_digest = 'x'"),
+    (Role.API, "DELETE FROM worker_heartbeats"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("role", "statement"), REFUSED)
+def test_what_a_role_must_not_do_is_refused(ask: Ask, role: Role, statement: str) -> None:
+    with pytest.raises(errors.InsufficientPrivilege):
+        ask(role, statement)
+
+
+def test_a_role_that_is_there_gets_back_exactly_its_rights(
+    records_url: str, ask: Ask, tmp_path: Path
+) -> None:
+    owner = records_url.replace("+psycopg", "")
+    with psycopg.connect(owner, autocommit=True) as connection:
+        connection.execute("GRANT ALL ON tokens TO exceptiondrive_worker")
+        connection.execute("REVOKE ALL ON jobs FROM exceptiondrive_worker")
+    address = tmp_path / "worker_database_url"
+    address.write_text(as_role(records_url, Role.WORKER) + "\n")
+    assert grant_to_files(records_url, [address]) == [Role.WORKER]
+    assert ask(Role.WORKER, "SELECT count(*) FROM jobs") == (0,)
+    with pytest.raises(errors.InsufficientPrivilege):
+        ask(Role.WORKER, "SELECT * FROM tokens")
+
+
+@pytest.mark.parametrize("user", ["postgres", "somebody", None])
+def test_the_owner_and_strangers_are_no_roles(
+    records_url: str, tmp_path: Path, user: str | None
+) -> None:
+    address = tmp_path / "database_url"
+    url = make_url(records_url).set(username=user)
+    address.write_text(url.render_as_string(hide_password=False))
+    with pytest.raises(InvalidRecord, match="exceptiondrive_api"):
+        grant_to_files(records_url, [address])
+
+
+def test_sqlite_knows_no_roles(sqlite_url: str) -> None:
+    with pytest.raises(InvalidRecord, match="SQLite"):
+        grant_to_files(sqlite_url, [])
