@@ -300,6 +300,7 @@ class Services:
     def __init__(self, database: Database) -> None:
         self.database = database
         self.settings = ServerSettings()
+        self.provider = None
 
 
 class Site:
