@@ -10,6 +10,7 @@ Needs ../shared/realdata beside the repository; writes only into a temporary fol
 
 import argparse
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -30,6 +31,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 
 def main() -> None:
     """Read the arguments and run."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that no process stays behind
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.rescore_drill",
         description=__doc__,

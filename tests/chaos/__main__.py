@@ -7,6 +7,7 @@ interruption with those that have not survived yet.
 
 import argparse
 import json
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -22,6 +23,7 @@ _KEPT = Path(__file__).parents[2] / ".state" / "chaos.json"
 
 def main() -> None:
     """Run the chosen faults."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that no process stays behind
     parser = argparse.ArgumentParser(
         prog="python -m tests.chaos",
         description=__doc__,
