@@ -62,16 +62,17 @@ def ring_due_jobs(
     settings: RecordsSettings,
     lane: Lane,
     *,
-    least_room: int = 0,
+    least_room: int | None = None,
 ) -> int:
     """Fill the window of a lane and call again for lost messages; return how many were rung.
 
     Workers do this after each job, so that no slot waits for the reconciler's next pass; with
-    `least_room` only when there is room for so many, which spares them every second time.
+    `least_room` only when there is room for so many, which spares them every second time. The
+    reconciler always looks: lost messages fill the window too, and only it calls for them then.
     """
     with database.read() as session:
         room = window(session, lane, settings) - outstanding(session, lane)
-        if room < least_room:
+        if least_room is not None and room < least_room:
             return 0
         due = due_jobs(session, lane, settings)
     return _ring(database, doorbell, due)

@@ -94,6 +94,18 @@ def test_lost_messages_are_sent_again_with_growing_pauses(world: World, broker: 
         assert session.query(Job).one().rings == 2
 
 
+def test_lost_messages_are_sent_again_though_the_window_has_shrunk(
+    world: World, broker: Broker
+) -> None:
+    for i in range(5):
+        world.submit(f"file {i}")
+    bell = Doorbell(broker.url)
+    wide, narrow = RecordsSettings(window=5), RecordsSettings(window=2)
+    assert reconcile_once(world.database, bell, wide).rung_jobs == 5
+    hours_pass(world)  # the workers are gone, and so is what was rung
+    assert reconcile_once(world.database, bell, narrow).rung_jobs == 5
+
+
 def test_an_expired_lease_is_rung_again(world: World, broker: Broker) -> None:
     world.claim(world.submit("file").job_id)
     bell = Doorbell(broker.url)
