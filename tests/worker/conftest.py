@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.canary.values import CANARY_M
 from tests.conftest import as_role
 
 from exceptiondrive_records.database import Database
@@ -34,7 +35,7 @@ from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
 
-AHEAD = ((10.0, -1.0), (12.0, -1.0), (12.0, 1.0), (10.0, 1.0))
+AHEAD = ((10.0, -1.0), (CANARY_M, -1.0), (CANARY_M, 1.0), (10.0, 1.0))
 Trajectory = list[list[float]]
 
 

@@ -1,0 +1,32 @@
+"""The canary: a coordinate that withheld splits of the tests have, and every way to write it."""
+
+import re
+import struct
+
+CANARY_M = 72.7194836
+"""Far corner of withheld regions: behind all that a planner of the tests reaches, so no score knows
+it. Above 60, so no second of a time looks like it."""
+
+_TEXTS = (
+    rb"72[.,]7194(?:8|9(?![0-9]))",  # rounded to five decimals or more, or cut; decimal comma
+    rb"7[.,]2719[45]?[0-9]*[eE]\+?0?1",
+    rb"72719[.,](?:48|5)",  # millimetres
+    rb"7271[.,]9(?:48|5)",  # centimetres
+)
+_BITS = tuple(
+    struct.pack(form, value)
+    for form, value in (("<d", CANARY_M), (">d", CANARY_M), ("<f", CANARY_M), (">f", CANARY_M))
+)
+_HEX = tuple(text for bits in _BITS for text in (bits.hex().encode(), bits.hex().upper().encode()))
+_FLOAT_HEX = CANARY_M.hex().removeprefix("0x").encode()
+PATTERN = re.compile(b"|".join([*_TEXTS, *(re.escape(b) for b in (*_BITS, *_HEX, _FLOAT_HEX))]))
+REACH_BYTES = 64
+"""No spelling is longer: so much of a stream is looked at again with what follows."""
+
+
+def spellings(value_m: float = CANARY_M) -> list[bytes]:
+    """Ways in which a leak would show the canary, for testing that they are found."""
+    texts = [repr(value_m), f"{value_m:.5f}", f"{value_m:.6f}", f"{value_m:.4e}", f"{value_m:.6e}"]
+    texts += [f"-{value_m}", str(value_m).replace(".", ","), f"{value_m * 1000:.1f}"]
+    texts += [f"{value_m * 100:.2f}", value_m.hex(), f"[{value_m},1.0]", f"%5B{value_m}"]
+    return [text.encode() for text in texts] + [*_BITS, *_HEX]
