@@ -72,7 +72,7 @@ def problem_responses(*codes: ProblemCode) -> dict[int | str, dict[str, Any]]:
 def problem_response(request: Request, problem: ApiProblem) -> Response:
     """Return the answer that states a problem."""
     status = STATUS_OF[problem.code]
-    if _wants_page(request):
+    if wants_page(request):
         answer = pages.problem_page(request, status, problem.code, problem.detail)
         if problem.retry_after_s is not None:
             answer.headers["Retry-After"] = str(problem.retry_after_s)
@@ -98,7 +98,7 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
     return Response(body, status_code=status, headers=headers, media_type=PROBLEM_MEDIA_TYPE)
 
 
-def _wants_page(request: Request) -> bool:
+def wants_page(request: Request) -> bool:
     """Whether a browser asks for a page, and not a program for the API."""
     is_api = request.url.path.startswith(("/api/", "/healthz", "/readyz", "/metrics"))
     return not is_api and "text/html" in request.headers.get("accept", "")
@@ -122,6 +122,11 @@ async def _api_problem(request: Request, error: Exception) -> Response:
 
 async def _records_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RecordsError)
+    return problem_response(request, problem_of_records(error))
+
+
+def problem_of_records(error: RecordsError) -> ApiProblem:
+    """Return what the records refused, as a problem."""
     problem = ApiProblem(error.code, str(error))
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
@@ -132,7 +137,7 @@ async def _records_error(request: Request, error: Exception) -> Response:
         problem.resets_at = error.resets_at
         problem.retry_after_s = seconds_until(error.resets_at)
         problem.headers = rate_limit_headers(error.limit, 0, error.resets_at)
-    return problem_response(request, problem)
+    return problem
 
 
 def seconds_until(moment: datetime | None) -> int | None:
@@ -150,13 +155,17 @@ def rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -
 
 
 async def _invalid_request(request: Request, error: Exception) -> Response:
-    """Name the wrong fields and say why; never repeat what was sent."""
     assert isinstance(error, RequestValidationError)
+    return problem_response(request, problem_of_fields(error))
+
+
+def problem_of_fields(error: RequestValidationError) -> ApiProblem:
+    """Name the wrong fields and say why; never repeat what was sent."""
     found = error.errors()
     fields = dict(_field(item) for item in found[:MAX_FIELDS])
     more = "" if len(found) <= MAX_FIELDS else f" (and {len(found) - MAX_FIELDS} more)"
     detail = f"These parts of the request are missing or wrong: {', '.join(fields)}{more}."
-    return problem_response(request, ApiProblem(ProblemCode.BAD_REQUEST, detail, fields=fields))
+    return ApiProblem(ProblemCode.BAD_REQUEST, detail, fields=fields)
 
 
 def _field(item: Mapping[str, Any]) -> tuple[str, str]:

@@ -24,6 +24,13 @@ _log = structlog.get_logger("exceptiondrive.uploads")
 CHUNK_BYTES = 256 * 1024
 
 
+class EmptyUpload(ApiProblem):
+    """The file has no byte."""
+
+    def __init__(self) -> None:
+        super().__init__(ProblemCode.UPLOAD_EMPTY, "The file holds nothing; choose another one.")
+
+
 def arrival_now(services: Services) -> datetime:
     """Return the database's time: asked when an upload begins, since deadlines are judged by it."""
     with services.database.read() as session:
@@ -87,7 +94,7 @@ def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
     limit = services.settings.max_upload_bytes
     file_digest, size_bytes = services.files.put_stream(_chunks(stream), limit_bytes=limit)
     if size_bytes == 0:
-        raise ApiProblem(ProblemCode.UPLOAD_EMPTY, "The file holds nothing; choose another one.")
+        raise EmptyUpload
     return file_digest, size_bytes
 
 

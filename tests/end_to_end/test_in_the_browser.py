@@ -98,3 +98,60 @@ def test_a_team_submits_and_watches_it_become_ranked(
     expect(page.locator(".subs .badge.scored")).to_be_visible()
     assert complaints == []
     context.close()
+
+
+def test_without_script_on_a_phone_a_file_goes_through_the_form_to_a_rank(
+    browser: Browser, sample_system: System, team_token: str, planner: Path, tmp_path: Path
+) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844}, java_script_enabled=False)
+    page = sign_in(context, sample_system, team_token)
+    page.goto(f"{sample_system.url}/submit?phase=sample")
+    empty = tmp_path / "empty.json"
+    empty.write_bytes(b"")
+    page.fill("input[name=method]", "Without script")
+    page.fill("textarea[name=description]", "Typed once.")
+    page.set_input_files("input[name=file]", empty)
+    page.click("form.upload button")
+    expect(page.locator(".refused")).to_contain_text("The file holds nothing")
+    expect(page.locator("input[name=method]")).to_have_value("Without script")
+    expect(page.locator("textarea[name=description]")).to_have_value("Typed once.")
+    own = tmp_path / "own.json"
+    document = json.loads(planner.read_text())
+    document["predictions"][0]["edited"] = None
+    own.write_text(json.dumps(document))
+    page.set_input_files("input[name=file]", own)
+    page.click("form.upload button")
+    page.wait_for_url(re.compile(r"/submissions/[0-9a-z]{16}$"))
+    expect(page.locator(".way-rank")).to_be_visible(timeout=LONGEST_MS)
+    page.click("text=Entry on the board")
+    expect(page.locator("h1")).to_have_text("Without script")
+    context.close()
+
+
+def test_a_wrong_file_shows_the_list_that_the_client_prints(
+    browser: Browser, sample_system: System, team_token: str, planner: Path, tmp_path: Path
+) -> None:
+    document = json.loads(planner.read_text())
+    document["predictions"][0]["edited"] = document["predictions"][0]["edited"][:4]
+    document["predictions"][1]["source"][2] = [1.0, 900.0]
+    del document["predictions"][2]
+    wrong = tmp_path / "wrong.json"
+    wrong.write_text(json.dumps(document))
+    manifest = tmp_path / "manifest.json"
+    fetched = sample_system.client("manifest", "sample", "-o", manifest, token=team_token)
+    assert fetched.returncode == 0, fetched.stderr
+    printed = sample_system.client("check", wrong, "--manifest", manifest, "--json")
+    assert printed.returncode == 2
+    faults = json.loads(printed.stdout)["faults"]
+    context = browser.new_context(viewport={"width": 390, "height": 844}, java_script_enabled=False)
+    page = sign_in(context, sample_system, team_token)
+    submit(page, sample_system, wrong, "Wrong")
+    expect(page.locator(".flt")).to_be_visible(timeout=LONGEST_MS)
+    assert page.locator(".flt .fgrp code:first-child").first.inner_text() == faults[0]["code"]
+    text = page.locator(".flt").inner_text()
+    assert len(faults) >= 3
+    for fault in faults:
+        assert fault["code"] in text
+        for example in fault["examples"]:
+            assert example["path"] in text
+    context.close()

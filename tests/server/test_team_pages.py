@@ -259,3 +259,36 @@ def test_the_pages_run_nothing_that_stands_in_them(api: "Api", alpha: "TeamBrows
         assert " onclick" not in answer.text
         assert "style=" not in answer.text
         assert "script-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_a_refused_form_keeps_what_was_typed_and_says_why(alpha: "TeamBrowser") -> None:
+    typed = {
+        "method": 'A "quoted" <b>planner</b>',
+        "description": "Drives\nwell.",
+        "paper_url": "http://plain.example/p",
+    }
+    fields = {**alpha.form("/submit"), "phase": "dev", **typed}
+    files = {"file": ("planner.json", b"{}")}
+    answer = alpha.send("/submit", fields, accept="text/html", files=files)
+    assert answer.status_code == 400
+    text = answer.text
+    assert 'class="refused" role="alert"' in text
+    assert 'value="A &#34;quoted&#34; &lt;b&gt;planner&lt;/b&gt;"' in text
+    assert ">Drives\nwell.</textarea>" in text.replace("\r\n", "\n")
+    assert 'value="http://plain.example/p"' in text
+    assert answer.headers["cache-control"] == "no-store"
+    as_problem = alpha.send("/submit", fields, accept="application/problem+json", files=files)
+    assert as_problem.json()["detail"].replace("'", "&#39;") in text
+
+
+def test_an_empty_file_and_a_missing_field_are_refused_in_place(alpha: "TeamBrowser") -> None:
+    fields = {**alpha.form("/submit"), "phase": "dev", "method": "Kept"}
+    empty = {"file": ("planner.json", b"")}
+    answer = alpha.send("/submit", fields, accept="text/html", files=empty)
+    assert (answer.status_code, 'value="Kept"' in answer.text) == (400, True)
+    assert "The file holds nothing" in answer.text
+    nameless = {**fields, "method": "", "description": "Still here."}
+    answer = alpha.send("/submit", nameless, accept="text/html", files=empty)
+    assert answer.status_code == 400
+    assert "<li><b>method</b>:" in answer.text
+    assert ">Still here.</textarea>" in answer.text

@@ -1,11 +1,15 @@
 """What the upload form shows: open phases, what is left of each quota, and when it begins anew."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import PhaseView, Quota
+from exceptiondrive_server.problem_vocabulary import TITLE_OF
+
+_FIELD_WORDS = {"paper_url": "paper", "code_url": "code"}
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,15 @@ class PhaseOption:
 
 
 @dataclass(frozen=True)
+class Refusal:
+    """Why the form was refused: a title, a sentence, and what is wrong with which field."""
+
+    title: str
+    detail: str
+    fields: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
 class UploadView:
     """Everything that the form needs."""
 
@@ -29,6 +42,15 @@ class UploadView:
     phases: tuple[PhaseOption, ...]
     max_upload_bytes: int
     form_token: str
+    typed: Mapping[str, str] = field(default_factory=dict)
+    """What was typed before it was refused."""
+    refusal: Refusal | None = None
+
+
+def refusal_of(code: ProblemCode, detail: str, fields: Mapping[str, str]) -> Refusal:
+    """Set a problem as the form says it: the same words as the API and the client."""
+    named = tuple((_FIELD_WORDS.get(key, key), why) for key, why in fields.items())
+    return Refusal(TITLE_OF[code], detail, named)
 
 
 def upload_view(

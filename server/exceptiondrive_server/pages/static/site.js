@@ -98,13 +98,24 @@
   });
 
   // What is live follows the server: every event fetches the page anew and swaps the live part.
+  // A follower is told at once where things stand; whoever hears nothing (a proxy may hold events back) asks instead.
+  const HEARD_WITHIN_MS = 4000;
+  const ASK_EVERY_MS = 3000;
   const sources = [];
+  let asking = 0;
+  let silence = 0;
+  const ask = () => { asking ||= setInterval(() => renew(), ASK_EVERY_MS); };
+  const stopAsking = () => { clearTimeout(silence); clearInterval(asking); asking = 0; };
   const again = (live) => { if (live?.dataset.againS) setTimeout(renew, 1000 * Number(live.dataset.againS)); };
   const follow = () => {
     const live = document.getElementById("live");
-    for (const address of (live?.dataset.live ?? "").split(" ").filter(Boolean)) {
+    stopAsking();
+    const addresses = (live?.dataset.live ?? "").split(" ").filter(Boolean);
+    if (addresses.length) silence = setTimeout(ask, HEARD_WITHIN_MS);
+    for (const address of addresses) {
       const source = new EventSource(address);
-      source.addEventListener("submission", () => renew());
+      source.addEventListener("submission", () => { stopAsking(); renew(); });
+      source.addEventListener("error", ask);
       sources.push(source);
     }
     again(live);

@@ -1,0 +1,76 @@
+"""My submissions in a real browser: place in the queue, quota, and live status over both ways."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+import uvicorn
+from playwright.sync_api import Browser, Page, expect
+from tests.server.pages.test_in_a_browser import browser
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+__all__ = ["browser"]
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+LONGEST_MS = 30_000
+
+
+@pytest.fixture
+def address(api: "Api") -> Iterator[str]:
+    """The application on a port of its own; nothing scores, so that submissions wait."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        server = uvicorn.Server(uvicorn.Config(api.app, log_level="error", lifespan="off"))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        server.should_exit = True
+        thread.join(timeout=10)
+
+
+@pytest.fixture
+def my_page(browser: Browser, api: "Api", address: str) -> Iterator[Callable[..., Page]]:
+    """Signs team Alpha in and opens its list; `blocked` keeps events away from the browser."""
+    contexts = []
+
+    def open_page(*, blocked: bool = False) -> Page:
+        context = browser.new_context(viewport={"width": 390, "height": 844})
+        contexts.append(context)
+        page = context.new_page()
+        if blocked:
+            page.route("**/events", lambda route: route.abort())
+        page.goto(f"{address}/my")
+        page.fill("input[name=token]", api.tokens["alpha"])
+        page.click("main form button")
+        page.wait_for_url("**/my")
+        page.evaluate("window.isStillTheSamePage = true")
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+@pytest.mark.parametrize("blocked", [False, True], ids=["events", "events blocked"])
+def test_the_list_shows_place_and_quota_and_follows_to_the_end(
+    api: "Api", my_page: Callable[..., Page], blocked: bool
+) -> None:
+    first, second = (api.submit(content).json()["id"] for content in ("one", "two"))
+    page = my_page(blocked=blocked)
+    rows = page.locator(".subs tbody tr")
+    expect(rows).to_have_count(2)
+    expect(rows.nth(0)).to_contain_text("1 submission ahead")
+    expect(rows.nth(1)).to_contain_text("next in line")
+    expect(page.locator(".quotas")).to_contain_text("3 of 5 left today")
+    expect(page.locator(".quotas time")).to_have_attribute(
+        "datetime", api.get("/phases/dev", "alpha").json()["quota"]["resets_at"]
+    )
+    api.score(first)
+    expect(rows.nth(1).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
+    expect(rows.nth(0)).to_contain_text("next in line", timeout=LONGEST_MS)
+    api.score(second)
+    expect(rows.nth(0).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
+    assert page.evaluate("window.isStillTheSamePage"), "it was followed without a reload"
