@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from exceptiondrive_records.phase_changes import freeze_phase, reveal_board, reveal_names
+from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.phase_life import PhaseNow
 from exceptiondrive_server.organizer_pages.forms import REASON
@@ -54,6 +55,16 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 reveal_names,
                 'reveal {} --what names --reason "…"',
                 lambda now: now.is_anonymous,
+                is_grave=True,
+            ),
+            PhaseStep(
+                "reveal-split",
+                "Reveal the other part",
+                "Workers score the part of the split that the phase reveals; the board changes "
+                "when the run that this begins is applied.",
+                reveal_split,
+                'reveal {} --what split --reason "…"',
+                lambda now: now.part == "public",
                 is_grave=True,
             ),
         )
