@@ -26,6 +26,7 @@ from exceptiondrive_server.launcher.launch import launch
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.launcher.plans import Address
 from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
+from exceptiondrive_server.operator_people import people_app
 from exceptiondrive_server.operator_receipts import receipts_app
 from exceptiondrive_server.operator_records import records_app
 from exceptiondrive_server.operator_session import DataOption, opened, records_settings, say
@@ -38,6 +39,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.registered_commands += records_app.registered_commands
+app.registered_commands += people_app.registered_commands
 app.registered_commands += receipts_app.registered_commands
 app.registered_commands += upkeep_app.registered_commands
 

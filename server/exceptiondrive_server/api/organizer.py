@@ -6,6 +6,7 @@ from exceptiondrive_records.tokens import Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.api import (
     organizer_audit,
+    organizer_people,
     organizer_phases,
     organizer_protocols,
     organizer_rescoring,
@@ -29,6 +30,7 @@ router = APIRouter(
 )
 for module in (
     organizer_teams,
+    organizer_people,
     organizer_phases,
     organizer_protocols,
     organizer_rescoring,
