@@ -37,12 +37,13 @@ from exceptiondrive_worker.splits_admin import register_all_splits
 
 TEAMS = {"alpha": "Alpha Institute", "beta": "Beta Labs", "gamma": "Gamma Works"}
 SAMPLES = {
-    "a": ("SE1", 10.0, "public"),
+    "a": ("SE1", 10.0, "private"),
     "b": ("LB1", 12.0, "public"),
-    "c": ("SE1", 14.0, "private"),
-    "d": ("RS1", 16.0, "private"),
+    "c": ("RS1", 14.0, "private"),
+    "d": ("SE1", 16.0, "public"),
     "e": ("LB1", 9.0, "private"),
 }
+"""The parts alternate: whoever takes the first or the last rows of a part takes wrong ones."""
 Step = dict[str, Any]
 REASON: Step = {"reason": "as announced"}
 
