@@ -167,7 +167,10 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
         NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
-    submission = session.get(Submission, submission_id, with_for_update=True)
+    _lock_jobs(session, submission_id)
+    submission = session.get(
+        Submission, submission_id, with_for_update=True, populate_existing=True
+    )
     if submission is None:
         raise NotFound("submission", submission_id)
     if submission.status is SubmissionStatus.WITHDRAWN:
@@ -260,6 +263,12 @@ def _require_open(phase: Phase, now: datetime) -> None:
     if phase.opens_at is not None and now < phase.opens_at:
         raise PhaseClosed(phase.title, opens_at=phase.opens_at)
     raise PhaseClosed(phase.title, closed_at=phase.closes_at)
+
+
+def _lock_jobs(session: Session, submission_id: str) -> None:
+    """Wait for whoever claims or ends its jobs, in their order: the job first, then its submission."""
+    jobs = select(Job.id).where(Job.submission_id == submission_id).order_by(Job.id)
+    session.execute(jobs.with_for_update())
 
 
 def _cancel_jobs(session: Session, submission_id: str, now: datetime) -> None:

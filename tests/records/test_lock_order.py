@@ -1,0 +1,67 @@
+"""Whoever ends a job and whoever withdraws its submission take locks in one order: no deadlock."""
+
+import threading
+import time
+
+from sqlalchemy import text, update
+from sqlalchemy.exc import OperationalError
+from tests.records.conftest import World
+
+from exceptiondrive_records import jobs
+from exceptiondrive_records.claims import Finish
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.submissions import withdraw
+from exceptiondrive_records.tables import Job, JobState, Submission
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+def test_a_withdrawal_waits_for_the_scoring_run_that_ends(world: World) -> None:
+    accepted = world.submit("file")
+    claim = world.claim(accepted.job_id)
+    errors: list[OperationalError] = []
+
+    def withdraw_it() -> None:
+        try:
+            with world.database.write() as session:
+                withdraw(session, accepted.submission.id, actor="test")
+        except OperationalError as error:
+            errors.append(error)
+
+    with world.database.write() as session:
+        session.execute(
+            update(Job).where(Job.id == accepted.job_id).values(attempts=Job.attempts)
+        )  # the job's row is held, as in the middle of `finish_scored`
+        withdrawal = threading.Thread(target=withdraw_it)
+        withdrawal.start()
+        _wait_until_it_waits(world.database, withdrawal)
+        finish = jobs.finish_scored(
+            session,
+            claim,
+            world.sheet(),
+            exact_digest="sha256:1",
+            measurement_key="m",
+            scorer_version="1",
+        )
+    withdrawal.join()
+
+    assert errors == []
+    assert finish is Finish.RECORDED
+    with world.database.read() as session:
+        assert session.get_one(Job, accepted.job_id).state is JobState.DONE
+        status = session.get_one(Submission, accepted.submission.id).status
+        assert status is SubmissionStatus.WITHDRAWN
+
+
+def _wait_until_it_waits(database: Database, thread: threading.Thread) -> None:
+    """PostgreSQL tells who waits for a lock; SQLite lets one transaction write at a time anyway."""
+    if database.engine.dialect.name == "sqlite":
+        return
+    waiting = text(
+        "SELECT count(*) FROM pg_stat_activity "
+        "WHERE datname = current_database() AND wait_event_type = 'Lock'"
+    )
+    while thread.is_alive():
+        with database.read() as session:
+            if session.scalar(waiting):
+                return
+        time.sleep(0.01)
