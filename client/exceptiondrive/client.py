@@ -3,7 +3,7 @@
 import os
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 from urllib.parse import quote
 
 from pydantic import TypeAdapter, ValidationError
@@ -223,6 +223,7 @@ class Client:
         protocol: str | None = None,
         as_of: datetime | date | str | None = None,
         sort: str | None = None,
+        view: Literal["main", "late"] | None = None,
     ) -> Board:
         """Return a board.
 
@@ -232,8 +233,9 @@ class Client:
             protocol: Version; else the one in force.
             as_of: The board as it stood then.
             sort: Key of a metric; ranks stay what they are.
+            view: `late`: with the entries that came after the deadline, ranked among all.
         """
-        query = _board_query(phase, challenge, protocol, as_of, sort)
+        query = _board_query(phase, challenge, protocol, as_of, sort, view)
         return self._get(Board, "/leaderboard", query)
 
     def leaderboard_csv(
@@ -244,9 +246,10 @@ class Client:
         protocol: str | None = None,
         as_of: datetime | date | str | None = None,
         sort: str | None = None,
+        view: Literal["main", "late"] | None = None,
     ) -> str:
         """Return a board as CSV, as the server writes it."""
-        query = _board_query(phase, challenge, protocol, as_of, sort)
+        query = _board_query(phase, challenge, protocol, as_of, sort, view)
         return self._transport.get("/leaderboard.csv", query).text
 
     def unranked_because(self, view: SubmissionView) -> str | None:
@@ -290,6 +293,7 @@ def _board_query(
     protocol: str | None,
     as_of: datetime | date | str | None,
     sort: str | None,
+    view: str | None,
 ) -> dict[str, str | None]:
     moment = as_of.isoformat() if isinstance(as_of, date) else as_of
     return {
@@ -298,6 +302,7 @@ def _board_query(
         "protocol": protocol,
         "as_of": moment,
         "sort": sort,
+        "view": view,
     }
 
 

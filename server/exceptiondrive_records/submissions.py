@@ -202,6 +202,14 @@ def find_submission(
     return submission
 
 
+def ids_of_team(session: Session, team_id: int, phase_id: str) -> frozenset[str]:
+    """Return the ids of all submissions of a team to a phase."""
+    query = select(Submission.id).where(
+        Submission.team_id == team_id, Submission.phase_id == phase_id
+    )
+    return frozenset(session.scalars(query))
+
+
 def list_submissions(
     session: Session,
     *,

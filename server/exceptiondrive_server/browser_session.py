@@ -14,8 +14,7 @@ from fastapi import Depends, Request
 from fastapi.responses import Response
 from starlette.datastructures import FormData
 
-from exceptiondrive_records.page_sessions import LIFETIME, find_page_session
-from exceptiondrive_records.person_sessions import find_person_session
+from exceptiondrive_records.page_sessions import LIFETIME
 from exceptiondrive_records.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.auth import ServicesOf
@@ -23,6 +22,12 @@ from exceptiondrive_server.oidc import LOOPBACK
 from exceptiondrive_server.pages.site import ORGANIZER_COOKIE, SESSION_COOKIES
 from exceptiondrive_server.problems import ApiProblem
 from exceptiondrive_server.services import services_of
+from exceptiondrive_server.session_reading import (
+    cookie_of,
+    is_https,
+    principal_of_session,
+    session_secret,
+)
 from exceptiondrive_server.upload_form import FORM_TOKEN
 
 VISITOR_COOKIES = ("__Host-visitor", "visitor")
@@ -54,11 +59,11 @@ class TeamNeeded(Exception):  # noqa: N818 - named for what it asks
 
 def signed_in_or_none(request: Request, services: ServicesOf) -> SignedIn | None:
     """Return who signed in with this browser, if anybody."""
-    secret = _cookie(request, SESSION_COOKIES)
+    secret = session_secret(request)
     if not secret:
         return None
     with services.database.read() as session:
-        principal = find_page_session(session, secret) or find_person_session(session, secret)
+        principal = principal_of_session(session, secret)
     return None if principal is None else SignedIn(principal, secret)
 
 
@@ -131,12 +136,6 @@ def require_private_channel(request: Request) -> None:
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 
-def is_https(request: Request) -> bool:
-    """Whether the browser speaks https to us, or to the proxy before us."""
-    public_url = services_of(request).settings.public_url
-    return public_url.startswith("https://") or request.url.scheme == "https"
-
-
 def set_session_cookie(request: Request, response: Response, secret: str) -> None:
     """Hand the session to the browser, in place of the visitor's cookie."""
     _set(request, response, SESSION_COOKIES, secret, int(LIFETIME.total_seconds()))
@@ -155,7 +154,7 @@ def note_organizer(request: Request, response: Response, *, is_organizer: bool) 
 
 def visitor_secret(request: Request) -> str:
     """Return the secret of a visitor who has not signed in; a new one if there is none."""
-    return _cookie(request, VISITOR_COOKIES) or secrets.token_urlsafe(24)
+    return cookie_of(request, VISITOR_COOKIES) or secrets.token_urlsafe(24)
 
 
 def set_visitor_cookie(request: Request, response: Response, secret: str) -> None:
@@ -183,11 +182,6 @@ def _set(
         httponly=True,
         samesite="lax",
     )
-
-
-def _cookie(request: Request, names: tuple[str, str]) -> str:
-    """On https only the name counts that another host or plain http cannot set."""
-    return request.cookies.get(names[0] if is_https(request) else names[1], "")
 
 
 def _own_origins(request: Request) -> set[str]:

@@ -1,6 +1,6 @@
 """Commands about what everyone may see: leaderboard, phases."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -28,6 +28,12 @@ def leaderboard(
     sort: Annotated[
         str | None, typer.Option("--sort", metavar="METRIC", help="Order of rows; ranks stay.")
     ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            "--view", metavar="main|late", help="late: with what came after the deadline."
+        ),
+    ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="The server's CSV on stdout.")] = False,
     server: options.Server = None,
     json: options.Json = False,
@@ -39,16 +45,22 @@ def leaderboard(
 
     if csv and json:
         raise InvalidArgumentError("too_many_choices", "Give only one of --csv and --json.")
+    if view not in (None, "main", "late"):
+        raise InvalidArgumentError("wrong_option", f"--view is main or late, not {view!r}.")
+    asked: dict[str, Any] = {
+        "phase": phase,
+        "challenge": challenge,
+        "protocol": protocol,
+        "as_of": as_of,
+        "sort": sort,
+        "view": view,
+    }
     with open_client(server) as client:
         if csv:
-            text = client.leaderboard_csv(
-                phase=phase, challenge=challenge, protocol=protocol, as_of=as_of, sort=sort
-            )
+            text = client.leaderboard_csv(**asked)
             typer.echo(text, nl=False)
             return
-        board = client.leaderboard(
-            phase=phase, challenge=challenge, protocol=protocol, as_of=as_of, sort=sort
-        )
+        board = client.leaderboard(**asked)
     if json:
         show_document(board)
     else:

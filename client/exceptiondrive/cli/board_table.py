@@ -24,6 +24,12 @@ def board_view(board: Board) -> Iterator[RenderableType]:
         f"{board.headline}",
         style="dim",
     )
+    if board.view == "late":
+        yield Text(
+            "late view: with the entries that came after the deadline; no rank of the board moves"
+        )
+    if board.part is not None:
+        yield Text(f"counts the {board.part} part of the split")
     yield _table(board, challenge)
     for entry in board.entries:
         if entry.unranked_because:
@@ -54,6 +60,6 @@ def _cells(entry: BoardEntry, challenge: Challenge) -> list[Text]:
         entry.team,
         *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.metrics),
         entry.source,
-        ", ".join(flag.label for flag in entry.flags),
+        ", ".join([*(["late"] if entry.is_late else []), *(flag.label for flag in entry.flags)]),
     ]
     return [Text(cell) for cell in cells]

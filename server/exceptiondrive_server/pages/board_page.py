@@ -13,6 +13,7 @@ from exceptiondrive_server.pages.board_view import BoardView, board_view
 from exceptiondrive_server.pages.entry_facts import entry_key
 from exceptiondrive_server.pages.headline import Headline, headline
 from exceptiondrive_server.pages.numbers import Digits, minute
+from exceptiondrive_server.pages.own_entries import OwnEntries, own_entries
 from exceptiondrive_server.pages.page_parts import (
     Choice,
     MetricCard,
@@ -75,6 +76,8 @@ class BoardPage:
     notice: Notice | None
     standing: tuple[Notice, ...]
     """What the phase keeps back now, or shows apart."""
+    own: OwnEntries | None
+    """The rows of the team that signed in; None for everybody else."""
     change: ChangeLine | None
     submit_command: str
     submit_url: str
@@ -88,8 +91,10 @@ class BoardPage:
         return head, f"    --phase{tail}"
 
 
-def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
-    """Set what was read for a query."""
+def board_page(
+    reading: BoardReading, query: BoardQuery, own_ids: frozenset[str] = frozenset()
+) -> BoardPage:
+    """Set what was read for a query, and mark the submissions of the team that signed in."""
     board = reading.board
     view = board_view(board, reading.protocol, query, reading.is_current) if board else None
     phase = reading.phase
@@ -121,6 +126,7 @@ def board_page(reading: BoardReading, query: BoardQuery) -> BoardPage:
         clear_url=query.url(search="", source=None),
         notice=_notice(reading, query),
         standing=standing_notices(reading),
+        own=own_entries(board, own_ids, query) if board and own_ids else None,
         change=change_line(board, reading.before) if board else None,
         submit_url=f"/submit?phase={phase.id}" if phase else "/submit",
         submit_command=submit_command(challenge, phase.id if phase else "sample"),

@@ -38,11 +38,15 @@ def private_page(
 def page(
     request: Request, template: str, current: str, *, status: int = 200, **values: Any
 ) -> Response:
-    """Fill a template and answer; an unchanged page is answered by 304."""
+    """Fill a template and answer; an unchanged page is answered by 304.
+
+    What a signed-in browser gets is its own: no cache that others share may keep it.
+    """
     site = site_of(request, current)
     body = render(template, site=site, **values).encode()
     etag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
-    headers = {**SECURITY_HEADERS, "ETag": etag, "Cache-Control": "no-cache", "Vary": "Cookie"}
+    kept = "private, no-cache" if site.has_session else "no-cache"
+    headers = {**SECURITY_HEADERS, "ETag": etag, "Cache-Control": kept, "Vary": "Cookie"}
     if status == 200 and etag in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
     return HTMLResponse(body, status_code=status, headers=headers)
