@@ -5,23 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from starlette.testclient import TestClient
+from tests.phases.browsing import visitor
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life
 
 BOARD = "/?phase=test"
-HTML = {"Accept": "text/html", "Origin": "https://server.test"}
-
-
-def browser_of(life: "Life", who: str) -> TestClient:
-    """A browser in which somebody signed in with the own token."""
-    client = TestClient(life.client.app, base_url="https://server.test", follow_redirects=False)
-    page = client.get("/sign-in", headers=HTML).text
-    found = re.search(r'name="form_token" value="([0-9a-f]{64})"', page)
-    assert found is not None
-    form = {"form_token": found[1], "token": life.tokens[who]}
-    assert client.post("/sign-in", data=form, headers=HTML).status_code == 303
-    return client
 
 
 def marked(page: str) -> list[str]:
@@ -43,7 +32,7 @@ _SPEEDS = {"alpha": 1.0, "beta": 9.0}
 def test_a_team_finds_its_row_under_its_pseudonym(life: "Life", boarded: dict[str, str]) -> None:
     names = {entry["submission_id"]: entry["team"] for entry in life.board()["entries"]}
     for who, rank in (("alpha", 1), ("beta", 2)):
-        page = browser_of(life, who).get(BOARD).text
+        page = visitor(life, who).get(BOARD).text
         assert marked(page) == [boarded[who]]
         words = f"Your team stands here as {names[boarded[who]]}: one entry, rank {rank}."
         assert words in page
@@ -51,12 +40,12 @@ def test_a_team_finds_its_row_under_its_pseudonym(life: "Life", boarded: dict[st
 
 
 def test_nobody_else_learns_whose_a_row_is(life: "Life", boarded: dict[str, str]) -> None:
-    own = browser_of(life, "alpha")
+    own = visitor(life, "alpha")
     before = life.client.get(BOARD)
     assert marked(own.get(BOARD).text) == [boarded["alpha"]]
     after = life.client.get(BOARD)
     assert after.text == before.text
-    for page in (after.text, *(browser_of(life, who).get(BOARD).text for who in _STRANGERS)):
+    for page in (after.text, *(visitor(life, who).get(BOARD).text for who in _STRANGERS)):
         assert marked(page) == []
         assert "Your team stands" not in page
         assert "Yours" not in page
@@ -68,8 +57,8 @@ _STRANGERS = ("gamma", "organizer")
 
 
 def test_what_a_team_sees_is_kept_for_it_alone(life: "Life", boarded: dict[str, str]) -> None:
-    own, visitor = browser_of(life, "alpha"), life.client
-    mine, public = own.get(BOARD), visitor.get(BOARD)
+    own, anybody = visitor(life, "alpha"), life.client
+    mine, public = own.get(BOARD), anybody.get(BOARD)
     assert mine.headers["cache-control"] == "private, no-cache"
     assert (public.headers["cache-control"], public.headers["vary"]) == ("no-cache", "Cookie")
     assert mine.headers["vary"] == "Cookie"
@@ -78,6 +67,6 @@ def test_what_a_team_sees_is_kept_for_it_alone(life: "Life", boarded: dict[str, 
     def again(client: TestClient, answer: Any) -> int:
         return client.get(BOARD, headers={"If-None-Match": answer.headers["etag"]}).status_code
 
-    assert (again(own, mine), again(visitor, public)) == (304, 304)
-    assert (again(visitor, mine), again(own, public)) == (200, 200)
-    assert (again(browser_of(life, "beta"), mine), marked(public.text)) == (200, [])
+    assert (again(own, mine), again(anybody, public)) == (304, 304)
+    assert (again(anybody, mine), again(own, public)) == (200, 200)
+    assert (again(visitor(life, "beta"), mine), marked(public.text)) == (200, [])

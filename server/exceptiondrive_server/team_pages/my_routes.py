@@ -6,7 +6,9 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.final_entries import choose, publish, unpublish
+from exceptiondrive_records.phase_life import has_closed
 from exceptiondrive_records.phases import list_phases, phase_view
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.submissions import find_submission, list_submissions, withdraw
@@ -18,7 +20,7 @@ from exceptiondrive_server.auth import ServicesOf, own_team
 from exceptiondrive_server.browser_session import Browser, PostedForm, require_scope
 from exceptiondrive_server.pages.responses import private_page
 from exceptiondrive_server.services import Services
-from exceptiondrive_server.team_pages.my_view import my_view
+from exceptiondrive_server.team_pages.my_view import PhaseRules, my_view
 from exceptiondrive_server.team_pages.submission_view import submission_view
 
 router = APIRouter(include_in_schema=False)
@@ -43,6 +45,7 @@ def show_my_submissions(
             who,
             views(session, found[:SHOWN]),
             phases=_phases(session, services, who),
+            rules=_rules(session),
             following=found[SHOWN - 1].id if len(found) > SHOWN else None,
             form_token=browser.form_token,
         )
@@ -64,14 +67,15 @@ def show_submission(
         seen = view(session, submission)
         phase = next(phase for phase in list_phases(session) if phase.id == seen.phase)
         protocol = find_protocol(session, phase.protocol_digest)
-        title, life = phase.title, phase.life
+        title, rules = phase.title, _rules(session)[phase.id]
     content = submission_view(
         seen,
         phase_title=title,
         protocol=protocol,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         is_again=again,
-        life=life,
+        life=rules.life,
+        has_closed=rules.has_closed,
     )
     return private_page(request, "submission.html", "my", page=content)
 
@@ -104,16 +108,24 @@ def say_of_submission(
     submission_id: SubmissionId,
     what: Literal["choose", "publish", "unpublish"],
 ) -> Response:
-    """Choose a submission for the board, publish it, or make it private again."""
+    """Choose a submission for the board, publish it, or make it private again; then go back."""
     require_scope(browser, Scope.SUBMIT)
     who = browser.principal
     with services.database.write() as session:
         find_submission(session, submission_id, team_id=own_team(who))
         _SAYINGS[what](session, submission_id, actor=who.actor)
-    return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
+    back = "/my" if form.get("back") == "my" else f"/submissions/{submission_id}"
+    return RedirectResponse(back, status_code=303)
 
 
 _SAYINGS = {"choose": choose, "publish": publish, "unpublish": unpublish}
+
+
+def _rules(session: Session) -> dict[str, PhaseRules]:
+    now = database_now(session)
+    return {
+        phase.id: PhaseRules(phase.life, has_closed(phase, now)) for phase in list_phases(session)
+    }
 
 
 def _phases(session: Session, services: Services, who: Principal) -> tuple[PhaseView, ...]:

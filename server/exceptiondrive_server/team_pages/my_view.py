@@ -1,12 +1,14 @@
 """What the list of a team's submissions shows."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
 from exceptiondrive_records.tokens import Principal, Scope
-from exceptiondrive_schemas.submission import PhaseView, SubmissionView
+from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.team_pages.status_words import Status, status_of
+from exceptiondrive_server.team_pages.submission_view import actions_of
 from exceptiondrive_server.team_pages.upload_view import PhaseOption, quota_line
 
 MAX_FOLLOWED = 3
@@ -24,6 +26,18 @@ class MyLine:
     received_at: datetime
     status: Status
     rank: int | None
+    standing: str
+    """How it stands in the life of its phase; empty where there is nothing to say."""
+    actions: tuple[tuple[str, str], ...]
+    """What the team may say of it: end of the address, and words."""
+
+
+@dataclass(frozen=True)
+class PhaseRules:
+    """What the list needs to know of the phase of a submission."""
+
+    life: PhaseLife
+    has_closed: bool
 
 
 @dataclass(frozen=True)
@@ -42,21 +56,28 @@ class MyPage:
     """Empty when a token signed in."""
     has_team_page: bool
 
+    @property
+    def has_sayings(self) -> bool:
+        """Whether a phase in the list leaves something for the team to choose or publish."""
+        return any(line.standing or line.actions for line in self.lines)
+
 
 def my_view(
     who: Principal,
     submissions: Sequence[SubmissionView],
     *,
     phases: Sequence[PhaseView],
+    rules: Mapping[str, PhaseRules],
     following: str | None,
     form_token: str,
 ) -> MyPage:
     """Set the list; the newest that still wait are followed."""
+    can_say = Scope.SUBMIT in who.scopes and who.team_id is not None
     waiting = [one.id for one in submissions if not one.status.is_terminal]
     return MyPage(
         team=who.team_name,
         token_name=who.token_name,
-        lines=tuple(_line(one) for one in submissions),
+        lines=tuple(_line(one, rules[one.phase], can_say) for one in submissions),
         quotas=tuple(quota_line(phase) for phase in phases if phase.is_open),
         following=following,
         followed=tuple(waiting[:MAX_FOLLOWED]),
@@ -68,7 +89,8 @@ def my_view(
     )
 
 
-def _line(one: SubmissionView) -> MyLine:
+def _line(one: SubmissionView, rules: PhaseRules, can_say: bool) -> MyLine:
+    life, has_closed = rules.life, rules.has_closed
     return MyLine(
         id=one.id,
         method=one.method,
@@ -77,4 +99,17 @@ def _line(one: SubmissionView) -> MyLine:
         received_at=one.received_at,
         status=status_of(one),
         rank=one.rank,
+        standing=", ".join(_standing(one, life)),
+        actions=actions_of(one, life, has_closed=has_closed) if can_say else (),
     )
+
+
+def _standing(one: SubmissionView, life: PhaseLife) -> Iterator[str]:
+    if one.status is not SubmissionStatus.SCORED:
+        return
+    if one.is_chosen and life.entries_shown == "chosen":
+        yield "chosen"
+    if life.entries_private:
+        yield "published" if one.is_published else "private"
+    if one.is_late:
+        yield "late"

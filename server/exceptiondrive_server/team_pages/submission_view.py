@@ -58,6 +58,7 @@ def submission_view(
     form_token: str | None,
     is_again: bool = False,
     life: PhaseLife = PhaseLife(),  # noqa: B008 - immutable
+    has_closed: bool = False,
     now: datetime | None = None,
 ) -> SubmissionContent:
     """Set the page of a submission; without `form_token` it can only be read."""
@@ -79,7 +80,7 @@ def submission_view(
         can_withdraw=not ended_without and seen.status is not SubmissionStatus.WITHDRAWN,
         is_again=is_again,
         sentences=tuple(_sentences(seen)),
-        actions=tuple(_actions(seen, life)) if is_scored else (),
+        actions=actions_of(seen, life, has_closed=has_closed),
     )
 
 
@@ -97,8 +98,17 @@ def _sentences(seen: SubmissionView) -> Iterator[str]:
         yield "It is private: the team alone sees it, and it does not rank."
 
 
-def _actions(seen: SubmissionView, life: PhaseLife) -> Iterator[tuple[str, str]]:
-    if life.entries_shown == "chosen" and not seen.is_chosen and not seen.is_late:
+def actions_of(
+    seen: SubmissionView, life: PhaseLife, *, has_closed: bool
+) -> tuple[tuple[str, str], ...]:
+    """Return what the team may say of a submission now: end of the address, and words."""
+    is_scored = seen.status is SubmissionStatus.SCORED
+    return tuple(_actions(seen, life, has_closed)) if is_scored else ()
+
+
+def _actions(seen: SubmissionView, life: PhaseLife, has_closed: bool) -> Iterator[tuple[str, str]]:
+    can_choose = life.entries_shown == "chosen" and not has_closed
+    if can_choose and not seen.is_chosen and not seen.is_late:
         yield "choose", "Choose it for the board"
     if life.entries_private:
         yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")

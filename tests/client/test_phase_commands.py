@@ -1,0 +1,192 @@
+"""The life of a phase from the command line, against the real server and the worker's functions."""
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from typer.testing import CliRunner
+
+from exceptiondrive import Client, NotAllowedError
+from exceptiondrive.cli import app
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.phases import find_phase
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+MakeFile = Callable[..., Path]
+PAUSE_S = 0.05
+CLOSES = "closes_at=2031-01-01T00:00:00Z"
+REASON = ("--reason", "as announced")
+
+
+def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
+    env = {"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": token or server.token}
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], env=env)
+
+
+def organize(server: "Running", *arguments: object) -> Any:
+    return run(server, "organizer", "phases", *arguments, token=server.organizer_token)
+
+
+def make_phase(server: "Running", *settings: str) -> None:
+    words = ("create", "test", "--title", "Test", "--split", "tiny", "--quota-per-day", "9")
+    made = organize(server, *words, *(word for text in settings for word in ("--set", text)))
+    assert made.exit_code == 0, made.stderr
+
+
+def shown(server: "Running") -> Any:
+    return json.loads(organize(server, "show", "test", "--json").stdout)
+
+
+def other_bytes(path: Path) -> Path:
+    """The same answers in another file: the same bytes again would be the first submission."""
+    path.write_text(path.read_text() + "\n" * len(path.stem))
+    return path
+
+
+def scored(server: "Running", path: Path, method: str) -> str:
+    """Submit with the client and wait for the score, not for a rank: there may be none."""
+    with server.client() as client:
+        submission = client.submit(path, phase="test", method=method)
+        while not client.status(submission.id).status.is_terminal:
+            time.sleep(PAUSE_S)
+        view = client.status(submission.id)
+        assert view.status == "scored", view
+        return view.id
+
+
+def board_shows(server: "Running", *ids: str) -> None:
+    """Wait until the board holds exactly these entries; the suite's time limit ends a wrong wait."""
+    with server.client() as client:
+        while True:
+            entries = client.leaderboard(phase="test").entries
+            if {entry.submission_id for entry in entries} == set(ids):
+                return
+            time.sleep(PAUSE_S)
+
+
+def test_a_phase_is_made_with_settings_shown_and_changed(running: "Running") -> None:
+    make_phase(running, CLOSES, "anonymous=true", "late_entries=own_view", "description=For papers")
+    phase = shown(running)
+    assert (phase["life"]["anonymous"], phase["life"]["late_entries"]) == (True, "own_view")
+    assert phase["description"] == "For papers"
+    settings = ("--set", "freezes_at=2030-01-01T00:00:00Z", "--set", "quota_total=50")
+    changed = organize(running, "update", "test", *settings)
+    assert changed.exit_code == 0, changed.stderr
+    lines = dict(
+        line.split(maxsplit=1) for line in changed.stdout.splitlines() if "now:" not in line
+    )
+    assert (lines["quota_total"], lines["anonymous"]) == ("50", "true")
+    assert lines["freezes_at"].startswith("2030-01-01T00:00:00")
+    assert organize(running, "update", "test", "--set", "freezes_at=none").exit_code == 0
+    assert shown(running)["life"]["freezes_at"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("update", "test", "--set", "anonymos=true"), "is no setting; known: "),
+        (("update", "test", "--set", "anonymous=yes"), "true or false, not 'yes'"),
+        (("update", "test", "--set", "quota_per_day=many"), "is a number, not 'many'"),
+        (("update", "test"), "--set NAME=VALUE"),
+        (("reveal", "test", "--what", "all", *REASON), "board, names, split, not 'all'"),
+        (("reveal", "test", "--what", "split", *REASON), "has no parts"),
+        (("show", "none"), "none"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_words(
+    running: "Running", words: tuple[str, ...], said: str
+) -> None:
+    make_phase(running)
+    before = shown(running)
+    refused = organize(running, *words)
+    assert refused.exit_code != 0
+    assert said in " ".join(refused.stderr.split())
+    assert shown(running) == before
+
+
+def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeFile) -> None:
+    make_phase(working)
+    first = scored(working, planning_file(), "First")
+    board_shows(working, first)
+    frozen = organize(working, "freeze", "test", *REASON)
+    assert frozen.exit_code == 0, frozen.stderr
+    assert shown(working)["now"]["frozen_since"] is not None
+    second = scored(working, other_bytes(planning_file("two.json")), "Second")
+    board_shows(working, first)
+    revealed = organize(working, "reveal", "test", "--what", "board", *REASON)
+    assert revealed.exit_code == 0, revealed.stderr
+    board_shows(working, first, second)
+
+
+def test_names_are_revealed(working: "Running", planning_file: MakeFile) -> None:
+    make_phase(working, "anonymous=true")
+    mine = scored(working, planning_file(), "Planner")
+    board_shows(working, mine)
+    assert "Alpha" not in run(working, "leaderboard", "--phase", "test").stdout
+    assert organize(working, "reveal", "test", "--what", "names", *REASON).exit_code == 0
+    with working.client() as client:
+        while client.leaderboard(phase="test").entries[0].team != "Alpha":
+            time.sleep(PAUSE_S)
+
+
+def test_a_team_chooses_its_entry(working: "Running", planning_file: MakeFile) -> None:
+    make_phase(working, "entries_shown=chosen")
+    first = scored(working, planning_file(), "First")
+    second = scored(working, other_bytes(planning_file("two.json")), "Second")
+    board_shows(working, second)
+    chosen = run(working, "choose", first)
+    assert (chosen.exit_code, chosen.stdout) == (0, f"{first} stands for the team\n")
+    board_shows(working, first)
+    assert json.loads(run(working, "choose", second, "--json").stdout)["is_chosen"] is True
+    board_shows(working, second)
+    refused = run(working, "publish", first)
+    assert refused.exit_code == 4
+    assert "shows every scored entry" in refused.stderr
+
+
+def test_a_team_publishes_and_takes_back(working: "Running", planning_file: MakeFile) -> None:
+    make_phase(working, "entries_private=true")
+    mine = scored(working, planning_file(), "Planner")
+    published = run(working, "publish", mine)
+    assert (published.exit_code, published.stdout) == (0, f"{mine} is public\n")
+    board_shows(working, mine)
+    undone = run(working, "publish", mine, "--undo")
+    assert (undone.exit_code, undone.stdout) == (0, f"{mine} is private\n")
+    board_shows(working)
+    with working.client() as client:
+        assert client.publish(mine).is_published
+        assert not client.unpublish(mine).is_published
+        with pytest.raises(NotAllowedError, match="nothing to choose"):
+            client.choose(mine)
+
+
+def test_late_entries_are_read_with_view_late(working: "Running", planning_file: MakeFile) -> None:
+    make_phase(working, CLOSES, "late_entries=own_view")
+    in_time = scored(working, planning_file(), "InTime")
+    board_shows(working, in_time)
+    early = run(working, "leaderboard", "--phase", "test", "--view", "late")
+    assert early.exit_code != 0
+    assert "nothing came late" in early.stderr
+    with working.doors.database.write() as session:
+        find_phase(session, "test").closes_at = database_now(session)
+    late = scored(working, other_bytes(planning_file("late.json")), "TooLate")
+    asked = ("leaderboard", "--phase", "test")
+    while run(working, *asked, "--view", "late").exit_code != 0:
+        time.sleep(PAUSE_S)
+    table = run(working, *asked, "--view", "late").stdout
+    assert "late view" in table
+    assert "TooLate" in table
+    assert "TooLate" not in run(working, *asked).stdout
+    assert "TooLate" in run(working, *asked, "--view", "late", "--csv").stdout
+    with Client(working.url) as client:
+        entries = client.leaderboard(phase="test", view="late").entries
+        assert {entry.submission_id: entry.is_late for entry in entries} == {
+            in_time: False,
+            late: True,
+        }
+    assert run(working, *asked, "--view", "later").exit_code == 2

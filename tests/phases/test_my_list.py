@@ -1,0 +1,73 @@
+"""The team's own list: what stands on the board, and the buttons that a phase leaves to the team."""
+
+import re
+from typing import TYPE_CHECKING
+
+from tests.phases.browsing import send, visitor
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+BACK = {"back": "my"}
+
+
+def buttons(page: str) -> set[tuple[str, str]]:
+    return set(re.findall(r'action="/submissions/([0-9a-z]+)/(choose|publish|unpublish)"', page))
+
+
+def test_a_team_chooses_in_its_list_until_the_deadline(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60), life={"entries_shown": "chosen"})
+    first, second = (life.submit("alpha", speed, "Net", "plain") for speed in (1.0, 9.0))
+    life.work()
+    alpha = visitor(life, "alpha")
+    assert buttons(alpha.get("/my").text) == {(first, "choose"), (second, "choose")}
+    done = send(alpha, f"/submissions/{first}/choose", BACK, page="/my")
+    assert (done.status_code, done.headers["location"]) == (303, "/my")
+    page = alpha.get("/my").text
+    assert buttons(page) == {(second, "choose")}
+    assert "<b>Chosen</b>" in page
+    life.work()
+    assert life.entry_ids() == [first]
+    life.move(closes_at=life.now())
+    assert buttons(alpha.get("/my").text) == set()
+    assert buttons(alpha.get(f"/submissions/{second}").text) == set()
+
+
+def test_a_team_publishes_in_its_list_and_takes_back(life: "Life") -> None:
+    life.make_phase(split="plain", life={"entries_private": True})
+    mine = life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    alpha = visitor(life, "alpha")
+    assert "<b>Private</b>" in alpha.get("/my").text
+    assert buttons(alpha.get("/my").text) == {(mine, "publish")}
+    send(alpha, f"/submissions/{mine}/publish", BACK, page="/my")
+    life.work()
+    assert life.entry_ids() == [mine]
+    assert "<b>Published</b>" in alpha.get("/my").text
+    send(alpha, f"/submissions/{mine}/unpublish", BACK, page="/my")
+    life.work()
+    assert life.entry_ids() == []
+
+
+def test_other_teams_and_plain_phases_get_no_buttons(life: "Life") -> None:
+    life.make_phase(split="plain", life={"entries_private": True})
+    life.make_phase("usual", split="plain")
+    mine = life.submit("alpha", 1.0, "Net", "plain")
+    life.submit("beta", 1.0, "Net", "plain", "usual")
+    life.work()
+    beta = visitor(life, "beta")
+    page = beta.get("/my").text
+    assert (buttons(page), "For the board" in page) == (set(), False)
+    stolen = send(beta, f"/submissions/{mine}/publish", BACK, page="/my")
+    assert stolen.status_code == 404
+    life.work()
+    assert life.get("/api/v1/leaderboard?phase=test").status_code == 404 or not life.entry_ids()
+
+
+def test_the_way_back_leads_nowhere_else(life: "Life") -> None:
+    life.make_phase(split="plain", life={"entries_private": True})
+    mine = life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    fields = {"back": "https://elsewhere.example/"}
+    done = send(visitor(life, "alpha"), f"/submissions/{mine}/publish", fields, page="/my")
+    assert done.headers["location"] == f"/submissions/{mine}"
