@@ -6,6 +6,7 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_document, show_json
+from exceptiondrive_schemas.printable import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -58,7 +59,7 @@ def leaderboard(
     with open_client(server) as client:
         if csv:
             text = client.leaderboard_csv(**asked)
-            typer.echo(text, nl=False)
+            typer.echo(printable(text), nl=False)
             return
         board = client.leaderboard(**asked)
     if json:

@@ -1,10 +1,13 @@
 """Where words go: results on stdout, everything else on stderr, colour and motion on terminals."""
 
 import json
+import re
 import sys
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from exceptiondrive_schemas.printable import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -15,6 +18,8 @@ if TYPE_CHECKING:
 PIPED_WIDTH = 200
 """Columns where no terminal says how many: tables are not cut for `grep`."""
 _JSON = "exceptiondrive.json"
+_UNSHOWN = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+"""What `json.dumps` leaves bare although it steers terminals or hides; escaped, it is the same JSON."""
 
 
 def remember_json(context: typer.Context, value: bool) -> bool:
@@ -25,9 +30,9 @@ def remember_json(context: typer.Context, value: bool) -> bool:
 
 def console(stderr: bool = False) -> "Console":
     """Return a console for stdout or stderr. It shows no colour when piped, nor with NO_COLOR."""
-    from rich.console import Console
+    from exceptiondrive.cli.safe_console import SafeConsole
 
-    found = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    found = SafeConsole(stderr=stderr, highlight=False, markup=False, emoji=False)
     if not found.is_terminal:
         found.width = max(found.width, PIPED_WIDTH)
     return found
@@ -42,7 +47,8 @@ def show(*parts: "RenderableType") -> None:
 
 def show_json(value: Any) -> None:
     """Write a result for programs on stdout: one JSON document."""
-    typer.echo(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    typer.echo(_UNSHOWN.sub(lambda found: json.dumps(found[0])[1:-1], text))
 
 
 def show_document(document: "Document") -> None:
@@ -52,7 +58,7 @@ def show_document(document: "Document") -> None:
 
 def say(text: str) -> None:
     """Write a remark on stderr."""
-    typer.echo(text, err=True)
+    typer.echo(printable(text), err=True)
 
 
 def has_terminal() -> bool:
@@ -75,6 +81,6 @@ def report_error(error: "ExceptionDriveError", context: typer.Context) -> None:
         from exceptiondrive.cli.report_table import report_view
 
         show(*report_view(error.report))
-    typer.echo(f"error: {error.sentence}", err=True)
+    say(f"error: {error.sentence}")
     if error.advice:
-        typer.echo(error.advice, err=True)
+        say(error.advice)

@@ -7,6 +7,7 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_document
+from exceptiondrive_schemas.printable import printable
 
 Output = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else stdout.")]
 
@@ -68,7 +69,7 @@ def verify(
 
 def _write(text: str, output: Path | None) -> None:
     if output is None:
-        typer.echo(text)
+        typer.echo(printable(text))
         return
     output.write_text(text + "\n", encoding="utf-8")
     say(f"written to {output}")

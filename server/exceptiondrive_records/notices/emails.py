@@ -6,6 +6,7 @@ from email.message import EmailMessage
 
 from exceptiondrive_records.notices.settings import NoticeSettings
 from exceptiondrive_records.notices.webhooks import NotDelivered
+from exceptiondrive_schemas.printable import one_line
 from exceptiondrive_schemas.rescoring import NotificationView, Standing, ToldEntry
 
 _TIMEOUT_S = 10.0
@@ -19,12 +20,7 @@ def send_email(settings: NoticeSettings, to: str, notice: NotificationView) -> N
     """
     if settings.smtp_host is None:
         raise NotDelivered("no SMTP server is set (EXCEPTIONDRIVE_SMTP_HOST)")
-    message = EmailMessage()
-    message["Subject"] = notice.title
-    message["From"] = settings.mail_from
-    message["To"] = to
-    message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
-    message.set_content(text_of(notice, settings.public_url))
+    message = message_of(settings, to, notice)
     try:
         with _server(settings) as server:
             if settings.smtp_user is not None:
@@ -34,15 +30,26 @@ def send_email(settings: NoticeSettings, to: str, notice: NotificationView) -> N
         raise NotDelivered(f"the mail server did not take it ({type(error).__name__})") from None
 
 
+def message_of(settings: NoticeSettings, to: str, notice: NotificationView) -> EmailMessage:
+    """Return the message; no name of a team or phase can add a header or a line to it."""
+    message = EmailMessage()
+    message["Subject"] = one_line(notice.title)
+    message["From"] = settings.mail_from
+    message["To"] = to
+    message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
+    message.set_content(text_of(notice, settings.public_url))
+    return message
+
+
 def text_of(notice: NotificationView, site_url: str) -> str:
     """Return the words of the message."""
-    changes = [f"- {sentence}" for sentence in notice.what_changed]
+    changes = [f"- {one_line(sentence)}" for sentence in notice.what_changed]
     entries = [line for entry in notice.entries for line in _entry_lines(entry)]
     address = f"{site_url.rstrip('/')}{notice.comparison}"
     lines = [
-        f"To team {notice.team}:",
+        f"To team {one_line(notice.team)}:",
         "",
-        f"{notice.title} (before: {notice.from_protocol.version}). What changed:",
+        f"{one_line(notice.title)} (before: {notice.from_protocol.version}). What changed:",
         *changes,
         "",
         "Your published numbers:",
@@ -55,7 +62,7 @@ def text_of(notice: NotificationView, site_url: str) -> str:
 
 def _entry_lines(entry: ToldEntry) -> list[str]:
     return [
-        f"{entry.method} ({entry.submission_id})",
+        f"{one_line(entry.method)} ({entry.submission_id})",
         f"  before: {_standing(entry.old)}",
         f"  now:    {_standing(entry.new)}",
     ]

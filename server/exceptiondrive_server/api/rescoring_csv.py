@@ -4,11 +4,11 @@ import csv
 import io
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.printable import spreadsheet_text
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
 from exceptiondrive_schemas.score_sheet import MetricRow
 
 _REMINDER = "reminder_effect"
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def comparison_csv(comparison: Comparison) -> str:
@@ -34,7 +34,12 @@ def comparison_csv(comparison: Comparison) -> str:
 
 def _line(entry: EntryChange, columns: list[tuple[str, str]]) -> list[str]:
     sides = (entry.old, entry.new)
-    cells = [entry.submission_id, _safe(entry.team), _safe(entry.method), entry.change]
+    cells = [
+        entry.submission_id,
+        spreadsheet_text(entry.team),
+        spreadsheet_text(entry.method),
+        entry.change,
+    ]
     cells.append("yes" if entry.newly_failing else "no")
     cells += [_text(None if side is None else side.rank) for side in sides]
     cells += ["" if not side or not side.rank_interval else _span(side) for side in sides]
@@ -64,11 +69,6 @@ def _effect(standing: Standing | None) -> MetricRow:
 
 def _text(value: float | None) -> str:
     return "" if value is None else str(value)
-
-
-def _safe(text: str) -> str:
-    """Keep a spreadsheet from running a name as a formula."""
-    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def _families(comparison: Comparison) -> list[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.printable import one_line, spreadsheet_text
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_query import SOURCES
 from exceptiondrive_server.pages.entry_facts import challenge_of
@@ -56,7 +57,7 @@ def permalink(board: Board, site_url: str) -> str:
 
 def tex_escape(text: str) -> str:
     """Return text that LaTeX prints as it is."""
-    return " ".join(text.translate(_TEX).split())
+    return one_line(text).translate(_TEX)
 
 
 def in_blocks(board: Board) -> list[list[BoardEntry]]:
@@ -159,8 +160,8 @@ def _csv_line(
         entry.rank,
         *interval,
         entry.submission_id,
-        _plain(entry.method),
-        _plain(entry.team),
+        spreadsheet_text(entry.method),
+        spreadsheet_text(entry.team),
         iso(entry.submitted_at) if entry.submitted_at else None,
         *(entry.metrics.get(key) for key in keys),
         *(end for pair in ends for end in pair),
@@ -168,11 +169,6 @@ def _csv_line(
         " ".join(flag.code for flag in entry.flags),
         address,
     ]
-
-
-def _plain(text: str) -> str:
-    """Keep a spreadsheet from reading a name as a formula."""
-    return "'" + text if text[:1] in "=+-@\t\r" and text else text
 
 
 EXPORTS: Mapping[str, Export] = MappingProxyType(

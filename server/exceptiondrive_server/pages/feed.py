@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from xml.etree import ElementTree as Xml
 
+from exceptiondrive_schemas.printable import one_line
 from exceptiondrive_server.pages.numbers import iso
 
 ATOM = "http://www.w3.org/2005/Atom"
@@ -56,7 +57,7 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
 
 
 def _text(parent: Xml.Element, name: str, text: str) -> None:
-    Xml.SubElement(parent, f"{{{ATOM}}}{name}").text = text
+    Xml.SubElement(parent, f"{{{ATOM}}}{name}").text = one_line(text)
 
 
 def _link(parent: Xml.Element, address: str, relation: str) -> None:

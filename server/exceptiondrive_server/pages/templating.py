@@ -7,6 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.pages import numbers
 from exceptiondrive_server.pages.scales import px
 
@@ -35,6 +36,16 @@ def stars(text: str) -> Markup:
     return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
 
 
+def shown(value: object) -> object:
+    """Clean a text of what turns, hides or steers, whatever was let into the records."""
+    return printable(value) if type(value) is str else value
+
+
+def https_only(url: str | None) -> str:
+    """Return a link that readers may follow; anything but an https address is left out."""
+    return url if url is not None and url.startswith("https://") else ""
+
+
 def with_article(noun: str) -> str:
     """Return `a planner`, `an agent`."""
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
@@ -47,6 +58,7 @@ def environment() -> Environment:
         loader=FileSystemLoader(FOLDER / "templates"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -60,6 +72,7 @@ def environment() -> Environment:
         px=px,
         size=numbers.size_text,
         slug=numbers.slug,
+        https=https_only,
         ticks=ticks,
         stars=stars,
         a=with_article,

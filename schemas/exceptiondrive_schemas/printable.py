@@ -1,0 +1,32 @@
+"""What may reach a screen: the last line of defence, whatever was let in before.
+
+Uploads are refused names that cannot be shown (`checked_text`). Outputs do not rely on it: older
+rows, hand-made records and foreign servers are cleaned here once more, just before they are shown.
+"""
+
+import re
+
+REPLACEMENT = "\ufffd"
+_UNSAFE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # control characters; ESC and CSI steer terminals
+    "\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff"  # invisible, or turning the direction
+    "\u2028\u2029\ufff9-\ufffb\ud800-\udfff]"  # line separators, annotations, lone surrogates
+)
+_FORMULA = "=+-@\uff1d\uff0b\uff0d\uff20"  # and their full-width forms
+_STARTS = (*_FORMULA, REPLACEMENT)
+
+
+def printable(text: str) -> str:
+    """Return `text` in which each unsafe character became a replacement sign; lines are kept."""
+    return _UNSAFE.sub(REPLACEMENT, text)
+
+
+def one_line(text: str) -> str:
+    """Return `text` on one line: a mail header, a CSV cell, a comment can hold no break."""
+    return printable(" ".join(text.split()))
+
+
+def spreadsheet_text(text: str) -> str:
+    """Return a cell that no spreadsheet runs as a formula."""
+    text = one_line(text)
+    return f"'{text}" if text.startswith(_STARTS) else text
