@@ -7,6 +7,7 @@ STAMP  := $(VENV)/.installed
 T      ?= tests
 PORT   ?= 8000
 DATA   ?= ./data
+SECONDS_OF_FUZZ ?= 600
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -46,6 +47,10 @@ bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; the
 chaos: $(STAMP)  ## inject every fault of research/reliability.md into real processes; F="F01 F24" picks some, RESUME=1 goes on
 	$(BIN)/python -m tests.chaos $(if $(RESUME),--resume) $(F)
 
+fuzz: $(STAMP)  ## change submission files by coverage until the two readers differ; SECONDS_OF_FUZZ=600, kept in .fuzz/
+	@mkdir -p .fuzz
+	$(BIN)/python -m tests.fuzz.harness -max_total_time=$(SECONDS_OF_FUZZ) -artifact_prefix=.fuzz/ .fuzz
+
 load: $(STAMP)  ## a deadline rush: hundreds of uploads within minutes, while the board is read
 	$(BIN)/python -m benchmarks.load
 
@@ -66,4 +71,4 @@ lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra worker -c requirements/dev.txt -o requirements/worker.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
-.PHONY: help setup run test chaos load bench lint format lock
+.PHONY: help setup run test chaos fuzz load bench lint format lock

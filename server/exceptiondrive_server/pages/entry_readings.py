@@ -55,7 +55,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
 def _board_with(
     session: Session, key: str, submission: Submission | None, query: BoardQuery
 ) -> tuple[Board, bool]:
-    """The board asked for, else the current one, else the newest that shows the entry."""
+    """The board asked for, else the current one, its late view, or the newest that shows the entry."""
     if submission is None or query.board is not None:
         phase = query.phase or (submission.phase_id if submission else None)
         asked = BoardQuery(phase=phase, board=query.board, protocol=query.protocol)
@@ -68,6 +68,10 @@ def _board_with(
     reading = read_board(session, BoardQuery(phase=submission.phase_id))
     if reading.board and find_entry(reading.board, key):
         return reading.board, True
+    if reading.has_late_view:
+        late = read_board(session, BoardQuery(phase=submission.phase_id, view="late")).board
+        if late and find_entry(late, key):
+            return late, True
     row = public_board_with(session, submission)
     if row is None:
         raise NotFound("entry", key)
