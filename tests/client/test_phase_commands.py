@@ -10,9 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive import Client, NotAllowedError
-from exceptiondrive.cli import app
+from exceptiondrive.cli import app, phase_commands
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.phases import find_phase
+from exceptiondrive_schemas.phase_life import PhaseLife
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running
@@ -21,6 +22,10 @@ MakeFile = Callable[..., Path]
 PAUSE_S = 0.05
 CLOSES = "closes_at=2031-01-01T00:00:00Z"
 REASON = ("--reason", "as announced")
+
+
+def test_every_setting_of_a_phases_life_can_be_set() -> None:
+    assert phase_commands.LIFE == tuple(PhaseLife.model_fields)
 
 
 def run(server: "Running", *arguments: object, token: str | None = None) -> Any:

@@ -103,7 +103,7 @@ def test_the_board_ranks_by_hcc_then_ur_and_leaves_low_coverage_unranked(phases:
     assert [entry["rank"] for entry in ranked] == list(range(1, len(ranked) + 1))
     unranked = {entry["method"]: entry["unranked_because"] for entry in scored if not entry["rank"]}
     assert "gpt-4.1" in unranked  # leaves a quarter of the samples without an answer
-    assert "covers 66.96% and" in unranked["gpt-4.1"]
+    assert "cover 66.96% and" in unranked["gpt-4.1"]
 
 
 def test_the_papers_rows_stand_apart_and_are_never_ranked(phases: System) -> None:

@@ -2,13 +2,16 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from fastapi import FastAPI
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.tokens import is_well_formed, verify_token
 from exceptiondrive_server import operator_cli
+from exceptiondrive_server.settings import ServerSettings
 from exceptiondrive_server.slow_clients import PatientProtocol
 
 
@@ -95,7 +98,11 @@ def test_the_server_is_served_with_an_end_to_waiting(monkeypatch: pytest.MonkeyP
     """Slow clients are ended where no proxy does it, too (tests/hostile/test_connections.py)."""
     served: dict[str, object] = {}
     monkeypatch.setattr("uvicorn.run", lambda app, **keywords: served.update(keywords))
-    monkeypatch.setattr("exceptiondrive_server.app.app_from_environment", lambda: "the application")
+    application = FastAPI()
+    settings = ServerSettings(trusted_proxies="10.0.0.1")
+    application.state.services = SimpleNamespace(settings=settings)
+    monkeypatch.setattr("exceptiondrive_server.app.app_from_environment", lambda: application)
     operator_cli.serve(host="127.0.0.1", port=1)
+    assert served["forwarded_allow_ips"] == "10.0.0.1"
     assert served["http"] is PatientProtocol
     assert served["ws"] == "none"

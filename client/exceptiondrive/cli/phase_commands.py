@@ -8,11 +8,22 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_json
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive_schemas.phase_life import PhaseLife
 
 if TYPE_CHECKING:
     from exceptiondrive.organizer import Organizer
 
+LIFE = (
+    "live_part",
+    "revealed_part",
+    "late_entries",
+    "freezes_at",
+    "frozen_scores",
+    "families_from",
+    "entries_shown",
+    "anonymous",
+    "entries_private",
+)
+"""The fields of `PhaseLife`, named here so that `--help` needs no models; a test compares."""
 PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
 ReasonOption = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
@@ -23,13 +34,13 @@ SetOption = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="A setting, any number of times; times as 2027-01-31T00:00:00Z, `none` takes one "
-        "away. Settings of docs/phases.md: " + ", ".join(PhaseLife.model_fields) + ".",
+        "away. Settings of docs/phases.md: " + ", ".join(LIFE) + ".",
     ),
 ]
 _NUMBERS = ("quota_per_day", "quota_total", "quota_concurrent", "rejected_per_day")
 _FLAGS = ("shows_reported", "anonymous", "entries_private")
 _TEXTS = ("title", "description", "opens_at", "closes_at")
-KNOWN = (*_TEXTS, *_NUMBERS, "shows_reported", *PhaseLife.model_fields)
+KNOWN = (*_TEXTS, *_NUMBERS, "shows_reported", *LIFE)
 WHAT = ("board", "names", "split")
 
 
@@ -103,7 +114,7 @@ def settings_of(given: Sequence[str]) -> dict[str, Any]:
             raise InvalidArgumentError(
                 "unknown_setting", f"{text!r} is no setting; known: {', '.join(KNOWN)}."
             )
-        target = document.setdefault("life", {}) if name in PhaseLife.model_fields else document
+        target = document.setdefault("life", {}) if name in LIFE else document
         target[name] = _value(name, value)
     return document
 
