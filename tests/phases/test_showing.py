@@ -1,5 +1,6 @@
 """Freeze, late view, choice, families by date, anonymity, private entries: as attackers see them."""
 
+import html
 import re
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
@@ -145,6 +146,22 @@ def test_late_entries_rank_on_their_own_view_and_move_no_rank(life: "Life") -> N
     assert "Gamma Works" in page.text
     assert "view=late" in life.get("/?phase=test").text
     assert life.get("/api/v1/leaderboard?phase=test&view=late&as_of=2026-01-01").status_code == 400
+
+
+def test_every_link_of_the_late_view_leads_somewhere(life: "Life") -> None:
+    plain(life, closes_at=life.ahead(60), showing={"late_entries": "own_view"})
+    submit(life, "alpha", 3.0)
+    life.move(closes_at=life.now())
+    submit(life, "beta", 1.0)
+    page = life.get("/?phase=test&view=late").text
+    links = {html.unescape(link) for link in re.findall(r'href="(/[^"#]*)', page)}
+    assert {link for link in links if life.get(link).status_code >= 400} == set()
+    assert "/api/v1/leaderboard?phase=test&view=late" in links
+    assert '<input type="hidden" name="view" value="late">' in page  # a filter keeps the view
+    assert page.count('class="badge late"') == 1
+    assert 'class="mv' not in page  # no rank moves
+    assert "first board of its phase" not in page
+    assert "badge late" not in life.get("/?phase=test").text
 
 
 def test_the_deadline_is_judged_by_the_first_byte_but_nobody_holds_it_open(life: "Life") -> None:

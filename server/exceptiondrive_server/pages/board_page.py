@@ -121,13 +121,13 @@ def board_page(
         column_groups=_column_groups(view) if view else (),
         entry_choices=entry_choices(board) if board else (),
         exports=_exports(board) if board else (),
-        permalink=f"/?phase={board.phase}&board={board.board}" if board else None,
+        permalink=f"/?{_address(board)}" if board else None,
         picture=_picture(reading),
         clear_url=query.url(search="", source=None),
         notice=_notice(reading, query),
         standing=standing_notices(reading),
         own=own_entries(board, own_ids, query) if board and own_ids else None,
-        change=change_line(board, reading.before) if board else None,
+        change=change_line(board, reading.before) if board and board.view == "main" else None,
         submit_url=f"/submit?phase={phase.id}" if phase else "/submit",
         submit_command=submit_command(challenge, phase.id if phase else "sample"),
     )
@@ -168,7 +168,7 @@ def _average_choices(view: BoardView | None) -> tuple[Choice, ...]:
 
 def _kept_fields(query: BoardQuery) -> tuple[tuple[str, str], ...]:
     """What the filter form carries on unseen."""
-    kept = ("phase", "source", "sort", "order")
+    kept = ("phase", "view", "source", "sort", "order")
     return tuple((key, value) for key, value in query.pairs() if key in kept)
 
 
@@ -190,20 +190,28 @@ def entry_choices(board: Board) -> tuple[tuple[str, str], ...]:
 
 
 def _exports(board: Board) -> tuple[tuple[str, str], ...]:
-    here = f"phase={board.phase}&board={board.board}"
+    here = _address(board)
+    is_late = board.view == "late"
+    json = f"leaderboard?{here}" if is_late else f"boards/{board.phase}/{board.board}"
     return (
         ("CSV", f"/export/board.csv?{here}"),
-        ("JSON", f"/api/v1/boards/{board.phase}/{board.board}"),
+        ("JSON", f"/api/v1/{json}"),
         ("LaTeX", f"/export/board.tex?{here}"),
         ("BibTeX", f"/export/board.bib?{here}"),
         ("Atom", f"/feed.atom?phase={board.phase}"),
     )
 
 
+def _address(board: Board) -> str:
+    """The query that names this board; a late view is the present one and has no number of its own."""
+    number = "view=late" if board.view == "late" else f"board={board.board}"
+    return f"phase={board.phase}&{number}"
+
+
 def _picture(reading: BoardReading) -> str:
     """Address of the picture that other sites show; a board's own never changes."""
     board, phase = reading.board, reading.phase
-    if board is None:
+    if board is None or board.view == "late":
         return "/pictures/board.png" + (f"?phase={phase.id}" if phase else "")
     return f"/pictures/board.png?phase={board.phase}&board={board.board}"
 

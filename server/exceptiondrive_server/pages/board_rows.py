@@ -236,7 +236,7 @@ def _rank_words(entry: BoardEntry) -> str:
 
 
 def _movement(entry: BoardEntry, board: Board) -> Movement | None:
-    if entry.rank is None or board.board <= 1:
+    if entry.rank is None or board.board <= 1 or board.view == "late":
         return None
     if entry.previous_rank is None:
         return Movement("new", "new", "new on this board")

@@ -51,6 +51,8 @@ def entry_key(entry: BoardEntry) -> str:
 
 def entry_url(entry: BoardEntry, board: Board, is_current: bool = True) -> str:
     """Return the address of an entry's page; from an old board, as it stood there."""
+    if entry.is_late:  # it has no page of its own: it stands on no board
+        return f"/?phase={board.phase}&view=late#e-{entry_key(entry)}"
     given = {} if entry.submission_id and is_current else {"phase": board.phase}
     if not is_current:
         given["board"] = str(board.board)

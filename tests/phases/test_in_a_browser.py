@@ -1,0 +1,134 @@
+"""The states of a phase in a real browser: wide and light, narrow and dark, looked at by axe."""
+
+import shutil
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import uvicorn
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.parametrize("database_url", ["sqlite"], indirect=True),
+]
+AXE = Path(__file__).parents[1] / "server" / "pages" / "vendor" / "axe.min.js"
+CHROMIUM = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome")
+     if (found := shutil.which(name))),
+    None,
+)  # fmt: skip
+SPEEDS = {"alpha": 3.5, "beta": 2.0, "gamma": 5.0}
+OF_TEAM = (
+    "/?phase=frozen",
+    "/?phase=late&view=late",
+    "/?phase=late",
+    "/?phase=masked",
+    "/?phase=parted",
+    "/?phase=own",
+    "/my",
+)
+OF_ORGANIZER = ("/organize/phases", "/organize/phases/masked", "/organize/phases/new")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """A headless Chromium of this machine."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed on this machine")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def site(life: "Life") -> Iterator[str]:
+    """Address of the site, with a phase in each state."""
+    _fill(life)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        server = uvicorn.Server(uvicorn.Config(life.client.app, log_level="critical", ws="none"))
+        thread = threading.Thread(target=server.run, args=([listening],))
+        thread.start()
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+        server.should_exit = True
+        thread.join(timeout=20)
+
+
+def _fill(life: "Life") -> None:
+    """One phase for each state, with an entry of each team and two of Alpha's in its own phase."""
+    late, own = {"late_entries": "own_view"}, {"entries_shown": "chosen", "entries_private": True}
+    life.make_phase("frozen", title="Frozen challenge", split="plain")
+    life.make_phase(
+        "late", title="With late view", split="plain", closes_at=life.ahead(60), life=late
+    )
+    life.make_phase("masked", title="Blind review", split="plain", life={"anonymous": True})
+    life.make_phase("parted", title="Public part")
+    life.make_phase("own", title="Choose and publish", split="plain", life=own)
+    for phase in ("frozen", "late", "masked", "parted", "own"):
+        split = "parted" if phase == "parted" else "plain"
+        for who, speed in SPEEDS.items():
+            life.submit(who, speed, f"{who.title()}Drive", split, phase)
+    better = life.submit("alpha", 1.0, "AlphaDrive 2", "plain", "own")
+    life.work()
+    for what in ("choose", "publish"):
+        address = f"/api/v1/submissions/{better}/{what}"
+        assert life.request("POST", address, "alpha").status_code == 200
+    life.move("late", closes_at=life.now())
+    life.submit("gamma", 1.0, "GammaDrive late", "plain", "late")
+    life.done("/phases/frozen/freeze")
+    life.work()
+
+
+def signed_in(life: "Life", browser: Browser, site: str, who: str, **context: Any) -> Page:
+    page = browser.new_context(bypass_csp=True, **context).new_page()
+    page.goto(f"{site}/sign-in")
+    page.fill("input[name=token]", life.tokens[who])
+    page.click("form.card button")
+    page.wait_for_url(lambda address: "/sign-in" not in address)
+    return page
+
+
+def complaints(page: Page) -> list[str]:
+    """What axe finds, and whether the page is wider than the screen."""
+    page.add_script_tag(path=AXE)
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    wider = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+    words = [f"{one['id']}: {one['nodes'][0]['html'][:160]}" for one in found]
+    return words + ([f"{wider} px too wide"] if wider > 0 else [])
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
+def test_every_state_of_a_phase_reads_well(
+    life: "Life", browser: Browser, site: str, width: int, scheme: Any
+) -> None:
+    look: dict[str, Any] = {"color_scheme": scheme, "viewport": {"width": width, "height": 900}}
+    for who, paths in (("alpha", OF_TEAM), ("organizer", OF_ORGANIZER)):
+        page = signed_in(life, browser, site, who, **look)
+        for path in paths:
+            page.goto(site + path)
+            assert complaints(page) == [], path
+
+
+def test_a_team_publishes_by_a_click_without_script(
+    life: "Life", browser: Browser, site: str
+) -> None:
+    page = signed_in(life, browser, site, "beta", java_script_enabled=False)
+    page.goto(f"{site}/my")
+    row = page.locator("tr", has_text="own").first
+    row.locator("button", has_text="Publish it").click()
+    expect(page).to_have_url(f"{site}/my")
+    expect(page.locator("tr", has_text="own").first).to_contain_text("Published")
+    life.work()
+    page.goto(f"{site}/?phase=own")
+    expect(page.locator("tr.own")).to_contain_text("BetaDrive")
+    expect(page.locator("tr.own")).to_contain_text("Yours")
