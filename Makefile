@@ -51,6 +51,9 @@ fuzz: $(STAMP)  ## change submission files by coverage until the two readers dif
 	@mkdir -p .fuzz
 	$(BIN)/python -m tests.fuzz.harness -max_total_time=$(SECONDS_OF_FUZZ) -artifact_prefix=.fuzz/ .fuzz
 
+protections: $(STAMP)  ## take each protection of docs/trust.md away and see its test fail; P="csrf scope" picks some
+	$(BIN)/python -m tests.protections $(P)
+
 load: $(STAMP)  ## a deadline rush: hundreds of uploads within minutes, while the board is read
 	$(BIN)/python -m benchmarks.load
 
@@ -71,4 +74,4 @@ lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra worker -c requirements/dev.txt -o requirements/worker.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
-.PHONY: help setup run test chaos fuzz load bench lint format lock
+.PHONY: help setup run test chaos fuzz protections load bench lint format lock

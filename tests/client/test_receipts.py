@@ -110,3 +110,34 @@ def test_something_else_is_no_receipt(tmp_path: Path) -> None:
     path = tmp_path / "other.json"
     path.write_text("{}")
     assert verify(path).exit_code == 2
+
+
+WRAPPING: dict[str, tuple[Any, str]] = {
+    "schema_": ("exceptiondrive.receipt/2", "no receipt"),
+    "algorithm": ("none", "no receipt"),
+    "signature": ("", "signature does not fit"),
+    "key_id": ("0" * 16, "not among the known keys"),
+    "digests": ({}, "was altered"),
+}
+
+
+def test_nothing_around_the_statement_can_be_changed_either(receipt: Path, tmp_path: Path) -> None:
+    whole = json.loads(receipt.read_text())
+    whole["schema_"] = whole.pop("schema", whole.get("schema_"))
+    assert whole.keys() == {"statement", *WRAPPING}
+    for field, (value, words) in WRAPPING.items():
+        receipt.write_text(json.dumps({**whole, field: value}))
+        with pytest.raises(ReceiptError, match=words):
+            verify_receipt(receipt, keys=tmp_path / "keys.json")
+
+
+def test_a_receipt_of_a_former_key_holds_after_the_new_one_was_fetched(receipt: Path) -> None:
+    from exceptiondrive.receipts import read_keys, remember_keys
+    from exceptiondrive_schemas.receipt import ReceiptKeys
+
+    (former,) = read_keys(keys_path())
+    new = former.model_copy(update={"key_id": "f" * 16, "public_key": "AAAA"})
+    forged = former.model_copy(update={"public_key": new.public_key})
+    remember_keys(ReceiptKeys(keys=(forged, new)))
+    assert read_keys(keys_path()) == (former, new), "a known key was replaced under its name"
+    assert verify_receipt(receipt).key == former

@@ -1,0 +1,271 @@
+"""Each protection that can be taken away by one replacement, and the test that has to fail then.
+
+Replacements come before the modules that import the name, so they reach `from ... import` too.
+"""
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Protection:
+    """What is replaced by what, and one test that notices."""
+
+    name: str
+    target: str
+    """`module:attribute`, or `module:Class.attribute`."""
+    instead: Callable[[Any], Any]
+    """Given what is there, returns what stands there instead."""
+    test: str
+    is_short: bool = False
+    """Part of the short form that `make test` runs."""
+
+    def take_away(self) -> None:
+        """Replace it in this process."""
+        module, _, path = self.target.partition(":")
+        owner: Any = importlib.import_module(module)
+        *classes, attribute = path.split(".")
+        for name in classes:
+            owner = getattr(owner, name)
+        setattr(owner, attribute, self.instead(getattr(owner, attribute)))
+
+
+def _nothing(_: Any) -> Callable[..., None]:
+    return lambda *arguments, **keywords: None
+
+
+def _same(_: Any) -> Callable[..., Any]:
+    return lambda first, *arguments, **keywords: first
+
+
+def _always(value: Any) -> Callable[[Any], Callable[..., Any]]:
+    return lambda _: lambda *arguments, **keywords: value
+
+
+def _every_scope(principal_of: Any) -> Callable[..., Any]:
+    from dataclasses import replace
+
+    from exceptiondrive_records.tokens import Scope
+
+    return lambda *arguments: replace(principal_of(*arguments), scopes=frozenset(Scope))
+
+
+def _any_team(find: Any) -> Callable[..., Any]:
+    return lambda session, submission_id, *, team_id=None: find(session, submission_id)
+
+
+def _unlocked(_: Any) -> Callable[..., Any]:
+    from exceptiondrive_records.tables import Team
+
+    return lambda session, team_id: session.get_one(Team, team_id)
+
+
+def _unescaped(environment: Any) -> Callable[..., Any]:
+    return lambda **keywords: environment(**{**keywords, "autoescape": False})
+
+
+def _plain_text(_: Any) -> Callable[[str], str]:
+    return lambda text: text
+
+
+SERVER, RECORDS = "exceptiondrive_server", "exceptiondrive_records"
+INJECTION = "tests/server/test_injection.py::test_"
+PROTECTIONS = (
+    Protection(
+        "rounding",
+        "exceptiondrive_worker.rounding:_rounded",
+        _same,
+        "tests/leak/test_over_http.py::test_the_api_publishes_what_the_oracle_says_and_not_a_digit_more",
+    ),
+    Protection(
+        "scope",
+        f"{RECORDS}.tokens:_principal",
+        _every_scope,
+        "tests/server/test_access.py::test_a_participant_who_calls_every_organizer_route_is_told_403",
+        is_short=True,
+    ),
+    Protection(
+        "csrf-token",
+        f"{SERVER}.browser_session:require_form_token",
+        _nothing,
+        "tests/server/test_sign_in.py::test_no_form_of_a_session_is_taken_from_elsewhere",
+    ),
+    Protection(
+        "csrf-origin",
+        f"{SERVER}.browser_session:require_same_origin",
+        _nothing,
+        "tests/server/test_sign_in.py::test_a_form_from_elsewhere_is_refused",
+    ),
+    Protection(
+        "throttling",
+        f"{RECORDS}.sign_in_limits:count_attempt",
+        _nothing,
+        "tests/server/test_sign_in.py::test_guessing_is_slowed_down_with_a_time_to_wait",
+    ),
+    Protection(
+        "revocation",
+        f"{RECORDS}.tokens:is_live",
+        _always(True),
+        "tests/server/test_tokens.py::test_a_revoked_token_is_dead_at_once",
+    ),
+    Protection(
+        "token-digest",
+        f"{RECORDS}.tokens:_digest",
+        _plain_text,
+        "tests/records/test_tokens.py::test_no_table_holds_the_secret_of_a_token",
+    ),
+    Protection(
+        "team-404",
+        f"{RECORDS}.submissions:find_submission",
+        _any_team,
+        "tests/server/test_submissions.py::test_another_teams_submission_is_404_in_the_words_for_an_unknown_one",
+    ),
+    Protection(
+        "quota",
+        f"{RECORDS}.quotas:require_quota",
+        _nothing,
+        "tests/records/test_quotas.py::test_the_refusal_says_when_the_quota_begins_anew",
+    ),
+    Protection(
+        "quota-lock",
+        f"{RECORDS}.submissions:_lock_team",
+        _unlocked,
+        "tests/records/test_quotas.py::test_a_quota_admits_exactly_its_number_under_parallel_threads",
+    ),
+    Protection(
+        "body-limit",
+        f"{SERVER}.body_limit:_refusal",
+        _nothing,
+        "tests/server/test_body_limit.py::test_a_large_content_length_is_refused_before_the_body",
+    ),
+    Protection(
+        "work-limit",
+        "exceptiondrive_schemas.check.findings:MAX_FAULTS",
+        lambda _: 10**9,
+        "tests/hostile/test_huge_documents.py",
+    ),
+    Protection(
+        "canary",
+        "tests.canary.watch:Watch.look",
+        _always(False),
+        "tests/canary/test_watch.py::test_a_leak_in_a_log_line_is_found",
+        is_short=True,
+    ),
+    Protection(
+        "private-part",
+        f"{RECORDS}.splits:part_revision",
+        _nothing,
+        "tests/phases/test_parts.py::test_the_live_board_counts_the_public_part_of_files_that_answer_everything",
+    ),
+    Protection(
+        "private-folder",
+        "pathlib:Path.chmod",
+        _nothing,
+        "tests/worker/test_private_store.py::test_a_folder_that_stood_open_is_closed",
+    ),
+    Protection(
+        "anonymity",
+        f"{RECORDS}.phase_life:is_anonymous",
+        _always(False),
+        "tests/phases/test_showing.py::test_names_stand_nowhere_until_they_are_revealed",
+    ),
+    Protection(
+        "freeze",
+        f"{RECORDS}.phase_life:frozen_since",
+        _nothing,
+        "tests/phases/test_showing.py::test_a_frozen_board_stays_while_scoring_goes_on",
+    ),
+    Protection(
+        "families-from",
+        f"{RECORDS}.phase_life:families_shown_from",
+        _nothing,
+        "tests/phases/test_showing.py::test_families_are_absent_everywhere_until_their_date",
+    ),
+    Protection(
+        "flags",
+        "exceptiondrive_scoring.plausibility:_flags",
+        _always(()),
+        "tests/phases/test_gaming.py::test_every_board_of_planners_shows_references_and_flags",
+    ),
+    Protection(
+        "similarity",
+        "exceptiondrive_scoring.similarity:AlikeRule.is_alike",
+        _always(False),
+        "tests/worker/test_similarity_run.py::test_equal_files_equal_answers_and_near_ones_are_told_apart",
+    ),
+    Protection(
+        "probing",
+        "exceptiondrive_scoring.similarity:AlikeRule.is_probe",
+        _always(False),
+        "tests/worker/test_similarity_run.py::test_a_team_that_changes_one_sample_30_times_is_found_and_audited",
+    ),
+    Protection(
+        "receipt-signature",
+        "exceptiondrive.receipts:_is_signed",
+        _always(True),
+        "tests/client/test_receipts.py::test_digests_that_were_altered_too_do_not_fit_the_signature",
+    ),
+    Protection(
+        "receipt-fields",
+        "exceptiondrive_schemas.receipt:altered_fields",
+        _always(()),
+        "tests/client/test_receipts.py::test_a_receipt_holds_and_every_tampered_field_is_named",
+    ),
+    Protection(
+        "names-at-intake",
+        f"{RECORDS}.identifiers:checked_text",
+        lambda _: lambda kind, text, **keywords: text,
+        INJECTION + "intake_refuses_what_cannot_be_shown",
+    ),
+    Protection(
+        "links-at-intake",
+        f"{RECORDS}.identifiers:checked_link",
+        lambda _: lambda kind, url: url,
+        INJECTION + "intake_refuses_links_that_are_not_plain_https",
+    ),
+    Protection(
+        "escaping",
+        "jinja2:Environment",
+        _unescaped,
+        INJECTION + "pages_of_readers_are_inert",
+    ),
+    Protection(
+        "links-on-pages",
+        f"{SERVER}.pages.templating:https_only",
+        lambda _: lambda url: url or "",
+        INJECTION + "pages_of_readers_are_inert",
+    ),
+    Protection(
+        "steering-on-pages",
+        "exceptiondrive_schemas.printable:printable",
+        _plain_text,
+        INJECTION + "pages_of_readers_are_inert",
+    ),
+    Protection(
+        "formulas",
+        "exceptiondrive_schemas.printable:spreadsheet_text",
+        _plain_text,
+        INJECTION + "files_of_a_board_run_nothing",
+    ),
+    Protection(
+        "latex",
+        f"{SERVER}.pages.exports:_TEX",
+        lambda _: {},
+        INJECTION + "files_of_a_board_run_nothing",
+    ),
+    Protection(
+        "mail-headers",
+        "exceptiondrive_schemas.printable:one_line",
+        _plain_text,
+        INJECTION + "an_email_gets_no_header_and_no_line_from_a_name",
+    ),
+    Protection(
+        "terminal",
+        "exceptiondrive_schemas.printable:printable",
+        _plain_text,
+        "tests/client/test_terminal_safety.py",
+        is_short=True,
+    ),
+)

@@ -1,0 +1,39 @@
+"""The short form: without a few protections their tests fail; `make protections` tries all."""
+
+from pathlib import Path
+
+import pytest
+from tests.protections.run import outcome_without
+from tests.protections.table import PROTECTIONS, Protection
+
+ROOT = Path(__file__).parents[2]
+SHORT = [each for each in PROTECTIONS if each.is_short]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("protection", SHORT, ids=[each.name for each in SHORT])
+def test_without_it_a_test_fails(protection: Protection) -> None:
+    is_noticed, line = outcome_without(protection)
+    assert is_noticed, line
+
+
+def test_a_test_that_does_not_notice_is_told() -> None:
+    """The runner is able to say no: this test has nothing to do with the canary."""
+    canary = next(each for each in PROTECTIONS if each.name == "canary")
+    elsewhere = "tests/schemas/test_check_rules.py"
+    other = Protection(canary.name, canary.target, canary.instead, elsewhere)
+    is_noticed, line = outcome_without(other)
+    assert not is_noticed, line
+
+
+def test_every_protection_names_a_test_that_is_there() -> None:
+    assert len({each.name for each in PROTECTIONS}) == len(PROTECTIONS)
+    for each in PROTECTIONS:
+        path, _, name = each.test.partition("::")
+        text = (ROOT / path).read_text(encoding="utf-8")
+        assert f"def {name}(" in text if name else text, each.name
+
+
+def test_the_documentation_names_every_protection() -> None:
+    text = (ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
+    assert [each.name for each in PROTECTIONS if f"`{each.name}`" not in text] == []
