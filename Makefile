@@ -38,7 +38,7 @@ $(VENV)/.browser: $(STAMP)
 	@touch $@
 
 test: $(STAMP) $(VENV)/.browser  ## all tests; T=path picks some
-	$(BIN)/python -m pytest -n 2 --dist loadgroup $(T)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(T)
 
 bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
 	$(BIN)/python -m benchmarks

@@ -8,7 +8,7 @@ from tests.chaos.suite import FAULTS, Fault, On, run_fault, running
 
 from exceptiondrive_server.launcher.broker import NoBrokerError, find_broker_binary
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("end_to_end")]
+pytestmark = [pytest.mark.slow]
 SHORT = [fault for fault in FAULTS if fault.is_short]
 
 

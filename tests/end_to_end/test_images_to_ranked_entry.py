@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("end_to_end")]
+pytestmark = [pytest.mark.slow]
 BIN = Path(sys.executable).parent
 ROOT = Path(__file__).parents[2]
 PHASE = "sample-strategy"

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.slow,
-    pytest.mark.xdist_group("end_to_end"),
 ]
 CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome")

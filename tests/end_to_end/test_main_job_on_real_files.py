@@ -15,7 +15,7 @@ from exceptiondrive_worker.private_store import PrivateStore, Shelf
 if TYPE_CHECKING:
     from tests.end_to_end.conftest import System
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("end_to_end")]
+pytestmark = [pytest.mark.slow]
 SHARED = Path(__file__).parents[3] / "shared"
 REALDATA = SHARED / "realdata"
 PLANNERS = {

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.xdist_group("launcher")]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 SERVER = Path(sys.executable).parent / "exceptiondrive-server"
 ROOT = Path(__file__).parents[2]

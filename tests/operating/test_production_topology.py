@@ -14,7 +14,7 @@ from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.roles import Role
 from exceptiondrive_schemas.board import Board
 
-pytestmark = [pytest.mark.slow, pytest.mark.postgres, pytest.mark.xdist_group("end_to_end")]
+pytestmark = [pytest.mark.slow, pytest.mark.postgres]
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from exceptiondrive import Client
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("end_to_end")]
+pytestmark = [pytest.mark.slow]
 AT_ONCE = 2
 
 
