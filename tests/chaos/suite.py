@@ -49,7 +49,7 @@ FAULTS = (
     ),
     Fault("F02", "SIGKILL worker parent", worker.kill_parent),
     Fault("F02b", "SIGKILL the worker's whole group", worker.kill_group),
-    Fault("F02c", "SIGKILL everything but the database", worker.kill_everything, is_short=True),
+    Fault("F02c", "SIGKILL everything but the database", worker.kill_everything),
     Fault("F03", "SIGTERM worker with a running job", worker.terminate),
     Fault("F04", "SIGQUIT worker", worker.quit_at_once),
     Fault("F05", "SIGSTOP worker past its lease, SIGCONT", worker.freeze_past_the_lease),

@@ -260,7 +260,7 @@ def test_every_interleaving_ends_every_submission_once_on_sqlite(
         return world_on(f"sqlite:///{path}")
 
     lifecycle.new_world = staticmethod(new_world)
-    run(lifecycle, 25)
+    run(lifecycle, 12)
 
 
 @pytest.mark.postgres
@@ -275,7 +275,7 @@ def test_every_interleaving_ends_every_submission_once_on_postgres(
 
     lifecycle.new_world = staticmethod(new_world)
     try:
-        run(lifecycle, 6)
+        run(lifecycle, 4)
     finally:
         for name in names:
             postgres.drop(name)

@@ -107,7 +107,7 @@ def wrong_bodies_are_refused(ctx: CheckContext, response: Any, case: "Case[Any]"
     return negative_data_rejection(ctx, response, case)
 
 
-EXAMPLES_PER_OPERATION = 15
+EXAMPLES_PER_OPERATION = 10
 MODES = (GenerationMode.POSITIVE, GenerationMode.NEGATIVE)
 CHECKS = [
     not_a_server_error,
