@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from tests.canary.values import CANARY_M
 from tests.conftest import as_role
+from tests.worker.real_broker import QUICK
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
@@ -334,3 +335,9 @@ def wait_until() -> Callable[..., None]:
             time.sleep(0.005)
 
     return wait
+
+
+@pytest.fixture
+def embedded(make_world: Callable[..., World], sqlite_url: str, broker_url: str) -> World:
+    """SQLite and a private broker, as `make run` has them."""
+    return make_world(sqlite_url, broker_url=broker_url, **QUICK)

@@ -8,87 +8,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
-from sqlalchemy import func, select
+from sqlalchemy import select
+from tests.worker.real_broker import (
+    QUICK,
+    assert_all_scored_once,
+    count_scored,
+    live_slots,
+)
 
 from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.heartbeats import live_workers
 from exceptiondrive_records.ringing import ring_job
-from exceptiondrive_records.tables import AuditLine, Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_records.tables import Job
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 World = Any
-QUICK = {
-    "soft_time_limit_s": 4.0,
-    "time_limit_s": 4.5,
-    "lease_s": 5.0,
-    "board_lease_s": 3.0,
-    "reconcile_every_s": 0.2,
-    "ring_again_after_s": 1.0,
-    "retry_backoff_s": 0.2,
-    "heartbeat_every_s": 1.0,
-    "max_attempts": 6,
-}
-
-
-@pytest.fixture(scope="session")
-def large(make_split: Callable[..., Split]) -> Split:
-    """A split that takes a worker long enough to be killed while it scores."""
-    samples = {
-        f"s{number:05}": {"scene_id": f"scene-{number % 50}", "task": ("SE1", "LB1")[number % 2]}
-        for number in range(5000)
-    }
-    return make_split(samples, name="large")
-
-
-@pytest.fixture
-def embedded(make_world: Callable[..., World], sqlite_url: str, broker_url: str) -> World:
-    """SQLite and a private broker, as `make run` has them."""
-    return make_world(sqlite_url, broker_url=broker_url, **QUICK)
-
-
-def count_scored(world: World) -> int:
-    with world.database.read() as session:
-        query = select(func.count()).where(Submission.status == SubmissionStatus.SCORED)
-        return int(session.scalar(query) or 0)
-
-
-def count_leased(world: World) -> int:
-    with world.database.read() as session:
-        return int(session.scalar(select(func.count()).where(Job.state == JobState.LEASED)) or 0)
-
-
-def live_slots(world: World) -> int:
-    with world.database.read() as session:
-        return live_workers(session, Lane.LIVE).slots
-
-
-def scored_lines(world: World) -> list[str]:
-    with world.database.read() as session:
-        query = select(AuditLine.subject).where(AuditLine.action == "submission scored")
-        return list(session.scalars(query))
-
-
-def assert_all_scored_once(world: World, submission_ids: list[str]) -> None:
-    with world.database.read() as session:
-        statuses = {row.id: row.status for row in session.scalars(select(Submission))}
-        sheets = list(session.scalars(select(ScoreSheetRow.submission_id)))
-    assert statuses == dict.fromkeys(submission_ids, SubmissionStatus.SCORED)
-    assert sorted(sheets) == sorted(submission_ids)
-    assert sorted(scored_lines(world)) == sorted(submission_ids), "one audit line for each"
-
-
-def submit_many(
-    world: World, split: Split, planning_file: Callable[..., bytes], n: int
-) -> list[str]:
-    return [
-        world.submit(planning_file(split, edited_mps=1 + i / 10), method=f"m{i}")[0]
-        for i in range(n)
-    ]
 
 
 def test_an_upload_becomes_an_entry_of_a_board(
@@ -148,111 +84,6 @@ def test_a_job_delivered_five_times_is_scored_once(
     doorbell.close()
     assert_all_scored_once(embedded, [submission_id])
     assert embedded.job(job_id).attempts == 1
-
-
-@pytest.mark.slow
-def test_killed_processes_lose_and_double_nothing(
-    embedded: World,
-    large: Split,
-    planning_file: Callable[..., bytes],
-    run_worker: Callable[..., Any],
-    run_reconciler: Callable[[World], None],
-    wait_until: Callable[..., None],
-) -> None:
-    embedded.add_phase(large)
-    submission_ids = submit_many(embedded, large, planning_file, 5)
-    worker = run_worker(embedded)
-    run_reconciler(embedded)
-    wait_until(lambda: count_leased(embedded) > 0, "a scoring run to begin")
-    assert worker.kill_children() > 0
-    wait_until(lambda: count_scored(embedded) == len(submission_ids), "all to be scored")
-    assert_all_scored_once(embedded, submission_ids)
-    with embedded.database.read() as session:
-        attempts = list(session.scalars(select(Job.attempts)))
-    assert max(attempts) > 1, "the kill came too late to prove anything"
-
-
-@pytest.mark.slow
-def test_a_killed_worker_loses_and_doubles_nothing(
-    embedded: World,
-    large: Split,
-    planning_file: Callable[..., bytes],
-    run_worker: Callable[..., Any],
-    run_reconciler: Callable[[World], None],
-    wait_until: Callable[..., None],
-) -> None:
-    embedded.add_phase(large)
-    submission_ids = submit_many(embedded, large, planning_file, 5)
-    worker = run_worker(embedded)
-    run_reconciler(embedded)
-    wait_until(lambda: count_leased(embedded) > 0, "a scoring run to begin")
-    worker.kill_all()
-    assert count_scored(embedded) < len(submission_ids)
-    run_worker(embedded)
-    wait_until(lambda: count_scored(embedded) == len(submission_ids), "all to be scored")
-    assert_all_scored_once(embedded, submission_ids)
-
-
-def test_a_flushed_broker_loses_nothing(
-    embedded: World,
-    tiny: Split,
-    planning_file: Callable[..., bytes],
-    run_worker: Callable[..., Any],
-    run_reconciler: Callable[[World], None],
-    wait_until: Callable[..., None],
-    broker: Any,
-) -> None:
-    embedded.add_phase(tiny)
-    submission_ids, rung = [], []
-    doorbell = Doorbell(embedded.settings.broker_url)
-    for i in range(10):
-        submission_id, job_id = embedded.submit(
-            planning_file(tiny, edited_mps=i / 10), method=f"m{i}"
-        )
-        submission_ids.append(submission_id)
-        rung.append(ring_job(embedded.database, doorbell, job_id, embedded.settings))
-    assert sum(rung) == 4, "a small window"
-    doorbell.close()
-    with broker.client() as client:
-        assert client.dbsize() > 0
-        client.flushall()
-    run_worker(embedded)
-    run_reconciler(embedded)
-    wait_until(lambda: count_scored(embedded) == len(submission_ids), "all to be scored")
-    assert_all_scored_once(embedded, submission_ids)
-
-
-def test_a_broker_that_dies_and_comes_back_empty_loses_nothing(
-    embedded: World,
-    tiny: Split,
-    planning_file: Callable[..., bytes],
-    run_worker: Callable[..., Any],
-    run_reconciler: Callable[[World], None],
-    wait_until: Callable[..., None],
-    broker: Any,
-) -> None:
-    embedded.add_phase(tiny)
-    worker = run_worker(embedded)
-    run_reconciler(embedded)
-    first = submit_many(embedded, tiny, planning_file, 3)
-    wait_until(lambda: count_scored(embedded) == 3, "the first three to be scored")
-    broker.kill()
-    second = [
-        embedded.submit(planning_file(tiny, edited_mps=3 + i / 10), method=f"later{i}")[0]
-        for i in range(3)
-    ]
-    broker.start()
-    if worker.process.poll() is not None:  # Celery 5.7 sometimes exits; a supervisor restarts it
-        run_worker(embedded)
-
-    def all_scored() -> bool:
-        if worker.process.poll() is not None and not restarted:
-            restarted.append(run_worker(embedded))
-        return count_scored(embedded) == 6
-
-    restarted: list[Any] = []
-    wait_until(all_scored, "all six to be scored")
-    assert_all_scored_once(embedded, [*first, *second])
 
 
 def test_live_jobs_overtake_rescoring(

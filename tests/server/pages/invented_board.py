@@ -1,0 +1,235 @@
+"""A lively board for tests and screenshots: six invented entries, references, the paper's rows.
+
+The invented entries exist here alone; nothing of them ships.
+"""
+
+from datetime import UTC, datetime, timedelta
+
+from exceptiondrive_schemas.board import (
+    Board,
+    BoardEntry,
+    FamilyCell,
+    FamilyHead,
+    Links,
+    PairedDifference,
+    ReminderEffect,
+)
+from exceptiondrive_schemas.protocol import (
+    packaged_protocol,
+)
+from exceptiondrive_schemas.score_sheet import (
+    Flag,
+    ProtocolRef,
+)
+from exceptiondrive_schemas.split import Manifest, SplitRef
+
+PROTOCOL = packaged_protocol("1.0")
+COUNTS = dict(zip([f.id for f in PROTOCOL.families], (62, 47, 59, 14, 22, 36), strict=True))
+N = sum(COUNTS.values())
+KEYS = ("hcc", "ur", "hpr", "cts", "cts_x", "cts_y")
+MANIFEST = Manifest(
+    schema_="exceptiondrive.manifest/1",
+    name="sample",
+    title="Sample",
+    revision="sha256:" + "3f9a" * 16,
+    waypoints=6,
+    time_step_s=0.5,
+    sample_ids=tuple(f"s{index:04d}" for index in range(N)),
+)
+LONG_AGO = datetime(2020, 5, 4, 9, 30, tzinfo=UTC)
+"""Before any board of a test, whatever the clock of the machine says."""
+PAPER = {
+    "ST-P3": (21.03, 78.11, 18.59, 1.57, 1.55, 0.24),
+    "Impromptu VLA": (19.64, 78.92, 18.87, 2.20, 1.86, 0.70),
+    "LightEMMA": (18.66, 79.51, 18.04, 1.68, 1.61, 0.23),
+    "VAD": (13.89, 80.26, 13.47, 1.68, 1.47, 0.51),
+    "AutoVLA": (10.37, 81.93, 11.26, 1.97, 1.67, 0.64),
+    "OmniDrive": (9.52, 83.36, 9.84, 1.40, 1.34, 0.22),
+    "DrivoR": (4.86, 92.13, 5.42, 1.25, 1.19, 0.22),
+}
+PAPER_FAMILIES = {
+    "AutoVLA": (9.90, 12.86, 10.22, 9.78, 9.92, 9.56),
+    "Impromptu VLA": (19.63, 20.28, 19.98, 20.14, 17.86, 19.95),
+    "DrivoR": (4.31, 4.59, 2.61, 5.49, 3.94, 8.27),
+    "ST-P3": (20.02, 19.86, 17.48, 22.92, 24.75, 21.17),
+}
+INVENTED = (
+    ("Kestrel-2", "Halden Autonomy Lab", 61.40, 31.10, 52.71, 2.81, 2.44, 0.92, (1, 2), 3),
+    ("LaneKeeper XL (bypass head, 3 s)", "Team Aurora", 58.92, 33.75, 49.02, 2.35, 1.71, 1.28,
+     (1, 3), 1),
+    ("brake-late", "Osprey", 57.31, 36.42, 47.90, 1.97, 1.95, 0.11, (2, 4), None),
+    ("Møller–Ruiz world model", "U. Nørrebro", 49.05, 43.18, 41.33, 2.02, 1.66, 0.71, (3, 5), 4),
+    ("VLA-7B zero-shot", "quiet.systems", 44.70, 47.96, 39.15, 1.12, 1.02, 0.30, (4, 6), 5),
+    ("nerve", "Halden Autonomy Lab", 22.18, 74.90, 20.06, 0.04, 0.03, 0.02, (6, 6), 6),
+)  # fmt: skip
+SPREAD = (1.06, 0.91, 1.12, 0.74, 1.02, 1.15)
+BLIND = Flag(
+    code="blind_to_the_edit",
+    label="Blind to the edit",
+    detail="97% of the pairs differ by less than 0.05 m.",
+)
+STILL = Flag(
+    code="stands_still",
+    label="Stands still",
+    detail="100% of the edited trajectories end within 0.5 m of the start.",
+)
+
+EFFECT = ReminderEffect(
+    without="a0000001kq",
+    without_method="Careful agent, no reminder",
+    differences={
+        "accuracy": PairedDifference(
+            difference=0.1625, interval=(0.1, 0.23), discordant=0.4, verdict="with is better"
+        ),
+        "under_warning": PairedDifference(
+            difference=-0.1525, interval=(-0.22, -0.09), discordant=0.4, verdict="with is better"
+        ),
+    },
+)
+
+
+def values(row: tuple[float, ...]) -> dict[str, float | None]:
+    scale = (100, 100, 100, 1, 1, 1)
+    return {key: round(v / s, 6) for key, v, s in zip(KEYS, row, scale, strict=True)}
+
+
+def _interval(value: float, half: float) -> tuple[float, float]:
+    return (round(max(0.0, value - half), 4), round(min(1.0, value + half), 4))
+
+
+def _families(hcc: float, ur: float) -> dict[str, FamilyCell]:
+    cells = {}
+    for (family, n), spread in zip(COUNTS.items(), SPREAD, strict=True):
+        value = round(min(hcc * spread, 1.0), 4)
+        cells[family] = FamilyCell.model_validate(
+            {
+                "n": n,
+                "hcc": value,
+                "ur": round(min(ur, 1 - value), 4),
+                "hpr": round(value * 0.9, 4),
+                "intervals": {"hcc": _interval(value, 0.3 / n**0.5)},
+            }
+        )
+    return cells
+
+
+def scored(index: int, started: datetime) -> BoardEntry:
+    method, team, hcc, ur, hpr, cts, cts_x, cts_y, interval, previous = INVENTED[index]
+    metrics = values((hcc, ur, hpr, cts, cts_x, cts_y))
+    return BoardEntry(
+        source="scored",
+        rank=index + 1,
+        rank_interval=interval,
+        previous_rank=previous,
+        submission_id=f"s{index:07d}kq",
+        method=method,
+        team=team,
+        description="Invented for tests.",
+        links=Links(paper="https://example.org/p", code="https://example.org/c" if index else None),
+        submitted_at=started - timedelta(days=9 - index, hours=index),
+        metrics=metrics,
+        macro_family=metrics,
+        micro=values((hcc - 0.7, ur + 0.4, hpr - 0.5, cts, cts_x, cts_y)),
+        intervals={
+            "hcc": _interval(hcc / 100, 0.041 - 0.002 * index),
+            "ur": _interval(ur / 100, 0.038),
+            "hpr": _interval(hpr / 100, 0.03),
+            "cts": (cts - 0.1, cts + 0.1),
+        },
+        families=_families(hcc / 100, ur / 100),
+        coverage={"edited": 1.0, "source": 1.0},
+        flags=(BLIND,) if method == "nerve" else (),
+    )
+
+
+def reference(method: str, row: tuple[float, ...], flags: tuple[Flag, ...] = ()) -> BoardEntry:
+    metrics = values(row)
+    return BoardEntry(
+        source="reference",
+        rank=None,
+        rank_interval=None,
+        submission_id=f"ref-{method.lower().replace(' ', '-')}",
+        method=method,
+        team="ExceptionDrive",
+        submitted_at=datetime(2026, 11, 1, tzinfo=UTC),
+        metrics=metrics,
+        macro_family=metrics,
+        micro=metrics,
+        intervals={"hcc": _interval(metrics["hcc"] or 0, 0.03), "ur": None},
+        families=_families(metrics["hcc"] or 0, metrics["ur"] or 0),
+        flags=flags,
+    )
+
+
+def reported(method: str) -> BoardEntry:
+    row = values(PAPER[method])
+    families = {
+        family: FamilyCell.model_validate({"n": None, "hcc": value / 100})
+        for family, value in zip(COUNTS, PAPER_FAMILIES.get(method, ()), strict=False)
+    }
+    return BoardEntry(
+        source="reported",
+        rank=None,
+        rank_interval=None,
+        unranked_because="reported in the paper, not scored here",
+        submission_id=None,
+        method=method,
+        team="",
+        submitted_at=None,
+        metrics=row,
+        macro_family=row,
+        micro={key: None for key in KEYS},
+        intervals={},
+        families=families,
+        cite="exceptiondrive2026",
+    )
+
+
+def unscored(started: datetime) -> BoardEntry:
+    nothing: dict[str, float | None] = {key: None for key in KEYS}
+    return scored(5, started).model_copy(
+        update={
+            "rank": None,
+            "rank_interval": None,
+            "submission_id": "s0000009kq",
+            "method": "half-a-file",
+            "team": "Team Aurora",
+            "unranked_because": "coverage 0.62 is below 0.99",
+            "metrics": nothing,
+            "macro_family": nothing,
+            "micro": nothing,
+            "intervals": {},
+            "families": {},
+            "flags": (),
+        }
+    )
+
+
+def board_of(entries: tuple[BoardEntry, ...], number: int = 7) -> Board:
+    return Board(
+        challenge="planning",
+        phase="sample",
+        split=SplitRef(name="sample", revision="sha256:" + "3f9a" * 16),
+        protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
+        headline="macro_family",
+        board=number,
+        published_at=datetime(2026, 11, 21, 2, 5, tzinfo=UTC),
+        n_samples=N,
+        confidence=0.95,
+        families=tuple(
+            FamilyHead(id=family.id, title=family.title, n=COUNTS[family.id])
+            for family in PROTOCOL.families
+        ),
+        entries=entries,
+    )
+
+
+def lively_entries() -> tuple[BoardEntry, ...]:
+    started = datetime(2026, 11, 20, 14, 0, tzinfo=UTC)
+    return (
+        *(scored(index, started) for index in range(len(INVENTED))),
+        unscored(started),
+        reference("FREEZE", (97.20, 0.0, 12.44, 3.61, 3.60, 0.02), (STILL,)),
+        reference("CONSTANT VELOCITY", (8.13, 90.02, 7.90, 0.0, 0.0, 0.0), (BLIND,)),
+        *(reported(method) for method in PAPER),
+    )

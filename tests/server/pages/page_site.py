@@ -1,0 +1,252 @@
+"""The pages over real records, for tests: a site to publish boards, submissions and drawings on."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+from fastapi import FastAPI
+from tests.server.pages.invented_board import (
+    COUNTS,
+    LONG_AGO,
+    MANIFEST,
+    PROTOCOL,
+    N,
+)
+
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.boards import claim_board, publish_board
+from exceptiondrive_records.database import Database
+from exceptiondrive_records.drawings import find_public_split, keep_entry_drawings
+from exceptiondrive_records.migrations import migrate
+from exceptiondrive_records.phases import create_phase
+from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.splits import publish_split, register_split
+from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
+from exceptiondrive_schemas.board import (
+    Board,
+    BoardEntry,
+)
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.protocol import (
+    packaged_protocol_toml,
+    parse_protocol,
+)
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Coverage,
+    Plausibility,
+    ProtocolRef,
+    ScoreSheet,
+)
+from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.split_arrays import split_arrays
+from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_worker.sample.planners import PLANNERS, predictions
+from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
+
+
+class Services:
+    """What pages need of the server: the records, and the settings."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self.settings = ServerSettings()
+        self.provider = None
+
+
+class Site:
+    """The pages over real records, on an application of their own."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self.app = FastAPI()
+        self.app.state.services = Services(database)
+        self.app.include_router(pages.router)
+        self.app.include_router(team_pages.router)
+        team_pages.lead_to_sign_in(self.app)
+        pages.mount_static(self.app)
+
+    async def get(self, path: str, **headers: str) -> httpx.Response:
+        return await self._send("GET", path, headers)
+
+    async def post(self, path: str, data: dict[str, str]) -> httpx.Response:
+        return await self._send("POST", path, {}, data)
+
+    async def _send(
+        self, method: str, path: str, headers: dict[str, str], data: dict[str, str] | None = None
+    ) -> httpx.Response:
+        transport = httpx.ASGITransport(app=self.app)
+        named = {key.replace("_", "-"): value for key, value in headers.items()}
+        async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
+            return await client.request(method, path, headers=named, data=data)
+
+    def publish(self, board: Board) -> None:
+        """Publish a board of a phase that exists."""
+        with self.database.write() as session:
+            want_board(session, board.phase, board.protocol.digest)
+        with self.database.write() as session:
+            claim = claim_board(session, board.phase, board.protocol.digest, 30)
+            assert claim is not None
+            assert publish_board(session, claim, board) is not None
+
+    def create_phase(self, phase_id: str, challenge: str = "planning", **more: Any) -> None:
+        """Create a phase over the small split, registering protocol and split."""
+        with self.database.write() as session:
+            add_protocol(session, packaged_protocol_toml(), "test")
+            register_split(session, MANIFEST, COUNTS, "test")
+            create_phase(
+                session,
+                phase_id,
+                challenge=challenge,
+                title=phase_id.replace("-", " ").title(),
+                split_name="sample",
+                protocol="1.0",
+                actor="test",
+                **more,
+            )
+
+    def publish_split(self) -> None:
+        """Make the small split a development split."""
+        with self.database.write() as session:
+            publish_split(session, "sample", MANIFEST.revision, "sha256:" + "5" * 64, "test")
+
+    def keep_drawings(self, submission_id: str, planner: int = 4) -> None:
+        """Keep real drawings of a recorded submission, on the small split, which is public."""
+        with self.database.write() as session:
+            split = find_public_split(session, MANIFEST.ref)
+            assert split is not None
+            drawings = real_drawings(planner)
+            keep_entry_drawings(session, submission_id, PROTOCOL.digest, split, drawings)
+
+    def draft(self, board: Board, version: str = "1.1") -> Board:
+        """Build a board under a later protocol, which the phase does not show."""
+        toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
+        protocol = parse_protocol(toml)
+        with self.database.write() as session:
+            add_protocol(session, toml, "test")
+        ref = ProtocolRef(version=version, digest=protocol.digest)
+        drafted = board.model_copy(update={"protocol": ref})
+        self.publish(drafted)
+        return drafted
+
+    def change_protocol(self, board: Board, version: str = "1.1") -> None:
+        """Show the phase of a board under a later protocol."""
+        drafted = self.draft(board, version)
+        with self.database.write() as session:
+            session.get_one(Phase, board.phase).protocol_digest = drafted.protocol.digest
+        self.publish(drafted)
+
+    def keep_submission(self, entry: BoardEntry) -> None:
+        """Record the submission and the score sheet behind a scored entry."""
+        assert entry.submission_id is not None
+        assert entry.submitted_at is not None
+        with self.database.write() as session:
+            slug = f"team-{entry.submission_id}"
+            team = Team(slug=slug, name=slug, is_reference=False, created_at=entry.submitted_at)
+            session.add(team)
+            session.flush()
+            session.add(_submission(entry, team.id))
+            session.flush()
+            session.add(
+                ScoreSheetRow(
+                    submission_id=entry.submission_id,
+                    protocol_digest=PROTOCOL.digest,
+                    split_revision=MANIFEST.revision,
+                    sheet=sheet_of(entry),
+                    exact_digest="sha256:" + "e" * 64,
+                    measurement_key="m" * 64,
+                    scorer_version="1.0.0",
+                    created_at=entry.submitted_at,
+                )
+            )
+
+
+def _submission(entry: BoardEntry, team_id: int) -> Submission:
+    return Submission(
+        id=entry.submission_id,
+        phase_id="sample",
+        team_id=team_id,
+        method=entry.method,
+        description=entry.description,
+        paper_url=entry.links.paper,
+        code_url=entry.links.code,
+        file_digest="sha256:" + "ab12" * 16,
+        size_bytes=41_233,
+        status=SubmissionStatus.SCORED,
+        report=None,
+        failure_code=None,
+        failure_message=None,
+        received_at=LONG_AGO,
+        status_at=entry.submitted_at,
+        withdrawn_at=None,
+    )
+
+
+def sheet_of(entry: BoardEntry) -> ScoreSheet:
+    """A score sheet that fits an entry, with a row for every task."""
+    tasks = {}
+    for index, task in enumerate(PROTOCOL.tasks):
+        hcc = min(1.0, (entry.families[task.family].metrics["hcc"] or 0) * (0.8 + index % 5 / 10))
+        row = {"hcc": round(hcc, 4), "ur": round(0.86 * (1 - hcc), 4), "hpr": 0.4, "cts": 1.1}
+        tasks[task.id] = BreakdownRow.of(7 + 5 * (index % 4), {**row, "cts_x": 1.0, "cts_y": 0.3})
+    shares: dict[str, float | None] = {
+        "edited_stationary": 0.214,
+        "source_stationary": 0.02,
+        "blind": 0.973 if entry.flags else 0.08,
+        "impossible": None,
+    }
+    return ScoreSheet(
+        challenge="planning",
+        protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
+        split=MANIFEST.ref,
+        scorer_version="1.0.0",
+        n=N,
+        coverage=Coverage(edited=1.0, source=1.0),
+        micro=entry.micro,
+        macro_family=entry.macro_family,
+        families={
+            key: BreakdownRow.of(cell.n, cell.metrics) for key, cell in entry.families.items()
+        },
+        tasks=tasks,
+        plausibility=Plausibility(shares=shares, flags=entry.flags),
+    )
+
+
+@cache
+def real_drawings(planner: int = 4) -> EntryDrawings:
+    """What the worker draws of a synthetic planner on the synthetic split."""
+    scenes = sample_scenes()
+    answers = {one.sample_id: one for one in predictions(PLANNERS[planner], scenes, SEED)}
+    ids = sorted(answers)
+    nothing = ((float("nan"),) * 2,) * 6
+    columns = {
+        side: np.array([getattr(answers[key], side) or nothing for key in ids])
+        for side in ("source", "edited")
+    }
+    split = split_arrays(sample_split().samples, PROTOCOL.taxonomy)
+    scoring = SCORING[ChallengeId.PLANNING]
+    measured = scoring.measure(columns, split, PROTOCOL.geometry)
+    drawings = scoring.drawings(columns, measured, ids, split, PROTOCOL)
+    assert drawings is not None
+    return drawings
+
+
+def open_site(folder: Path) -> Site:
+    """Pages over an empty system of record in a folder."""
+    url = f"sqlite:///{folder}/records.sqlite3"
+    migrate(url)
+    return Site(Database(url))
+
+
+def fill(site: Site, board: Board) -> None:
+    """Publish a board with the submissions behind its scored entries."""
+    site.create_phase("sample", shows_reported=True)
+    site.publish(board)
+    for entry in board.entries:
+        if entry.source == "scored" and entry.rank is not None:
+            site.keep_submission(entry)
