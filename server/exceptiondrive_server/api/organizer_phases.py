@@ -34,39 +34,37 @@ router = APIRouter()
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 
 
-class NewPhase(Form):
+class PhaseSettings(Form):
+    """What organizers settle of a phase, now or later."""
+
+    description: Annotated[str, Field(max_length=8000)] = ""
+    opens_at: Time | None = None
+    closes_at: Time | None = None
+    quota_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 3
+    quota_total: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
+    quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
+    rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
+    shows_reported: StrictBool = False
+    life: PhaseLife = PhaseLife()
+
+
+class NewPhase(PhaseSettings):
     """A phase to be made."""
 
     id: Annotated[str, Field(max_length=64)]
     challenge: ChallengeId
     title: Annotated[str, Field(max_length=400)]
-    description: Annotated[str, Field(max_length=8000)] = ""
     split: Annotated[str, Field(max_length=64)]
     protocol: Annotated[str, Field(max_length=100)]
-    opens_at: Time | None = None
-    closes_at: Time | None = None
-    quota_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 3
-    quota_total: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
-    quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
-    rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
-    shows_reported: StrictBool = False
-    life: PhaseLife = PhaseLife()
 
 
-class PhaseChange(Form):
-    """Settings to be changed: what is left out stays, null takes a limit or date away."""
+class PhaseChange(PhaseSettings):
+    """Settings to be changed: what is left out stays, null takes a limit or date away.
+
+    Of the fields of `life`, too, only those that are sent are changed.
+    """
 
     title: Annotated[str, Field(max_length=400)] = ""
-    description: Annotated[str, Field(max_length=8000)] = ""
-    opens_at: Time | None = None
-    closes_at: Time | None = None
-    quota_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 3
-    quota_total: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
-    quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
-    rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
-    shows_reported: StrictBool = False
-    life: PhaseLife = PhaseLife()
-    """Of these fields, too, only those that are sent are changed."""
 
 
 class PhaseStep(Form):

@@ -110,11 +110,7 @@ def withdraw_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
     """Take a submission off the board; withdrawing twice is one."""
-    with services.database.write() as session:
-        find_submission(session, submission_id, team_id=own_team(principal))
-        withdraw(session, submission_id, actor=principal.actor)
-    with services.database.read() as session:
-        return view(session, find_submission(session, submission_id))
+    return _decide(services, principal, submission_id, withdraw)
 
 
 @router.post(
@@ -126,7 +122,7 @@ def choose_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
     """Let a submission stand for its team, in a phase that shows one of each; the last counts."""
-    return _say(services, principal, submission_id, choose)
+    return _decide(services, principal, submission_id, choose)
 
 
 @router.post(
@@ -138,7 +134,7 @@ def publish_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
     """Put an entry on the board, in a phase that keeps entries private until then."""
-    return _say(services, principal, submission_id, publish)
+    return _decide(services, principal, submission_id, publish)
 
 
 @router.post(
@@ -150,10 +146,10 @@ def unpublish_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
     """Take an entry off the board again; earlier boards keep what they showed."""
-    return _say(services, principal, submission_id, unpublish)
+    return _decide(services, principal, submission_id, unpublish)
 
 
-def _say(
+def _decide(
     services: Services,
     principal: Principal,
     submission_id: str,

@@ -37,7 +37,11 @@ from exceptiondrive_server.organizer_pages.phase_fields import (
     texts_of_life,
     texts_of_phase,
 )
-from exceptiondrive_server.organizer_pages.phase_steps import PHASE_STEPS, page_of_phase_step
+from exceptiondrive_server.organizer_pages.phase_steps import (
+    PHASE_STEPS,
+    PhaseStep,
+    page_of_phase_step,
+)
 from exceptiondrive_server.organizer_pages.steps import step_page
 from exceptiondrive_server.services import Services
 
@@ -135,11 +139,8 @@ def show_step(
     step: StepKey,
 ) -> Response:
     """Ask for an action on a phase."""
-    with services.database.read() as session:
-        title = find_phase(session, phase_id).title
-    if step not in PHASE_STEPS:
-        raise NotFound("action on a phase", step)
-    return step_page(request, browser, page_of_phase_step(PHASE_STEPS[step], phase_id, title))
+    known, title = _step(services, phase_id, step)
+    return step_page(request, browser, page_of_phase_step(known, phase_id, title))
 
 
 @router.post("/{phase_id}/{step}")
@@ -152,11 +153,7 @@ def post_step(
     step: StepKey,
 ) -> Response:
     """Take an action on a phase."""
-    with services.database.read() as session:
-        title = find_phase(session, phase_id).title
-    if step not in PHASE_STEPS:
-        raise NotFound("action on a phase", step)
-    known = PHASE_STEPS[step]
+    known, title = _step(services, phase_id, step)
     try:
         reason = read((REASON,), form)["reason"]
         with services.database.write() as session:
@@ -233,3 +230,12 @@ def _page(
         refusal=None if refusal is None else str(refusal),
         **values,
     )
+
+
+def _step(services: Services, phase_id: str, step: str) -> tuple[PhaseStep, str]:
+    """Return an action on a phase, and the phase's title."""
+    with services.database.read() as session:
+        title = find_phase(session, phase_id).title
+    if step not in PHASE_STEPS:
+        raise NotFound("action on a phase", step)
+    return PHASE_STEPS[step], title
