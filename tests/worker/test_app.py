@@ -1,5 +1,6 @@
 """Every setting of the block that lost and doubled nothing (research/reliability.md A5)."""
 
+import pytest
 from celery import Celery
 
 from exceptiondrive_schemas.jobs import JobName, Lane
@@ -71,6 +72,16 @@ def test_the_transport_has_every_option_of_the_block() -> None:
 def test_there_are_two_lanes_and_live_sorts_first() -> None:
     assert [queue.name for queue in app().conf.task_queues] == ["live", "rescore"]
     assert min(Lane) is Lane.LIVE
+
+
+@pytest.mark.parametrize("url", ["redis://h/0", "rediss://h/0", "redis+socket:///run/broker.sock"])
+def test_junk_is_kept_from_celery_whatever_way_leads_to_the_broker(url: str) -> None:
+    with create_app(WorkerSettings(broker_url=url)).connection_for_read() as connection:
+        assert connection.get_transport_cls().__name__ == "_RingTransport"
+
+
+def test_nobody_commands_workers_through_the_broker() -> None:
+    assert app().conf.worker_enable_remote_control is False
 
 
 def test_the_app_has_all_jobs_by_name_and_no_result_backend() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import select
+from tests.chaos.junk import JUNK, MARK
 from tests.worker.real_broker import (
     QUICK,
     assert_all_scored_once,
@@ -23,6 +24,7 @@ from exceptiondrive_records.tables import Job
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.rings import why_no_ring
 
 World = Any
 
@@ -158,9 +160,41 @@ def test_nothing_but_ids_goes_through_the_broker(
     doorbell.close()
     with broker.client() as client:
         (message,) = client.lrange("ed:live", 0, -1)
+    assert why_no_ring(message) is None
     body = json.loads(message)["headers"]
     assert body["argsrepr"] == f"('{job_id}',)"
     assert body["kwargsrepr"] == "{}"
+
+
+def test_junk_in_a_queue_ends_no_worker(
+    embedded: World,
+    tiny: Split,
+    planning_file: Callable[..., bytes],
+    run_worker: Callable[..., Any],
+    wait_until: Callable[..., None],
+    broker: Any,
+    tmp_path: Path,
+) -> None:
+    embedded.add_phase(tiny)
+    _, job_id = embedded.submit(planning_file(tiny))
+    worker = run_worker(embedded)
+    wait_until(lambda: live_slots(embedded) > 0, "the worker to begin")
+    with broker.client() as client:
+        for junk in JUNK.values():
+            client.lpush("ed:live", junk)
+        for command in ({}, {"method": "shutdown", "arguments": {}}):
+            assert client.publish("ed:/0.celery.pidbox", json.dumps(command)) == 0, "nobody hears"
+    doorbell = Doorbell(embedded.settings.broker_url)
+    assert doorbell.ring_score(job_id)
+    doorbell.close()
+    wait_until(lambda: count_scored(embedded) == 1, "the submission behind the junk to be scored")
+    assert worker.process.poll() is None, "junk ended the worker"
+    assert worker.stop() == 0
+    log = (tmp_path / "worker.log").read_text()
+    events = [json.loads(line)["event"] for line in parsed(log.splitlines())]
+    assert events.count("junk dropped from a queue") == len(JUNK)
+    assert events.count("worker starts") == 1
+    assert MARK not in log
 
 
 def parsed(lines: list[str]) -> list[str]:

@@ -4,6 +4,7 @@ from celery import Celery
 
 from exceptiondrive_records.broker_options import lane_queues, transport_options
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_worker.ring_transport import RingAmqp
 from exceptiondrive_worker.settings import WorkerSettings
 
 
@@ -11,9 +12,10 @@ def create_app(settings: WorkerSettings) -> Celery:
     """Return the app with the settings that lost and doubled nothing in any trial.
 
     Jobs are acknowledged before they run: the lease in the records brings them back. There is no
-    result backend; a job takes ids and returns nothing.
+    result backend; a job takes ids and returns nothing. Junk in a queue is dropped (`rings`), and
+    nobody who can write to the broker can stop workers by its remote control.
     """
-    app = Celery("exceptiondrive", broker=settings.broker_url, set_as_current=False)
+    app = Celery("exceptiondrive", broker=settings.broker_url, amqp=RingAmqp, set_as_current=False)
     app.conf.update(
         task_acks_late=False,
         task_reject_on_worker_lost=False,
@@ -23,6 +25,7 @@ def create_app(settings: WorkerSettings) -> Celery:
         task_serializer="json",
         accept_content=["json"],
         worker_send_task_events=False,
+        worker_enable_remote_control=False,
         task_send_sent_event=False,
         worker_prefetch_multiplier=1,
         worker_disable_prefetch=True,

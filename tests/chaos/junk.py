@@ -1,0 +1,87 @@
+"""What may lie in a queue and is no ring: from another program's data to a ring with one wrong field."""
+
+import base64
+import json
+from typing import Any
+
+from exceptiondrive_schemas.jobs import JobName
+
+MARK = "do-not-log-me"
+"""In every kind that has room for it: no log line may quote junk."""
+_NO_MORE: dict[str, Any] = {"callbacks": None, "errbacks": None, "chain": None, "chord": None}
+_SOUND: tuple[list[str], dict[str, Any], dict[str, Any]] = (["a-job"], {}, _NO_MORE)
+_SOUND_BODY = base64.b64encode(json.dumps(_SOUND).encode())
+
+
+def ring(
+    body: object = _SOUND,
+    headers: dict[str, Any] | None = None,
+    properties: dict[str, Any] | None = None,
+    **envelope: object,
+) -> bytes:
+    """Return a message as the doorbell sends it, but for the fields that are given."""
+    usual: dict[str, Any] = {
+        "body": base64.b64encode(json.dumps(body).encode()).decode(),
+        "content-encoding": "utf-8",
+        "content-type": "application/json",
+        "headers": {
+            "lang": "py",
+            "task": JobName.SCORE.value,
+            "id": MARK,
+            "shadow": None,
+            "eta": None,
+            "expires": None,
+            "retries": 0,
+            "timelimit": [None, None],
+            "origin": MARK,
+            **(headers or {}),
+        },
+        "properties": {
+            "correlation_id": MARK,
+            "reply_to": "",
+            "delivery_mode": 2,
+            "delivery_info": {"exchange": "", "routing_key": "live"},
+            "priority": 0,
+            "body_encoding": "base64",
+            "delivery_tag": MARK,
+            **(properties or {}),
+        },
+    }
+    return json.dumps({**usual, **envelope}).encode()
+
+
+JUNK: dict[str, bytes] = {
+    "no JSON": f"junk {MARK}".encode(),
+    "nothing": b"",
+    "no UTF-8": b"\xff\xfe\x00 " + MARK.encode(),
+    "half a ring": ring()[:200],
+    "a list": json.dumps([MARK]).encode(),
+    "a number": b"7",
+    "a number of 5,000 digits": b"9" * 5000,
+    "nested 5,000 deep": b"[" * 5000,
+    "no value": b"null",
+    "no envelope": json.dumps({"body": MARK}).encode(),
+    "a type that nobody knows": json.dumps({"__type__": MARK, "__value__": 1}).encode(),
+    "a date that is none": json.dumps({"__type__": "datetime", "__value__": 1}).encode(),
+    "a megabyte": ring(padding="x" * 2**20),
+    "another program's job": ring(headers={"task": MARK}),
+    "no job": ring(headers={"task": None}),
+    "no id": ring(headers={"id": None}),
+    "no headers": ring().replace(b'"headers":', b'"was":'),
+    "a job for later": ring(headers={"eta": "2099-01-01T00:00:00"}),
+    "a time that is none": ring(headers={"expires": MARK}),
+    "limits of its own": ring(headers={"timelimit": [90000, 90000]}),
+    "compressed": ring(headers={"compression": "application/x-gzip"}),
+    "a pickle": ring().replace(b"application/json", b"application/x-python-serialize"),
+    "another alphabet": ring().replace(b'"utf-8"', b'"utf-16"'),
+    "no tag": ring(properties={"delivery_tag": None}),
+    "from nowhere": ring(properties={"delivery_info": {}}),
+    "no properties": ring(properties={"body_encoding": None}),
+    "a body that is no base64": ring().replace(_SOUND_BODY, b"%" + MARK.encode()),
+    "a body that is no JSON": ring().replace(_SOUND_BODY, base64.b64encode(b"junk")),
+    "a body without ids": ring(body=([], {}, _NO_MORE)),
+    "numbers for ids": ring(body=([1], {}, _NO_MORE)),
+    "named arguments": ring(body=(["a-job"], {"x": MARK}, _NO_MORE)),
+    "a job that is to follow": ring(body=(["a-job"], {}, {**_NO_MORE, "chain": [MARK]})),
+}
+"""Name to message; each ended or disturbed a worker of plain Celery, or would have misled one."""
