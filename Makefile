@@ -57,6 +57,9 @@ protections: $(STAMP)  ## take each protection of docs/trust.md away and see its
 load: $(STAMP)  ## a deadline rush: hundreds of uploads within minutes, while the board is read
 	$(BIN)/python -m benchmarks.load
 
+pictures: $(STAMP) $(VENV)/.browser  ## take the pictures of the README anew, of the sample board, in light and dark
+	$(BIN)/python docs/pictures/take.py
+
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -74,4 +77,4 @@ lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra worker -c requirements/dev.txt -o requirements/worker.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
-.PHONY: help setup run test chaos fuzz protections load bench lint format lock
+.PHONY: help setup run test chaos fuzz protections load bench pictures lint format lock

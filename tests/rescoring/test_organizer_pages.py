@@ -201,7 +201,7 @@ def test_sheets_are_verified_from_a_page(stage: Stage, visit: Callable[[str], Vi
     address = answer.headers["location"]
     assert "Recomputing" in organizer.get(address).text
     stage.verify_all()
-    assert "Every bit came again" in organizer.get(address).text
+    assert "Every sheet came out the same" in organizer.get(address).text
     wrong = organizer.post("/organize/verifications/new", {**form, "sample": "-1"})
     assert (wrong.status_code, "before the deadline" in wrong.text) == (400, True)
 

@@ -74,3 +74,16 @@ def test_the_list_shows_place_and_quota_and_follows_to_the_end(
     api.score(second)
     expect(rows.nth(0).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
     assert page.evaluate("window.isStillTheSamePage"), "it was followed without a reload"
+
+
+def test_a_new_token_is_copied_by_a_button_that_can_be_seen(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=address)
+    page.goto(f"{address}/my/tokens")
+    page.fill("input[name=name]", "cluster")
+    page.click("button:text-is('Issue the token')")
+    page.click(".issued button:text-is('Copy')")
+    expect(page.locator(".issued button")).to_have_text("Copied")
+    assert page.evaluate("navigator.clipboard.readText()") == page.inner_text(".issued pre")

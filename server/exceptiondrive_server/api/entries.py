@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.boards import current_board, late_board
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.tables import BoardRow, Submission
@@ -38,23 +38,23 @@ def get_entry(
     services: ServicesOf,
     submission_id: Annotated[str, Path(max_length=64, description="id of a submission")],
 ) -> EntryView:
-    """Show an entry of a current board; what is on no board is not found."""
-    unknown = NotFound("entry", submission_id)  # the same whether or not it was submitted
+    """Show an entry of a current board or late view; what is on neither is not found."""
     with services.database.read() as session:
-        row, sheet = _published(session, submission_id)
-    if row is None or sheet is None:
-        raise unknown
-    board = Board.model_validate_json(row.body)
-    for entry in board.entries:
-        if entry.submission_id == submission_id:
-            return EntryView(phase=board.phase, board=board.board, entry=entry, sheet=sheet)
-    raise unknown
+        rows, sheet = _published(session, submission_id)
+    for row in rows:
+        board = Board.model_validate_json(row.body)
+        for entry in board.entries:
+            if entry.submission_id == submission_id and sheet is not None:
+                return EntryView(phase=board.phase, board=board.board, entry=entry, sheet=sheet)
+    raise NotFound("entry", submission_id)  # the same whether or not it was submitted
 
 
-def _published(session: Session, submission_id: str) -> tuple[BoardRow | None, ScoreSheet | None]:
-    """Return the current board of its phase, and its sheet under the protocol of that board."""
+def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], ScoreSheet | None]:
+    """Return what shows it now, the board first, and its sheet under the protocol of that board."""
     submission = session.get(Submission, submission_id)
     if submission is None:
-        return None, None
+        return [], None
     phase = find_phase(session, submission.phase_id)
-    return current_board(session, phase.id), published_sheet(session, submission, phase)
+    boards = (current_board(session, phase.id), late_board(session, phase.id))
+    rows = [row for row in boards if row is not None and submission_id in row.body]
+    return rows, published_sheet(session, submission, phase)

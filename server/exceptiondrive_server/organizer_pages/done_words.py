@@ -5,11 +5,11 @@ from types import MappingProxyType
 
 DONE: Mapping[str, str] = MappingProxyType(
     {
-        "team_created": "The team is made. Issue its first token, and hand it over.",
+        "team_created": "The team is created. Issue its first token below, and hand it over.",
         "team_approved": "The team is approved: it may submit.",
         "team_refused": "The registration is refused. The team and its tokens are gone.",
-        "token_revoked": "The token is revoked. It opens nothing any more.",
-        "phase_created": "The phase is made.",
+        "token_revoked": "The token is revoked. It no longer works.",
+        "phase_created": "The phase is created.",
         "phase_changed": "The phase is changed; the audit log says from what to what.",
         "submission_retried": "The submission is queued again, with all its attempts.",
         "protocol_added": "The protocol is added. No score changes until you rescore with it.",

@@ -85,7 +85,7 @@ def _tasks(found: Attention, runs: Sequence[RunView]) -> list[Task]:
     tasks = []
     if not any(worker.is_alive for worker in found.workers):
         words = "No worker is alive: nothing is scored. Start one; nothing is lost meanwhile."
-        tasks.append(Task(words, "#workers", "Workers", "bad"))
+        tasks.append(Task(words, "#workers", "See the workers", "bad"))
     if found.n_failed:
         words = f"{counted(found.n_failed, 'submission')} failed by our own fault."
         tasks.append(Task(words, "/organize/submissions?status=failed", "Look and retry", "bad"))
@@ -96,11 +96,13 @@ def _tasks(found: Attention, runs: Sequence[RunView]) -> list[Task]:
     for queue in found.queue:
         if queue.lane is Lane.LIVE and (queue.oldest_s or 0) > _SLOW_S:
             words = f"A fresh submission has waited for {duration_words(queue.oldest_s or 0)}."
-            tasks.append(Task(words, "#queue", "The queue", "warn"))
+            tasks.append(Task(words, "#queue", "See the queue", "warn"))
     for run in runs:
         line = run_line(run)
         link = f"/organize/rescoring/{run.id}"
-        tasks.append(Task(f"Rescoring of {run.phase}: {line.next_words}", link, "The run", "warn"))
+        tasks.append(
+            Task(f"Rescoring of {run.phase}: {line.next_words}", link, "See the run", "warn")
+        )
     return tasks
 
 

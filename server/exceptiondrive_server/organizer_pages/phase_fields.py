@@ -20,7 +20,7 @@ from exceptiondrive_server.organizer_pages.forms import Field, Kind, text_of
 PLAIN_FIELDS = (
     Field("title", "Title", hint="shown to readers", is_required=True, max_length=120),
     Field("description", "Description", "lines", "shown to readers", max_length=4000),
-    Field("opens_at", "Opens at", "moment", "empty: open since ever"),
+    Field("opens_at", "Opens at", "moment", "empty: open from the start"),
     Field("closes_at", "Closes at", "moment", "the deadline; empty: open for ever"),
     Field("quota_per_day", "Submissions a day", "whole", "of a team, per UTC day",
           is_required=True, highest=10_000),

@@ -139,7 +139,7 @@ def _revocation(session: Session, token: Token) -> Step:
     return Step(
         section="teams",
         title=f"Revoke {token.name}",
-        meaning="It opens nothing any more, for good; browsers that signed in with it are out.",
+        meaning="It stops working for good; browsers that signed in with it are signed out.",
         button="Revoke",
         back="/organize/teams" if team is None else f"/organize/teams/{team.slug}",
         back_words="Teams" if team is None else "The team",

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_server.pages.entry_facts import challenge_of
 from exceptiondrive_server.pages.entry_page import EntryReading
 from exceptiondrive_server.pages.numbers import Digits
@@ -24,14 +25,19 @@ class Badge:
     words: str
 
 
+def _place(entry: BoardEntry) -> str:
+    if entry.is_late:
+        return "late"
+    return f"rank {entry.rank}" if entry.rank else entry.source
+
+
 def badge_of(reading: EntryReading) -> Badge:
     """Say rank and the first metric, or that the entry is reported or not ranked."""
     metric = challenge_of(reading.board).metrics[0]
     digits = Digits.of(reading.protocol.publication)
     text = digits.text(metric, reading.entry.metrics.get(metric.key))
     score = f"{metric.label} {text} %" if text else "no score"
-    rank = f"rank {reading.entry.rank}" if reading.entry.rank else reading.entry.source
-    words = f"{rank}, {score}"
+    words = f"{_place(reading.entry)}, {score}"
     name_width = len(NAME) * CHARACTER_WIDTH + PADDING
     words_width = len(words) * CHARACTER_WIDTH + PADDING
     return Badge(

@@ -1,6 +1,7 @@
 """The board page as one value: what was read from the records, set for one visitor."""
 
 from dataclasses import dataclass, field
+from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
@@ -10,7 +11,7 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_changes import BoardBefore, ChangeLine, change_line
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
 from exceptiondrive_server.pages.board_view import BoardView, board_view
-from exceptiondrive_server.pages.entry_facts import entry_key
+from exceptiondrive_server.pages.entry_facts import board_fields, entry_key
 from exceptiondrive_server.pages.headline import Headline, headline
 from exceptiondrive_server.pages.numbers import Digits, minute
 from exceptiondrive_server.pages.own_entries import OwnEntries, own_entries
@@ -83,6 +84,8 @@ class BoardPage:
     submit_url: str
     challenge: Challenge
     scene_caption: str
+    compared_fields: tuple[tuple[str, str], ...]
+    """What names the board when two of its entries are compared."""
 
     @property
     def submit_command_wrapped(self) -> tuple[str, str]:
@@ -128,6 +131,7 @@ def board_page(
         standing=standing_notices(reading),
         own=own_entries(board, own_ids, query) if board and own_ids else None,
         change=change_line(board, reading.before) if board and board.view == "main" else None,
+        compared_fields=board_fields(board, reading.is_current) if board else (),
         submit_url=f"/submit?phase={phase.id}" if phase else "/submit",
         submit_command=submit_command(challenge, phase.id if phase else "sample"),
     )
@@ -203,9 +207,8 @@ def _exports(board: Board) -> tuple[tuple[str, str], ...]:
 
 
 def _address(board: Board) -> str:
-    """The query that names this board; a late view is the present one and has no number of its own."""
-    number = "view=late" if board.view == "late" else f"board={board.board}"
-    return f"phase={board.phase}&{number}"
+    """The query that names this very board."""
+    return urlencode(board_fields(board))
 
 
 def _picture(reading: BoardReading) -> str:

@@ -4,6 +4,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards import late_board
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions import ids_of_team
@@ -55,6 +56,7 @@ def show_history(request: Request) -> Response:
         with request.app.state.services.database.read() as session:
             phases, phase = read_phases(session, query.phase)
             lines = board_history(session, phase.id) if phase else []
+            has_late_view = phase is not None and late_board(session, phase.id) is not None
     except RecordsError as error:
         return refused(request, error)
     if phase is None:
@@ -67,6 +69,7 @@ def show_history(request: Request) -> Response:
         phases=phases,
         lines=history_lines(phase.id, lines[:MAX_HISTORY]),
         n_more=max(0, len(lines) - MAX_HISTORY),
+        has_late_view=has_late_view,
     )
 
 

@@ -13,7 +13,12 @@ from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.compare_many import MAX_COMPARED, ManyTable, many_table
 from exceptiondrive_server.pages.comparison import Comparison, compare_entries, default_pair
 from exceptiondrive_server.pages.difference_table import DifferenceTable, difference_table
-from exceptiondrive_server.pages.entry_facts import challenge_of, entry_key, find_entry
+from exceptiondrive_server.pages.entry_facts import (
+    board_fields,
+    challenge_of,
+    entry_key,
+    find_entry,
+)
 from exceptiondrive_server.pages.numbers import Digits
 from exceptiondrive_server.pages.page_parts import PhaseLink
 from exceptiondrive_server.pages.paired_table import find_pair
@@ -36,6 +41,18 @@ class ComparePage:
     """The whole comparison on this very board, to be shared."""
     swap_url: str = "/compare"
     is_current: bool = True
+
+    @property
+    def kept_fields(self) -> tuple[tuple[str, str], ...]:
+        """What the form carries on unseen: which board is compared."""
+        return board_fields(self.board, self.is_current) if self.board else ()
+
+    @property
+    def picture_url(self) -> str:
+        """Address of the picture that other sites show."""
+        board = self.board
+        fields = board_fields(board) if board and board.view == "main" else ()
+        return "/pictures/board.png" + (f"?{urlencode(fields)}" if fields else "")
 
     @property
     def more_keys(self) -> tuple[str, ...]:
@@ -105,8 +122,8 @@ def compare_page(
         ),
         many=many_table(board, entries, digits, reading.is_current) if len(entries) > 2 else None,
         keys=keys,
-        address=_address(board, keys, number=board.board),
-        swap_url=_address(board, (keys[1], keys[0], *keys[2:])),
+        address=_address(board_fields(board), keys),
+        swap_url=_address(board_fields(board, reading.is_current), (keys[1], keys[0], *keys[2:])),
         is_current=reading.is_current,
     )
 
@@ -126,9 +143,8 @@ def _choices(board: Board, entries: Sequence[BoardEntry]) -> tuple[tuple[str, st
     return (*offered, *((entry_key(entry), entry.method) for entry in missing))
 
 
-def _address(board: Board, keys: Sequence[str], number: int | None = None) -> str:
-    given = [("phase", board.phase)] + ([("board", str(number))] if number else [])
-    given += [("a", keys[0]), ("b", keys[1]), *(("more", key) for key in keys[2:])]
+def _address(fields: Sequence[tuple[str, str]], keys: Sequence[str]) -> str:
+    given = (*fields, ("a", keys[0]), ("b", keys[1]), *(("more", key) for key in keys[2:]))
     return f"/compare?{urlencode(given)}"
 
 

@@ -51,12 +51,23 @@ def entry_key(entry: BoardEntry) -> str:
 
 def entry_url(entry: BoardEntry, board: Board, is_current: bool = True) -> str:
     """Return the address of an entry's page; from an old board, as it stood there."""
-    if entry.is_late:  # it has no page of its own: it stands on no board
-        return f"/?phase={board.phase}&view=late#e-{entry_key(entry)}"
     given = {} if entry.submission_id and is_current else {"phase": board.phase}
     if not is_current:
         given["board"] = str(board.board)
     return f"/entries/{entry_key(entry)}" + (f"?{urlencode(given)}" if given else "")
+
+
+def board_fields(board: Board, is_current: bool = False) -> tuple[tuple[str, str], ...]:
+    """Return what names a board in an address; the late view, always the present one, has no number."""
+    if board.view == "late":
+        return ("phase", board.phase), ("view", "late")
+    number = () if is_current else (("board", str(board.board)),)
+    return ("phase", board.phase), *number
+
+
+def board_name(board: Board) -> str:
+    """Return what a board is called: `Board 7`, or `Late view`, which has no number of its own."""
+    return "Late view" if board.view == "late" else f"Board {board.board}"
 
 
 def find_entry(board: Board, key: str) -> BoardEntry | None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from datetime import datetime
+from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
@@ -13,11 +14,13 @@ from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.breakdown import BreakdownLine, breakdown_lines
 from exceptiondrive_server.pages.effect_table import effect_tables
 from exceptiondrive_server.pages.entry_facts import (
+    board_fields,
     challenge_of,
     entry_key,
     interval_of,
 )
 from exceptiondrive_server.pages.entry_history import History, PastStanding, history
+from exceptiondrive_server.pages.entry_standing import Standing, standing_of
 from exceptiondrive_server.pages.extra_tables import ExtraTable, extra_tables
 from exceptiondrive_server.pages.numbers import Digits, fixed, unit_of
 from exceptiondrive_server.pages.plausibility_words import PlausibilityLine, plausibility_lines
@@ -76,6 +79,10 @@ class EntryPage:
     reading: EntryReading
     challenge: Challenge
     row: Row
+    standing: Standing
+    board_url: str
+    """The board that shows it, current, late or old."""
+    picture_url: str
     axis: tuple[str, str]
     strip: tuple[StripMark, ...]
     headline_title: str
@@ -99,12 +106,15 @@ def entry_page(reading: EntryReading) -> EntryPage:
     first = challenge.metrics[0]
     low, high = setter.axes[first.key].domain
     other = "micro" if board.headline == "macro_family" else "macro_family"
-    sheet = reading.sheet
+    sheet, row = reading.sheet, setter.row(entry)
     section = reading.protocol.plausibility
     return EntryPage(
         reading=reading,
         challenge=challenge,
-        row=setter.row(entry),
+        row=row,
+        standing=standing_of(row, board),
+        board_url=f"/?{urlencode(board_fields(board, reading.is_current))}#board",
+        picture_url=f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
         axis=(fixed(low * 100, 0), fixed(high * 100, 0)),
         strip=_strip(setter, entry),
         headline_title=AVERAGE_TITLES[board.headline],
@@ -119,7 +129,7 @@ def entry_page(reading: EntryReading) -> EntryPage:
             *effect_tables(board, entry, digits),
             *(extra_tables(sheet, reading.protocol, digits) if sheet else ()),
         ),
-        neighbours=_neighbours(board, entry),
+        neighbours=_neighbours(reading),
         key=entry_key(entry),
     )
 
@@ -150,8 +160,15 @@ def _strip(setter: RowSetter, this: BoardEntry) -> tuple[StripMark, ...]:
     return tuple(sorted(marks, key=lambda mark: mark.is_this))
 
 
-def _neighbours(board: Board, entry: BoardEntry) -> tuple[tuple[str, str, str], ...]:
-    """Comparisons with the entries just above and below: words, method, address."""
+def _picture_query(board: Board) -> str:
+    """A picture of the late view follows it; one of a board never changes."""
+    given = (("phase", board.phase),) if board.view == "late" else board_fields(board)
+    return urlencode(given)
+
+
+def _neighbours(reading: EntryReading) -> tuple[tuple[str, str, str], ...]:
+    """Comparisons with the entries just above and below on this board: words, method, address."""
+    board, entry = reading.board, reading.entry
     ranked = [other for other in board.entries if other.rank is not None]
     if entry not in ranked:
         others = [("the leader", ranked[0])] if ranked else []
@@ -159,5 +176,6 @@ def _neighbours(board: Board, entry: BoardEntry) -> tuple[tuple[str, str, str], 
         place = ranked.index(entry)
         others = [("the entry above", ranked[place - 1])] if place else []
         others += [("the entry below", ranked[place + 1])] if place + 1 < len(ranked) else []
-    base = f"/compare?phase={board.phase}&a={entry_key(entry)}&b="
+    given = (*board_fields(board, reading.is_current), ("a", entry_key(entry)))
+    base = f"/compare?{urlencode(given)}&b="
     return tuple((words, other.method, base + entry_key(other)) for words, other in others)

@@ -14,8 +14,9 @@ from resvg_py import svg_to_bytes
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_rows import Row, RowSetter
-from exceptiondrive_server.pages.entry_facts import challenge_of, primary_metrics
+from exceptiondrive_server.pages.entry_facts import board_name, challenge_of, primary_metrics
 from exceptiondrive_server.pages.entry_page import EntryReading
+from exceptiondrive_server.pages.entry_standing import Standing, standing_of
 from exceptiondrive_server.pages.headline import headline
 from exceptiondrive_server.pages.numbers import Digits, counted, day
 from exceptiondrive_server.pages.picture_text import fitted, in_lines, is_latin
@@ -111,7 +112,7 @@ def entry_picture(reading: EntryReading) -> str:
             subtitle=_subtitle(reading.phase_title, reading.protocol.version),
             title=in_lines(entry.method, NAME_SIZE, TITLE_WIDTH, 2),
             by=fitted(entry.team or row.badge.word, 28, RIGHT - LEFT),
-            figures=_figures(row),
+            figures=_figures(row, standing_of(row, board)),
             marks=_marks(setter, entry),
             this=_place(setter, entry),
             metric=f"{first.label}, %",
@@ -143,7 +144,7 @@ def _foot(board: Board) -> str:
     n_ranked = sum(entry.rank is not None for entry in board.entries)
     subject = challenge_of(board).words.subject
     return (
-        f"Board {board.board} of {day(board.published_at)}   ·   "
+        f"{board_name(board)} of {day(board.published_at)}   ·   "
         f"{counted(board.n_samples, 'sample')}   ·   {counted(n_ranked, f'ranked {subject}')}"
     )
 
@@ -173,10 +174,9 @@ def _row(at: int, row: Row) -> PictureRow:
     )
 
 
-def _figures(row: Row) -> tuple[Figure, ...]:
+def _figures(row: Row, standing: Standing) -> tuple[Figure, ...]:
     primary = [cell for cell in row.cells if cell.role == "primary"]
-    ranks = row.rank_interval and f"{row.rank_interval} possible"
-    figures = [("Rank", row.rank or "–", ranks or ("" if row.rank else "not ranked"))]
+    figures = [("Rank", standing.rank, standing.note or ("not ranked" if standing.why else ""))]
     for cell in primary:
         words = cell.whisker.words if cell.whisker else ""
         value = f"{cell.text}\u202f%" if cell.text else "none"

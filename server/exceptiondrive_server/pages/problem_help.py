@@ -151,3 +151,40 @@ PROBLEM_HELP: Mapping[ProblemCode, Help] = MappingProxyType(
         ),
     }
 )
+_IN_BROWSER: Mapping[ProblemCode, tuple[str, ...]] = MappingProxyType(
+    {
+        ProblemCode.BAD_REQUEST: (
+            "Go back, correct what the sentence above names, send it again.",
+        ),
+        ProblemCode.NOT_SIGNED_IN: ("Sign in again: a session ends after twelve hours.",),
+        ProblemCode.NOT_ALLOWED: (
+            "If you sent a form, open its page again and send it anew.",
+            "If you followed a link, sign in as somebody who may see it.",
+        ),
+        ProblemCode.NOT_FOUND: (
+            "Check the address.",
+            "If it belongs to your team, sign in first.",
+            "Otherwise start again from the leaderboard.",
+        ),
+        ProblemCode.METHOD_NOT_ALLOWED: ("Start again from the leaderboard and follow its links.",),
+        ProblemCode.CONFLICT: ("Open the page again: it shows how things stand now.",),
+        ProblemCode.UPLOAD_EMPTY: (
+            "Check that the file was written to its end, then send it again.",
+        ),
+        ProblemCode.UNSUPPORTED_MEDIA_TYPE: ("Send the file with the form on the submit page.",),
+        ProblemCode.TOO_MANY_REQUESTS: (
+            "Wait as long as the sentence above says, then try again.",
+        ),
+        ProblemCode.STORE_UNAVAILABLE: ("Load the page again in a few seconds.",),
+        ProblemCode.INTERNAL: (
+            "Load the page again in a minute.",
+            "If it stays, tell an organizer the request id above.",
+        ),
+    }
+)
+"""What to do at a page: no client is in the reader's hands there. Other codes say the same to both."""
+
+
+def steps_in_browser(code: ProblemCode) -> tuple[str, ...]:
+    """Return what a reader of pages can do about a problem."""
+    return _IN_BROWSER.get(code, PROBLEM_HELP[code].steps)

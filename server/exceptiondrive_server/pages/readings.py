@@ -18,7 +18,7 @@ from exceptiondrive_records.boards import (
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.drawings import protocol_drawing
 from exceptiondrive_records.errors import NotFound
-from exceptiondrive_records.phase_life import phase_now
+from exceptiondrive_records.phase_life import phase_now, takes_late_entries
 from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ProtocolRow, SplitRow
@@ -80,13 +80,16 @@ def read_phases(
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    now = database_now(session)
     challenge = next(c for key, c in CHALLENGES.items() if key == phase.challenge)
     return PhaseLink(
         id=phase.id,
         title=phase.title,
         challenge=challenge,
         n_samples=split.n_samples,
-        is_open=is_open(phase, database_now(session)),
+        is_open=is_open(phase, now),
+        is_ahead=phase.opens_at is not None and now < phase.opens_at,
+        takes_late=takes_late_entries(phase, now),
         is_current=is_current,
         opens_at=phase.opens_at,
         closes_at=phase.closes_at,

@@ -8,7 +8,7 @@ from fastapi.responses import HTMLResponse, Response
 
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
+from exceptiondrive_server.pages.problem_help import PROBLEM_HELP, steps_in_browser
 from exceptiondrive_server.pages.site import site_of
 from exceptiondrive_server.pages.templating import render
 
@@ -62,6 +62,7 @@ def problem_page(request: Request, status: int, code: ProblemCode, detail: str) 
         code=code,
         detail=detail,
         help=PROBLEM_HELP[code],
+        steps=steps_in_browser(code),
     )
 
 

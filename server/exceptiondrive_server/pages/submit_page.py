@@ -33,6 +33,8 @@ class SubmitPage:
 
     phases: tuple[PhaseLink, ...]
     phase: PhaseLink | None
+    asked: PhaseLink | None
+    """The phase that the address names, where nothing can be submitted to it now."""
     challenge: Challenge
     challenges: tuple[ChallengeLink, ...]
     protocol: Protocol
@@ -46,13 +48,14 @@ class SubmitPage:
 def submit_page(
     phases: tuple[PhaseLink, ...], protocol: Protocol, server: str, wanted: str | None = None
 ) -> SubmitPage:
-    """Set the quick start for a phase: the one named, else the first that is open."""
+    """Set the quick start for a phase: the one named, if it takes files, else the first open one."""
     phase = _chosen(phases, wanted)
     challenge = phase.challenge if phase else next(iter(CHALLENGES.values()))
     words = challenge.words
     return SubmitPage(
         phases=phases,
         phase=phase,
+        asked=next((each for each in phases if each.id == wanted and each is not phase), None),
         challenge=challenge,
         challenges=_challenge_links(phases, challenge),
         protocol=protocol,
@@ -71,7 +74,8 @@ def submit_page(
 
 def _chosen(phases: tuple[PhaseLink, ...], wanted: str | None) -> PhaseLink | None:
     is_open = [phase for phase in phases if phase.is_open]
-    named = [phase for phase in is_open if phase.id == wanted]
+    takes_files = [phase for phase in phases if phase.is_open or phase.takes_late]
+    named = [phase for phase in takes_files if phase.id == wanted]
     return next(iter(named + is_open), None)
 
 

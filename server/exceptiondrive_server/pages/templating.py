@@ -9,6 +9,7 @@ from markupsafe import Markup, escape
 
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.pages import numbers
+from exceptiondrive_server.pages.entry_facts import board_name
 from exceptiondrive_server.pages.scales import px
 
 FOLDER = Path(__file__).parent
@@ -76,6 +77,7 @@ def environment() -> Environment:
         ticks=ticks,
         stars=stars,
         a=with_article,
+        board_name=board_name,
     )
     return made
 

@@ -14,7 +14,7 @@ _FIELD_WORDS = {"paper_url": "paper", "code_url": "code"}
 
 @dataclass(frozen=True)
 class PhaseOption:
-    """An open phase in the form."""
+    """A phase in the form."""
 
     id: str
     title: str
@@ -23,6 +23,8 @@ class PhaseOption:
     is_spent: bool
     is_chosen: bool
     resets_at: datetime
+    is_late: bool = False
+    """Whether it has closed, and what comes now stands on its late view alone."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,13 @@ def refusal_of(code: ProblemCode, detail: str, fields: Mapping[str, str]) -> Ref
 def upload_view(
     phases: Sequence[PhaseView], team: str, wanted: str | None, form_token: str
 ) -> UploadView:
-    """Set the form; the phase that the address names is chosen, else the first open one."""
-    views = [phase for phase in phases if phase.is_open and phase.quota is not None]
+    """Set the form; the phase that the address names is chosen, else the first open one.
+
+    Closed phases that still rank late entries come last.
+    """
+    with_quota = [phase for phase in phases if phase.quota is not None]
+    views = [phase for phase in with_quota if phase.is_open]
+    views += [phase for phase in with_quota if _takes_late(phase)]
     known = [phase.id for phase in views]
     chosen = wanted if wanted in known else (known[0] if known else None)
     return UploadView(
@@ -80,7 +87,12 @@ def quota_line(phase: PhaseView, *, is_chosen: bool = False) -> PhaseOption:
         is_spent=quota.remaining_today == 0 or quota.rejected_today >= quota.rejected_per_day,
         is_chosen=is_chosen,
         resets_at=quota.resets_at,
+        is_late=_takes_late(phase),
     )
+
+
+def _takes_late(phase: PhaseView) -> bool:
+    return phase.now is not None and phase.now.takes_late_entries
 
 
 def left_words(quota: Quota) -> str:

@@ -85,14 +85,14 @@ class Site:
         async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
             return await client.request(method, path, headers=named, data=data)
 
-    def publish(self, board: Board) -> None:
-        """Publish a board of a phase that exists."""
+    def publish(self, board: Board, late: Board | None = None) -> None:
+        """Publish a board of a phase that exists, and the board of its late view if there is one."""
         with self.database.write() as session:
             want_board(session, board.phase, board.protocol.digest)
         with self.database.write() as session:
             claim = claim_board(session, board.phase, board.protocol.digest, 30)
             assert claim is not None
-            assert publish_board(session, claim, board) is not None
+            assert publish_board(session, claim, board, late) is not None
 
     def create_phase(self, phase_id: str, challenge: str = "planning", **more: Any) -> None:
         """Create a phase over the small split, registering protocol and split."""
@@ -141,7 +141,7 @@ class Site:
             session.get_one(Phase, board.phase).protocol_digest = drafted.protocol.digest
         self.publish(drafted)
 
-    def keep_submission(self, entry: BoardEntry) -> None:
+    def keep_submission(self, entry: BoardEntry, phase_id: str = "sample") -> None:
         """Record the submission and the score sheet behind a scored entry."""
         assert entry.submission_id is not None
         assert entry.submitted_at is not None
@@ -150,7 +150,7 @@ class Site:
             team = Team(slug=slug, name=slug, is_reference=False, created_at=entry.submitted_at)
             session.add(team)
             session.flush()
-            session.add(_submission(entry, team.id))
+            session.add(_submission(entry, team.id, phase_id))
             session.flush()
             session.add(
                 ScoreSheetRow(
@@ -166,10 +166,10 @@ class Site:
             )
 
 
-def _submission(entry: BoardEntry, team_id: int) -> Submission:
+def _submission(entry: BoardEntry, team_id: int, phase_id: str) -> Submission:
     return Submission(
         id=entry.submission_id,
-        phase_id="sample",
+        phase_id=phase_id,
         team_id=team_id,
         method=entry.method,
         description=entry.description,
@@ -250,3 +250,14 @@ def fill(site: Site, board: Board) -> None:
     for entry in board.entries:
         if entry.source == "scored" and entry.rank is not None:
             site.keep_submission(entry)
+
+
+def publish_late_view(site: Site, board: Board) -> None:
+    """Make a phase `late` whose late view is led by an entry that its board does not hold."""
+    site.create_phase("late")
+    late = board.entries[0].model_copy(update={"submission_id": "l0000000kq", "is_late": True})
+    in_time = tuple(entry for entry in board.entries if entry.submission_id != "s0000000kq")
+    main = board.model_copy(update={"phase": "late", "entries": in_time})
+    both = main.model_copy(update={"view": "late", "entries": (late, *in_time)})
+    site.publish(main, both)
+    site.keep_submission(late, "late")

@@ -1,11 +1,16 @@
 """The board page over real records."""
 
 import re
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
+from tests.server.pages.invented_board import LONG_AGO
 
 from exceptiondrive_schemas.board import Board
+
+AGO, AGO_TOO = LONG_AGO, LONG_AGO + timedelta(hours=1)
+AHEAD = datetime(2090, 5, 5, 9, 30, tzinfo=UTC)
 
 
 async def test_the_board_page_shows_the_ranked_entries(lively_site: Any) -> None:
@@ -147,3 +152,34 @@ async def test_the_strategy_challenge_has_a_board_of_its_own_metrics(
     assert "Even the most careful agent warns too little 2 times in 7." in text
     assert (await site.get("/compare?phase=strategy")).status_code == 200
     assert (await site.get("/entries/a0000000kq?phase=strategy")).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("dates", "words"),
+    [
+        ({}, "Open for submissions"),
+        ({"closes_at": AHEAD}, "Open until 5 May 2090, 09:30 UTC"),
+        ({"opens_at": AHEAD}, "Opens 5 May 2090, 09:30 UTC"),
+        ({"opens_at": AGO, "closes_at": AGO_TOO}, "Closed since 4 May 2020, 10:30 UTC"),
+    ],
+)
+async def test_a_phase_says_whether_it_takes_submissions(
+    site: Any, dates: dict[str, datetime], words: str
+) -> None:
+    site.create_phase("sample", **dates)
+    assert words in (await site.get("/?phase=sample")).text
+    start = (await site.get("/submit?phase=sample")).text
+    is_open = words.startswith("Open ")
+    assert ("takes no submissions now" in start) == (not is_open)
+
+
+async def test_a_phase_without_a_board_leaves_the_others_in_reach(lively_site: Any) -> None:
+    lively_site.create_phase("unpublished")
+    assert 'href="/?phase=sample#board"' in (await lively_site.get("/?phase=unpublished")).text
+
+
+async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: Any) -> None:
+    lively_site.create_phase("past", opens_at=AGO, closes_at=AGO_TOO)
+    text = (await lively_site.get("/submit?phase=past")).text
+    assert "Past takes no submissions now: closed since 4 May 2020, 10:30 UTC." in text
+    assert "What follows is for Sample." in text

@@ -1,7 +1,11 @@
 """The page of an entry."""
 
+import html
+import re
 from typing import Any
 from xml.etree import ElementTree as Xml
+
+from tests.server.pages.page_site import publish_late_view
 
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_schemas.board import Board
@@ -79,3 +83,50 @@ async def test_the_badge_says_rank_and_score_and_follows_the_board(lively_site: 
     printed = await lively_site.get("/badges/reported-st-p3.svg?phase=sample")
     assert "reported, HCC 21.03 %" in printed.text
     assert (await lively_site.get("/badges/unknown.svg")).status_code == 404
+
+
+async def test_a_late_entry_has_the_same_page_and_claims_no_rank(
+    site: Any, lively_board: Board
+) -> None:
+    publish_late_view(site, lively_board)
+    answer = await site.get("/entries/l0000000kq")
+    assert answer.status_code == 200
+    assert '<span class="badge late">Late</span>' in answer.text
+    assert "<dt>Rank</dt><dd>–<small>would be 1</small>" in answer.text
+    assert "It came after the deadline, so it holds no rank and moves none." in answer.text
+    assert 'href="/?phase=late&amp;view=late#board">Late, late view</a>' in answer.text
+    assert "late, HCC 61.40 %" in (await site.get("/badges/l0000000kq.svg")).text
+    assert 'href="/entries/l0000000kq"' in (await site.get("/?phase=late&view=late")).text
+
+
+async def test_from_a_late_entry_every_address_leads_somewhere(
+    site: Any, lively_board: Board
+) -> None:
+    publish_late_view(site, lively_board)
+    text = (await site.get("/entries/l0000000kq")).text
+    addresses = {html.unescape(it) for it in re.findall(r'"(?:http://site.test)?(/[^"]*)"', text)}
+    assert any(it.startswith("/compare?phase=late&view=late&a=l0000000kq") for it in addresses)
+    for address in sorted(it for it in addresses if "late" in it or "l0000000kq" in it):
+        if not address.startswith("/api/"):  # read in tests/phases
+            assert (await site.get(address)).status_code == 200, address
+
+
+async def test_a_comparison_on_the_late_view_stays_there(site: Any, lively_board: Board) -> None:
+    publish_late_view(site, lively_board)
+    text = (await site.get("/compare?phase=late&view=late&a=l0000000kq&b=s0000001kq")).text
+    assert text.count('<input type="hidden" name="view" value="late">') == 1
+    assert "/compare?phase=late&amp;view=late&amp;a=s0000001kq&amp;b=l0000000kq" in text  # swapped
+    board = (await site.get("/?phase=late&view=late")).text
+    assert board.count('<input type="hidden" name="view" value="late">') == 2
+
+
+async def test_an_entry_that_left_is_compared_on_the_board_that_shows_it(
+    lively_site: Any, empty_board: Board
+) -> None:
+    lively_site.publish(empty_board)
+    text = (await lively_site.get("/entries/s0000000kq")).text
+    found = re.findall(r'href="(/compare[^"]*)"', text)
+    assert found
+    for address in found:
+        assert (await lively_site.get(html.unescape(address))).status_code == 200
+    assert "/api/v1/entries/" not in text  # it stands on no board now: nothing is given out

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_server.pages.problem_help import PROBLEM_HELP
+from exceptiondrive_server.pages.problem_help import PROBLEM_HELP, steps_in_browser
 from exceptiondrive_server.pages.protocol_diff import protocol_changes
 
 MANIFEST_OF_TWO = Manifest(
@@ -131,3 +131,10 @@ async def test_the_index_leads_to_every_code(shown_site: Any) -> None:
 
 async def test_an_unknown_problem_is_not_found(shown_site: Any) -> None:
     assert (await shown_site.get("/problems/nonsense")).status_code == 404
+
+
+async def test_a_page_of_a_problem_tells_a_reader_what_to_do_without_a_client(site: Any) -> None:
+    assert all(steps_in_browser(code) for code in ProblemCode)
+    text = (await site.get("/?phase=unknown")).text
+    assert "Check the address." in text
+    assert "exceptiondrive " not in text

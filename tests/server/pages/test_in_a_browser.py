@@ -275,8 +275,9 @@ def test_phone_rows_are_cards_that_keep_the_roles_of_a_table(visit: Visit) -> No
 
 
 def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:
-    page = visit.open("/")
+    page = visit.open("/", color_scheme="dark")
     page.emulate_media(media="print")
+    assert page.evaluate("getComputedStyle(document.body).color") == "rgb(23, 25, 29)"
     assert page.locator("#board-rows").is_visible()
     for tool in (".top", ".bar", ".cta", ".exp"):
         assert not page.locator(tool).first.is_visible()

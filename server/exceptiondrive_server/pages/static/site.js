@@ -57,7 +57,7 @@
     for (const block of document.querySelectorAll("pre[data-copy]")) {
       const button = document.createElement("button");
       button.type = "button";
-      button.className = "copy";
+      button.className = "btn small copy";
       button.textContent = "Copy";
       button.addEventListener("click", async () => {
         await navigator.clipboard.writeText(block.dataset.copy);
@@ -87,7 +87,7 @@
     request.onload = () => {
       if (request.status < 400) { location.assign(request.responseURL); return; }
       button.disabled = false;
-      let text = "It was refused; try again.";
+      let text = "The server refused the file and gave no reason. Try again.";
       try { const { detail, fields } = JSON.parse(request.response); text = [detail, ...Object.values(fields ?? {})].join(" "); } catch { /* not a problem document */ }
       say(text, true);
     };
