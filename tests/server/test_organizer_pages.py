@@ -160,7 +160,7 @@ def test_submissions_are_narrowed_and_paged(
     page = organizer.get("/organize/submissions?" + older.replace("&amp;", "&")).text
     assert len({*first, *re.findall(r"Alpha \d", page)}) == 3
     assert "Beta 1" not in page
-    assert "No submission is so" in organizer.get("/organize/submissions?status=scored").text
+    assert "No submission matches" in organizer.get("/organize/submissions?status=scored").text
     assert organizer.get("/organize/submissions?team=nobody").status_code == 404
 
 
