@@ -29,15 +29,12 @@ setup: $(STAMP)  ## install everything into $(VENV)
 run: $(STAMP)  ## API, worker, broker and page at http://127.0.0.1:$(PORT); Ctrl-C ends all
 	@PATH="$(abspath $(BIN)):$$PATH" exec $(BIN)/exceptiondrive-server run --port $(PORT) --data $(DATA) --sample
 
-# The page is tested in a real browser where one is or can be installed; elsewhere those tests skip and say so.
-$(VENV)/.browser: $(STAMP)
-	@command -v chromium >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null \
-	  && { echo "installing Chromium for the browser tests (once)"; \
-	       { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium; } >$(VENV)/browser.log 2>&1; }; } \
-	  || echo "no Chromium: the browser tests will skip (as root: apt-get install chromium)"
+# Page and proxy are tested in a real browser and a real nginx where they are or can be installed; elsewhere those tests skip and say so.
+$(VENV)/.system: $(STAMP) tests/install-system-parts
+	@tests/install-system-parts $(VENV)/system.log
 	@touch $@
 
-test: $(STAMP) $(VENV)/.browser  ## all tests; T=path picks some
+test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(T)
 
 bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank

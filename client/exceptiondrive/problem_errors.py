@@ -86,10 +86,29 @@ def _reset(wait_s: float | None) -> datetime | None:
     return moment.replace(second=0, microsecond=0)
 
 
-def _unknown_answer(response: "httpx.Response") -> ServerError:
+def _unknown_answer(response: "httpx.Response") -> ExceptionDriveError:
+    """Return the error for an answer in another form, such as that of a proxy on the way."""
+    answered = f"{response.url.copy_with(query=None)} answered {response.status_code}"
+    match response.status_code:
+        case 413:
+            code = ProblemCode.UPLOAD_TOO_LARGE
+            return InvalidArgumentError(
+                code.value, f"{answered}: a proxy on the way takes no file so large.", _ADVICE[code]
+            )
+        case 429:
+            code = ProblemCode.TOO_MANY_REQUESTS
+            return NetworkError(
+                code.value, f"{answered}: a proxy on the way wants fewer requests.", _ADVICE[code]
+            )
+        case 502 | 503 | 504:
+            return ServerError(
+                ProblemCode.STORE_UNAVAILABLE.value,
+                f"{answered}: no server behind this address answers right now.",
+                "Wait a little and run the same command again; a file that is sent twice counts "
+                "once.",
+            )
     return ServerError(
         "unexpected_answer",
-        f"{response.url.copy_with(query=None)} answered {response.status_code}, and not in the "
-        "form of an ExceptionDrive server.",
+        f"{answered}, and not in the form of an ExceptionDrive server.",
         "Check the address of the server, and that this client is as new as the server.",
     )

@@ -4,10 +4,12 @@ Backends through obstore: a local folder, S3, or memory for tests. A file is on 
 under its name before the row that mentions it is written.
 """
 
+import contextlib
 import hashlib
 import os
 import re
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -164,6 +166,7 @@ class FileStore:
         spooled.seek(0)
         key = _key(digest)
         try:
+            self._make_subfolder(key)
             obstore.put(self._store, key, spooled.read(), mode="create")
             self._sync(key)
         except AlreadyExistsError:
@@ -184,6 +187,15 @@ class FileStore:
         spooled.seek(0)
         obstore.put(self._store, key, spooled.read(), mode="overwrite")
         self._sync(key)
+
+    def _make_subfolder(self, key: str) -> None:
+        """Make the folder of a file, open to the same users as the whole store."""
+        if self._folder is None:
+            return
+        subfolder = (self._folder / key).parent
+        with contextlib.suppress(FileExistsError, FileNotFoundError):  # obstore says what is wrong
+            subfolder.mkdir()
+            subfolder.chmod(stat.S_IMODE(self._folder.stat().st_mode))
 
     def _sync(self, key: str) -> None:
         """Make a local file survive a power cut: the file, and the folder that names it."""

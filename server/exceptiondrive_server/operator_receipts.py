@@ -1,6 +1,8 @@
-"""The operator's command about the key that signs receipts."""
+"""The operator's commands about keys: the first secrets of a server, the key that signs receipts."""
 
 import os
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -25,3 +27,18 @@ def new_receipt_key(data: DataOption = None) -> None:
     path = load_settings(ServerSettings, **given).receipt_key_file
     write_new_key(path, replace=True)
     say(f"a new key is in {path}; restart the server to use it")
+
+
+@receipts_app.command("init-secrets")
+def init_secrets(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Made where it is not there.")],
+    host: Annotated[
+        str, typer.Option("--host", help="Name of the server, for its first TLS certificate.")
+    ] = "localhost",
+) -> None:
+    """Write every secret that compose.yaml names into DIR, with passwords of its own."""
+    from exceptiondrive_server.first_secrets import write_first_secrets  # see above
+
+    written = write_first_secrets(folder, host)
+    say(f"{len(written)} files are in {folder}; keep a copy where backups are kept")
+    say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")

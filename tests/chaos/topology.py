@@ -150,6 +150,11 @@ class Topology:
         self.workers.append(worker)
         return worker
 
+    def add_server(self, host: str) -> Process:
+        """Start one server more, at the same port of another address of this machine."""
+        port = self.url.rpartition(":")[2]
+        return self._add(f"server-{host}", "server", "serve", "--host", host, "--port", port)
+
     def remove_worker(self, worker: Process) -> None:
         worker.hold_down()
         self.workers.remove(worker)
@@ -161,9 +166,10 @@ class Topology:
         path.write_text(what)
         return path
 
-    def readiness(self) -> dict[str, Any]:
+    def readiness(self, host: str = "127.0.0.1") -> dict[str, Any]:
+        url = self.url.replace("127.0.0.1", host)
         try:
-            with urllib.request.urlopen(f"{self.url}/readyz", timeout=5) as answer:
+            with urllib.request.urlopen(f"{url}/readyz", timeout=5) as answer:
                 found: dict[str, Any] = json.load(answer)
                 return found
         except (urllib.error.URLError, TimeoutError, ConnectionError):

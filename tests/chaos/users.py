@@ -13,6 +13,7 @@ class Users:
 
     server: int = 20001
     worker: int = 20002
+    proxy: int = 20003
     group: int = 20001
 
 

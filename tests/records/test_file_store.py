@@ -1,6 +1,7 @@
 """Files by content: written once, verified when read."""
 
 import hashlib
+import stat
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,15 @@ def test_a_stored_file_comes_back_under_its_digest(store: FileStore) -> None:
 def test_storing_the_same_bytes_again_changes_nothing(store: FileStore) -> None:
     first = store.put_stream(chunks(), limit_bytes=20_000)
     assert store.put_stream(chunks(size=7), limit_bytes=20_000) == first
+
+
+@pytest.mark.parametrize("mode", [0o2770, 0o750, 0o700])
+def test_a_new_subfolder_is_open_to_whom_the_store_is(tmp_path: Path, mode: int) -> None:
+    """Else a worker's user could not publish a split into a store that it may write."""
+    tmp_path.chmod(mode)
+    store, path = local(tmp_path)
+    store.put_stream(chunks(), limit_bytes=20_000)
+    assert stat.S_IMODE(path.parent.stat().st_mode) == mode
 
 
 def test_more_bytes_than_allowed_are_refused_and_not_kept(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""`init-secrets` makes what compose.yaml names, and what stands in two files agrees."""
+
+import ssl
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from sqlalchemy import URL, make_url
+from typer.testing import CliRunner, Result
+
+from exceptiondrive_records.role_grants import role_of
+from exceptiondrive_records.roles import Role
+from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.operator_cli import app
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def compose() -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load((ROOT / "compose.yaml").read_text("utf-8"))
+    return document
+
+
+def init(folder: Path, *more: str) -> Result:
+    return CliRunner().invoke(app, ["init-secrets", str(folder), *more])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "secrets"
+    done = init(made, "--host", "board.example.org")
+    assert done.exit_code == 0, done.output
+    return made
+
+
+def test_every_file_of_compose_is_there_and_nothing_else(
+    folder: Path, compose: dict[str, Any]
+) -> None:
+    named = {Path(secret["file"]).name for secret in compose["secrets"].values()}
+    assert {path.name for path in folder.iterdir()} == named
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o444}
+
+
+def address(folder: Path, name: str) -> URL:
+    return make_url((folder / name).read_text())
+
+
+def test_each_service_has_a_role_and_a_password_of_its_own(
+    folder: Path, compose: dict[str, Any]
+) -> None:
+    names = ("database_url", "worker_database_url", "reconciler_database_url")
+    found = [role_of((folder / name).read_text()) for name in names]
+    assert [role for role, _ in found] == [Role.API, Role.WORKER, Role.RECONCILER]
+    owner = address(folder, "owner_database_url")
+    passwords = {str(url.password) for _, url in found} | {str(owner.password)}
+    assert len(passwords) == 4
+    assert min(len(password) for password in passwords) >= 32
+    database = compose["services"]["database"]["environment"]
+    assert owner.username == database["POSTGRES_USER"]
+    assert {owner.database, *(url.database for _, url in found)} == {database["POSTGRES_DB"]}
+    assert (folder / "postgres_password").read_text() == owner.password
+    assert owner.host in compose["services"]
+
+
+def test_broker_and_its_clients_agree(folder: Path, compose: dict[str, Any]) -> None:
+    url = make_url((folder / "broker_url").read_text())
+    assert (folder / "broker.conf").read_text() == f"requirepass {url.password}\n"
+    assert url.host in compose["services"]
+
+
+def test_keys_are_what_their_readers_take(folder: Path) -> None:
+    key = load_pem_private_key((folder / "receipt_key.pem").read_bytes(), password=None)
+    assert isinstance(key, Ed25519PrivateKey)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(folder / "tls.crt", folder / "tls.key")
+    trust = ssl.create_default_context(cafile=str(folder / "tls.crt"))
+    (certificate,) = trust.get_ca_certs()
+    assert certificate["subjectAltName"] == (("DNS", "board.example.org"),)
+
+
+def test_two_runs_share_no_secret(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    init(other, "--host", "board.example.org")
+    same = {
+        path.name
+        for path in folder.iterdir()
+        if path.read_bytes() == (other / path.name).read_bytes()
+    }
+    assert same == {"oidc_client_secret"}, "which is empty"
+
+
+def test_nothing_that_is_there_is_touched(folder: Path) -> None:
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    (folder / "database_url").unlink()
+    done = init(folder)
+    assert isinstance(done.exception, LaunchError)
+    assert "already holds broker.conf, broker_url" in str(done.exception)
+    assert not (folder / "database_url").exists()
+    assert all(path.read_bytes() == before[path] for path in folder.iterdir())
+
+
+def test_no_secret_is_printed(tmp_path: Path) -> None:
+    done = init(tmp_path / "printed")
+    contents = [path.read_text().strip() for path in (tmp_path / "printed").iterdir()]
+    assert not [text for text in contents if text and text in done.output]
+    assert "chmod" not in done.output

@@ -1,0 +1,146 @@
+"""nginx before servers that do not answer: what it says itself. With servers: tests/operating."""
+
+import os
+import re
+import ssl
+import time
+from collections.abc import Iterator
+from http import HTTPStatus
+
+import httpx
+import pytest
+from tests.chaos.users import Users, can_change_user
+from tests.deploy.nginx import CONF, Names, Nginx, free_port, replaced
+
+from exceptiondrive import ServerError
+from exceptiondrive.transport import Transport
+from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
+from exceptiondrive_server.problem_vocabulary import TITLE_OF
+from exceptiondrive_server.problems import TOO_LARGE
+
+BROWSER = {"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"}
+PLACES = {"pid", "listen", "resolver", "set", "http2", "ssl_certificate", "ssl_certificate_key"}
+TOO_MANY_BYTES = b"0" * (18 * 1024 * 1024)
+
+
+@pytest.fixture(scope="module")
+def site() -> Iterator[Nginx]:
+    names = Names("127.0.0.1")
+    started = Nginx(names, free_port(), user=Users().proxy if can_change_user() else None)
+    yield started
+    started.close()
+    names.close()
+
+
+@pytest.fixture
+def browser(site: Nginx) -> Iterator[httpx.Client]:
+    with site.browser("127.0.0.51") as client:
+        yield client
+
+
+def problem_of(answer: httpx.Response) -> Problem:
+    assert answer.headers["content-type"] == PROBLEM_MEDIA_TYPE
+    problem = Problem.model_validate_json(answer.content)
+    assert problem.status == answer.status_code
+    assert problem.title == TITLE_OF[problem.code]
+    assert problem.type == f"/problems/{problem.code}"
+    assert answer.headers["strict-transport-security"]
+    return problem
+
+
+def test_only_places_differ_from_the_file_of_production(site: Nginx) -> None:
+    wanted = CONF.read_text("utf-8").splitlines()
+    given = (site.folder / "nginx.conf").read_text("utf-8").splitlines()
+    changed = {old.split()[0] for old, new in zip(wanted, given, strict=True) if old != new}
+    assert {name for name in changed if not name.endswith("_temp_path")} <= PLACES
+    assert len(changed) >= 8
+
+
+def test_a_line_to_replace_that_is_gone_is_noticed() -> None:
+    with pytest.raises(LookupError, match="0 times in"):
+        replaced(CONF.read_text("utf-8"), {"no such line": ""})
+
+
+def test_no_server_is_a_problem_that_asks_to_come_again(browser: httpx.Client) -> None:
+    answer = browser.get("/api/v1/me", headers=BROWSER)
+    problem = problem_of(answer)
+    assert (answer.status_code, problem.code) == (502, ProblemCode.STORE_UNAVAILABLE)
+    assert answer.headers["retry-after"] == str(problem.retry_after_s) == "5"
+    assert "sent twice counts once" in problem.detail
+
+
+def test_no_server_is_a_page_for_a_browser(browser: httpx.Client) -> None:
+    answer = browser.get("/?phase=<script>", headers=BROWSER)
+    assert (answer.status_code, answer.headers["retry-after"]) == (502, "5")
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    assert f"<h1>{TITLE_OF[ProblemCode.STORE_UNAVAILABLE]}</h1>" in answer.text
+    assert "No server answers right now." in answer.text
+    assert "script" not in answer.text
+    style = browser.get("/refusal.css")
+    assert style.headers["content-type"].startswith("text/css")
+    assert "style" not in re.sub(r'rel="stylesheet"', "", answer.text), "the policy allows no other"
+    assert "style-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_the_client_tries_again_and_then_says_what_to_do(
+    site: Nginx, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SSL_CERT_FILE", str(site.certificate))
+    monkeypatch.setattr("exceptiondrive.transport.retry_after_s", lambda response: 0.0)
+    transport = Transport(site.url, None, attempts=3)
+    with pytest.raises(ServerError, match="No server answers right now") as caught:
+        transport.get("/me")
+    transport.close()
+    assert caught.value.advice == "Wait a little and run the same command again."
+    assert site.log.count("GET /api/v1/me") >= 3
+
+
+@pytest.mark.parametrize("path", ["/api/v1/submissions", "/submit"])
+def test_a_body_beyond_the_limit_is_refused_in_words(browser: httpx.Client, path: str) -> None:
+    answer = browser.post(path, content=TOO_MANY_BYTES)
+    assert answer.status_code == HTTPStatus.REQUEST_ENTITY_TOO_LARGE
+    problem = problem_of(answer)
+    assert (problem.code, problem.detail) == (ProblemCode.UPLOAD_TOO_LARGE, TOO_LARGE)
+    assert "retry-after" not in answer.headers
+    page = browser.post(path, content=TOO_MANY_BYTES, headers=BROWSER)
+    assert ("<h1>" in page.text) is (path == "/submit")
+
+
+def test_metrics_are_not_for_the_world(browser: httpx.Client) -> None:
+    answer = browser.get("/metrics")
+    assert problem_of(answer).code is ProblemCode.NOT_FOUND
+    assert answer.status_code == 404
+
+
+def test_http_leads_to_https(site: Nginx) -> None:
+    answer = httpx.post(f"http://127.0.0.1:{site.plain_port}/sign-in?next=/a%20b")
+    assert answer.status_code == 308, "so that a POST stays one"
+    assert answer.headers["location"] == "https://127.0.0.1/sign-in?next=/a%20b"
+
+
+def test_too_many_requests_of_one_address_and_others_are_served(site: Nginx) -> None:
+    with site.browser("127.0.0.52") as flood, site.browser("127.0.0.53") as other:
+        answers = (flood.get("/api/v1/me") for _ in range(2000))
+        refused = next(answer for answer in answers if answer.status_code != 502)
+        assert other.get("/api/v1/me").status_code == 502
+    problem = problem_of(refused)
+    assert (refused.status_code, problem.code) == (429, ProblemCode.TOO_MANY_REQUESTS)
+    assert refused.headers["retry-after"] == str(problem.retry_after_s) == "5"
+    assert "Nothing was taken" in problem.detail
+
+
+def test_a_new_certificate_is_served_after_a_reload(site: Nginx) -> None:
+    address = ("127.0.0.1", site.port)
+    before = ssl.get_server_certificate(address)
+    site.renew_certificate()
+    assert ssl.get_server_certificate(address) == before
+    site.reload()
+    while ssl.get_server_certificate(address) == before:
+        time.sleep(0.05)  # pytest's own time limit ends it
+    assert ssl.get_server_certificate(address).strip() == site.certificate.read_text().strip()
+
+
+def test_it_runs_without_rights(site: Nginx) -> None:
+    assert os.getuid() != 0 or site.folder.stat().st_uid == Users().proxy
+    assert "[emerg]" not in site.log
+    assert "[alert]" not in site.log
