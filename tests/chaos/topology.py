@@ -249,6 +249,7 @@ class Topology:
     def _raise_walls(self, users: Users) -> None:
         """Give every folder to who needs it: splits and private store to the workers alone."""
         self.folder.chmod(0o755)
+        self.orders.chmod(0o777)  # whoever obeys an order uses it up
         for folder, user, mode in (
             (self.splits, users.worker, 0o700),
             (self.folder / "private", users.worker, 0o700),

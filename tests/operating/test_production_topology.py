@@ -8,7 +8,6 @@ import signal
 import socket
 import ssl
 import subprocess
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +21,8 @@ from tests.chaos.run import Run
 from tests.chaos.topology import PHASE, Topology
 from tests.chaos.users import Users, as_user, can_change_user
 from tests.deploy.nginx import Names, Nginx, find_nginx, free_port
-from tests.operating.held_upload import HeldUpload
 from tests.operating.traffic import Traffic, submit
+from tests.operating.upgrading import make_schema_newer, stop_while_uploading
 
 from exceptiondrive import Client
 from exceptiondrive_records.boards import current_board
@@ -244,7 +243,6 @@ def test_an_upload_that_meets_a_dying_server_is_taken_once(run: Run, site: Site)
     assert view["is_duplicate"]
     call = Call("alpha", digest_of(data), "dying", began_s, took_s, 200, view["id"])
     run.history.note(call)
-    topology.wait_until(lambda: _ready(topology, "127.0.0.1", "127.0.0.2"), "both servers again")
 
 
 def _register(browser: httpx.Client, name: str, **headers: str) -> httpx.Response:
@@ -262,33 +260,6 @@ def test_each_sender_is_counted_for_itself_over_both_servers(run: Run, site: Sit
     assert int(forged.headers["retry-after"]) > 5, "the server's own answer, not the proxy's"
 
 
-def _stop_while_uploading(run: Run) -> None:
-    """Stop the first server in the middle of an upload, which it still answers."""
-    topology, data = run.topology, run.clients.new_file()
-    began_s = run.history.now_s()
-    held = HeldUpload(topology, data, "held")
-    codes: list[int] = []
-    stopping = threading.Thread(target=lambda: codes.append(topology.server.stop(60)))
-    stopping.start()
-    topology.wait_until(lambda: not topology.readiness(), "the server to take nothing new")
-    status, view = held.finish()
-    stopping.join(60)
-    took_s = run.history.now_s() - began_s
-    call = Call("alpha", digest_of(data), "held", began_s, took_s, status, view["id"])
-    run.history.note(call)
-    assert (status, codes) == (202, [-signal.SIGTERM])
-
-
-def _make_schema_newer(topology: Topology) -> None:
-    """What `migrate` of a later release does: it only adds."""
-    assert topology.postgres is not None
-    with topology.postgres.connect() as connection:
-        connection.execute("ALTER TABLE submissions ADD COLUMN added_later VARCHAR")
-        connection.execute("ALTER TABLE jobs ADD COLUMN added_later VARCHAR")
-        connection.execute("CREATE TABLE made_later (id INTEGER PRIMARY KEY)")
-        connection.execute("UPDATE alembic_version SET version_num = '9999'")
-
-
 @pytest.mark.usefixtures("trusted")
 def test_servers_are_replaced_one_by_one_and_nobody_notices(
     run: Run, site: Site, tmp_path: Path
@@ -296,12 +267,13 @@ def test_servers_are_replaced_one_by_one_and_nobody_notices(
     """The first starts again where it was, the second anew at another address, as with Docker."""
     topology = run.topology
     third = topology.add_server("127.0.0.3")
+    topology.wait_until(lambda: _ready(topology, "127.0.0.1", "127.0.0.2"), "who was killed above")
     with Traffic(site.nginx, topology, run.history, tmp_path) as traffic:
         topology.wait_until(lambda: len(traffic.ids) >= 2, "traffic")
-        _stop_while_uploading(run)
+        stop_while_uploading(run)
         before = len(traffic.ids)
         topology.wait_until(lambda: len(traffic.ids) >= before + 2, "uploads to one server alone")
-        _make_schema_newer(topology)
+        make_schema_newer(topology)
         topology.server.start()
         topology.wait_until(lambda: _ready(topology, "127.0.0.1", "127.0.0.3"), "the new ones")
         site.names.addresses = ["127.0.0.1", "127.0.0.3"]
