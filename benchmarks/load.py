@@ -77,6 +77,7 @@ class Rush:
     jobs: list[ScoredJob] = field(default_factory=list)
     taken_s: float = 0.0
     drained_s: float = 0.0
+    attempts: int = 0
     boards: int = 0
     last_build_s: float | None = None
     broken: int = 0
@@ -203,6 +204,7 @@ def _read_records(topology: Topology, rush: Rush) -> None:
             for team, created_at, leased_at, finished_at in session.execute(query)
             if leased_at is not None and finished_at is not None
         ]
+        rush.attempts = session.scalar(select(func.sum(Job.attempts))) or 0
         rush.boards = session.scalar(select(func.count(BoardRow.id))) or 0
         rush.last_build_s = session.scalar(select(func.max(BoardRequest.build_s)))
         rush.broken = len(violations(session))
@@ -246,7 +248,8 @@ def _section(rush: Rush) -> str:
         + f"{seen.refusals_without_retry_after}.",
         f"- {looks} looks at page and board by {rush.reader}, {errors} failed; "
         + f"{rush.boards} boards, last build {build}.",
-        f"- Most memory, MiB: {memory}. Invariants broken: {rush.broken}.",
+        f"- {rush.attempts} attempts for {len(jobs)} scores. Invariants broken: {rush.broken}.",
+        f"- Most memory, MiB: {memory}.",
         "",
         "```text",
         *chart(queue_over_time(jobs)),

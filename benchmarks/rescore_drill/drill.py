@@ -18,8 +18,9 @@ from exceptiondrive_records.tables import Submission
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-N_FRESH = 12
-KILL_AFTER_EVERY = 4
+N_FRESH = 24
+PAUSE_S = (0.25, 0.6)
+KILL_AFTER_EVERY = 8
 SEED = 20261121
 UPDATES = {
     "d_safe": ("1.1", "d_safe_m = 2.0", "d_safe_m = 2.5"),
@@ -46,7 +47,6 @@ class Drill:
     clients: Clients
     report: Report
     n_killed: int = 0
-    chance: random.Random = field(default_factory=lambda: random.Random(SEED))
     slow: list[str] = field(default_factory=list)
     """Sentences of waits that were too long; judged at the end, so that the table is whole."""
 
@@ -157,13 +157,16 @@ class Drill:
         self.report.say(f"{name}: board before -> applied -> rolled back", three)
 
     def _fresh(self, prefix: str, *, kills: bool) -> Waits:
-        """Submit one at a time, with random kills between if wanted, and wait for all scores."""
-        ids = []
+        """Submit one at a time, with random kills between if wanted, and wait for all scores.
+
+        Pauses and kills are the same each time, so that waits differ by the run alone.
+        """
+        ids, chance = [], random.Random(SEED)
         for number in range(N_FRESH):
             ids.append(self.clients.submit(f"{prefix}-{number}"))
-            time.sleep(self.chance.uniform(0.5, 1.2))
+            time.sleep(chance.uniform(*PAUSE_S))
             if kills and number % KILL_AFTER_EVERY == KILL_AFTER_EVERY - 2:
-                self.n_killed += self.deployment.kill_a_worker(self.chance)
+                self.n_killed += self.deployment.kill_a_worker(chance)
         self.wait(lambda: self._n_scored(ids) == len(ids), f"{prefix} to be scored")
         return waits_of(self.database, ids)
 

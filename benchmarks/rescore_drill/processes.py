@@ -21,8 +21,9 @@ from exceptiondrive_server.launcher.broker import (
 )
 
 BIN = Path(sys.executable).parent
-LANES = ("live", "live,rescore")
-"""What each worker serves: as in production, one slot is never busy with a rescoring job."""
+LANES = ("live", "rescore")
+SLOTS = 2
+"""One worker for each lane, with two slots: what compose.yaml starts."""
 SHORT_LEASE = {
     "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S": "10",
     "EXCEPTIONDRIVE_TIME_LIMIT_S": "11",
@@ -101,8 +102,8 @@ class Deployment:
             )
 
     def _worker(self, number: int) -> subprocess.Popen[bytes]:
-        worker = [str(BIN / "exceptiondrive-worker"), "run", "--concurrency", "1"]
-        return self._run([*worker, "--lanes", LANES[number]], f"worker-{number}")
+        worker = [str(BIN / "exceptiondrive-worker"), "run", "--lanes", LANES[number]]
+        return self._run([*worker, "--concurrency", str(SLOTS)], f"worker-{number}")
 
     def _answers(self) -> bool:
         try:

@@ -6,7 +6,8 @@ sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity
 
 import hashlib
 import json
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -17,6 +18,13 @@ class Document(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, populate_by_name=True, ser_json_inf_nan="null"
     )
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy; what was derived from the fields once is derived anew from the copy's."""
+        copied = super().model_copy(update=update, deep=deep)
+        for name in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[name]
+        return copied
 
 
 def canonical_json(value: Any) -> bytes:
@@ -38,4 +46,9 @@ def canonical_json(value: Any) -> bytes:
 
 def content_digest(value: Any) -> str:
     """Return `sha256:` and the hex digest of the canonical JSON of `value`."""
-    return "sha256:" + hashlib.sha256(canonical_json(value)).hexdigest()
+    return bytes_digest(canonical_json(value))
+
+
+def bytes_digest(data: bytes) -> str:
+    """Return `sha256:` and the hex digest of bytes."""
+    return "sha256:" + hashlib.sha256(data).hexdigest()

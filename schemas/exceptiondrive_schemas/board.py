@@ -1,6 +1,7 @@
 """The published board: an immutable snapshot of ranked entries (DESIGN.md 3)."""
 
 from datetime import datetime
+from functools import cached_property
 from typing import Literal
 
 from pydantic import Field
@@ -129,7 +130,7 @@ class Board(Document):
     part: SplitPart | None = Field(default=None, exclude_if=lambda it: it is None)
     """Which part of the split counts; left out where all samples do."""
 
-    @property
+    @cached_property
     def content_digest(self) -> str:
         """Digest of what the board says, whatever its number and date."""
         document = self.model_dump(mode="json", by_alias=True)

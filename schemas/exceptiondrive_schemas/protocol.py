@@ -8,6 +8,7 @@ Its sections are digested apart, so that a change repeats only the steps that re
 import json
 import tomllib
 from collections.abc import Collection
+from functools import cached_property
 from importlib import resources
 from typing import Annotated, Literal, Self
 
@@ -174,17 +175,17 @@ class Protocol(Document):
         """Families and tasks."""
         return Taxonomy(families=self.families, tasks=self.tasks)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Digest of the whole document."""
         return content_digest(self)
 
-    @property
+    @cached_property
     def geometry_digest(self) -> str:
         """Digest of what `measure` reads."""
         return content_digest(self.geometry)
 
-    @property
+    @cached_property
     def grading_digest(self) -> str:
         """Digest of what `grade` reads besides measurements and the split."""
         return content_digest(
@@ -195,7 +196,7 @@ class Protocol(Document):
             }
         )
 
-    @property
+    @cached_property
     def ranking_digest(self) -> str:
         """Digest of what `rank` reads besides score sheets."""
         return content_digest(

@@ -12,7 +12,7 @@ from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phase_life import frozen_since
 from exceptiondrive_records.published_forms import shown_board
 from exceptiondrive_records.tables import BoardFlip, BoardRequest, BoardRow, Phase, Submission
-from exceptiondrive_schemas.base import canonical_json, content_digest
+from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.phase_life import BoardView
 
@@ -125,9 +125,10 @@ def _kept_or_appended(
 ) -> BoardRow:
     key = (claim.protocol_digest, claim.split_revision)
     row = latest_board(session, claim.phase_id, *key, view=view)
-    if row is not None and row.digest == board.content_digest:
+    digest = board.content_digest
+    if row is not None and row.digest == digest:
         return row
-    return _append(session, claim, board, view)
+    return _append(session, claim, board, digest, view)
 
 
 def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | None:
@@ -270,19 +271,21 @@ def list_boards(session: Session, phase_id: str) -> list[BoardRow]:
     return list(session.scalars(query.order_by(BoardRow.number.desc())))
 
 
-def _append(session: Session, claim: BoardClaim, board: Board, view: BoardView) -> BoardRow:
+def _append(
+    session: Session, claim: BoardClaim, board: Board, digest: str, view: BoardView
+) -> BoardRow:
     query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == claim.phase_id)
     number = (session.scalar(query) or 0) + 1
     now = database_now(session)
-    final = board.model_copy(update={"board": number, "published_at": now})
+    body = canonical_json(board.model_copy(update={"board": number, "published_at": now}))
     row = BoardRow(
         phase_id=claim.phase_id,
         protocol_digest=claim.protocol_digest,
         split_revision=board.split.revision,
         number=number,
-        digest=final.content_digest,
-        body_digest=content_digest(final),
-        body=canonical_json(final).decode("utf-8"),
+        digest=digest,
+        body_digest=bytes_digest(body),
+        body=body.decode("utf-8"),
         published_at=now,
         view=view,
     )

@@ -24,6 +24,7 @@ from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import LocalStore, ObjectStore, from_url
 
 from exceptiondrive_records.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_schemas.base import bytes_digest
 
 _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
 _NAME = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
@@ -91,7 +92,7 @@ class FileStore:
             raise NotFound("file", digest) from None
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
-        if _digest_of(data) != digest:
+        if bytes_digest(data) != digest:
             raise FileDamaged(digest)
         return data
 
@@ -181,7 +182,7 @@ class FileStore:
         """
         if self._folder is not None:
             path = self._folder / key
-            if _digest_of(path.read_bytes()) == digest:
+            if bytes_digest(path.read_bytes()) == digest:
                 os.utime(path)
                 return
         spooled.seek(0)
@@ -262,7 +263,3 @@ def _key(digest: str) -> str:
         raise NotFound("file", digest)
     name = match.group(1)
     return f"{name[:2]}/{name}"
-
-
-def _digest_of(data: bytes) -> str:
-    return "sha256:" + hashlib.sha256(data).hexdigest()

@@ -110,10 +110,10 @@ def _board(
         key = (phase.id, protocol.digest, claimed.split_revision)
         records = entries_for_board(session, *key, view)
         part = part_of(find_split(session, phase.split_name, claimed.split_revision))
-        boards = [
-            None if row is None else Board.model_validate_json(row.body)
-            for row in (latest_board(session, *key, view), current_board(session, phase.id))
-        ]
+        rows = (latest_board(session, *key, view), current_board(session, phase.id))
+        texts = {row.id: row.body for row in rows if row is not None}
+    read = {number: Board.model_validate_json(text) for number, text in texts.items()}
+    boards = [None if row is None else read[row.id] for row in rows]
     challenge = CHALLENGES[ChallengeId(phase.challenge)]
     split = doors.splits.find(phase.split_name, claimed.split_revision, protocol)
     targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
@@ -124,8 +124,9 @@ def _board(
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, *boards)
     board = _document(phase, challenge, split, protocol, entries)
-    more = {"comparisons": compared, "view": view, "part": part}
-    return board.model_copy(update=more), standings
+    board = board.model_copy(update={"comparisons": compared, "view": view, "part": part})
+    _ = board.content_digest  # kept from here on: it is not made while the write lock is held
+    return board, standings
 
 
 def _scored(doors: Doors, standings: list[Standing]) -> list[ScoredEntry]:

@@ -1,5 +1,6 @@
 """The life of worker processes: doors, memory limit and heartbeat of each, after it has forked."""
 
+import os
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -23,6 +24,8 @@ FAREWELL_TENTHS_S = 10
 """How long a process that ends waits for its parent to have heard of its last job. By default it
 is 30 s, and on a stop in a busy moment the parent sometimes never says so. The records know every
 outcome already, so that nothing is lost."""
+BACKGROUND_NICENESS = 10
+"""Of a worker that serves no live lane: on a full machine its processes give way to all others."""
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -81,9 +84,16 @@ def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:
     return app
 
 
+def give_way(lanes: Sequence[Lane]) -> None:
+    """Lower the priority of this process and its children if it works in the background alone."""
+    if Lane.LIVE not in lanes:
+        os.nice(BACKGROUND_NICENESS)
+
+
 def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int) -> None:
     """Work until told to stop."""
     billiard.pool.GUARANTEE_MESSAGE_CONSUMPTION_RETRY_LIMIT = FAREWELL_TENTHS_S
+    give_way(lanes)
     process = WorkerProcess(settings, tuple(lanes))
     app = worker_app(settings, process)
     queues = ",".join(lane.value for lane in lanes)
