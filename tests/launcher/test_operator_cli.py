@@ -1,5 +1,6 @@
 """Operator commands: results on stdout, everything else on stderr, clear refusals."""
 
+import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,7 +9,6 @@ import pytest
 from fastapi import FastAPI
 
 from exceptiondrive_records.database import Database
-from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.tokens import is_well_formed, verify_token
 from exceptiondrive_server import operator_cli
 from exceptiondrive_server.settings import ServerSettings
@@ -16,10 +16,10 @@ from exceptiondrive_server.slow_clients import PatientProtocol
 
 
 @pytest.fixture
-def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, migrated_sqlite: Path) -> Path:
     for name in ("DATABASE_URL", "FILE_STORE_URL", "BROKER_URL"):
         monkeypatch.delenv(f"EXCEPTIONDRIVE_{name}", raising=False)
-    migrate(f"sqlite:///{tmp_path}/records.sqlite3")
+    shutil.copy(migrated_sqlite, tmp_path / "records.sqlite3")
     return tmp_path
 
 

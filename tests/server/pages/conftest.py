@@ -61,9 +61,9 @@ def _real_drawings() -> EntryDrawings:
 
 
 @pytest.fixture
-def site(tmp_path: Path) -> Iterator[Site]:
+def site(tmp_path: Path, migrated_sqlite: Path) -> Iterator[Site]:
     """Pages over an empty system of record."""
-    site = open_site(tmp_path)
+    site = open_site(tmp_path, migrated_sqlite)
     yield site
     site.database.dispose()
 
@@ -78,13 +78,14 @@ def lively_site(site: Site, lively_board: Board) -> Site:
 @pytest.fixture(scope="module")
 def shown_site(
     tmp_path_factory: pytest.TempPathFactory,
+    migrated_sqlite: Path,
     lively_board: Board,
     paper_board: Board,
     empty_board: Board,
     strategy_board: Board,
 ) -> Iterator[Site]:
     """Pages over a lively, a paper-only, an empty and an unpublished phase; only read."""
-    site = open_site(tmp_path_factory.mktemp("site"))
+    site = open_site(tmp_path_factory.mktemp("site"), migrated_sqlite)
     fill(site, lively_board)
     site.publish_split()
     for submission_id, planner in (("s0000000kq", 4), ("s0000003kq", 3), ("s0000005kq", 0)):

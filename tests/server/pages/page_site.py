@@ -1,12 +1,13 @@
 """The pages over real records, for tests: a site to publish boards, submissions and drawings on."""
 
+import shutil
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from tests.server.pages.invented_board import (
     COUNTS,
     LONG_AGO,
@@ -19,7 +20,6 @@ from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import claim_board, publish_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.drawings import find_public_split, keep_entry_drawings
-from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.splits import publish_split, register_split
@@ -49,6 +49,10 @@ from exceptiondrive_server.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 
+ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
+ROUTES.include_router(pages.router)
+ROUTES.include_router(team_pages.router)
+
 
 class Services:
     """What pages need of the server: the records, and the settings."""
@@ -66,8 +70,7 @@ class Site:
         self.database = database
         self.app = FastAPI()
         self.app.state.services = Services(database)
-        self.app.include_router(pages.router)
-        self.app.include_router(team_pages.router)
+        self.app.router.routes.extend(ROUTES.routes)
         team_pages.lead_to_sign_in(self.app)
         pages.mount_static(self.app)
 
@@ -236,11 +239,10 @@ def real_drawings(planner: int = 4) -> EntryDrawings:
     return drawings
 
 
-def open_site(folder: Path) -> Site:
-    """Pages over an empty system of record in a folder."""
-    url = f"sqlite:///{folder}/records.sqlite3"
-    migrate(url)
-    return Site(Database(url))
+def open_site(folder: Path, migrated: Path) -> Site:
+    """Pages over an empty system of record in a folder, copied from a migrated one."""
+    path = shutil.copy(migrated, folder / "records.sqlite3")
+    return Site(Database(f"sqlite:///{path}"))
 
 
 def fill(site: Site, board: Board) -> None:
