@@ -8,6 +8,8 @@ T      ?= tests
 PORT   ?= 8000
 DATA   ?= ./data
 SECONDS_OF_FUZZ ?= 600
+# A hundred processes start in the tests: each would compile every module anew where images forbid bytecode.
+export PYTHONDONTWRITEBYTECODE :=
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -35,7 +37,7 @@ $(VENV)/.system: $(STAMP) tests/install-system-parts
 	@touch $@
 
 test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(T)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(T)
 
 bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
 	$(BIN)/python -m benchmarks

