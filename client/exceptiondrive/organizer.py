@@ -110,9 +110,10 @@ class Organizer:
         """Return the newest lines of the audit log."""
         return self._list(f"/organizer/audit?limit={limit}")
 
-    def verify_audit(self) -> Record:
-        """Recompute the chain of the audit log."""
-        return self._object(self._transport.get("/organizer/audit/verify").json())
+    def verify_audit(self, head: str | None = None) -> Record:
+        """Recompute the chain of the audit log; look for the head that was kept earlier."""
+        query = {"head": head}
+        return self._object(self._transport.get("/organizer/audit/verify", query).json())
 
     def _list(self, path: str) -> list[Record]:
         return [self._object(item) for item in self._transport.get(path).json()]

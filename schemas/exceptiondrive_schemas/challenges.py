@@ -44,6 +44,8 @@ class Challenge(Document):
     file_schema: str
     metrics: tuple[Metric, ...]
     words: ChallengeWords
+    has_waypoints: bool = False
+    """Whether its files hold as many waypoints as the protocol says."""
     counterpart: str | None = None
     """What a submission may be linked to, and is then compared with; None: links are refused."""
 
@@ -69,6 +71,7 @@ PLANNING = Challenge(
     title="Planning",
     file_schema="exceptiondrive.planning/1",
     words=PLANNING_WORDS,
+    has_waypoints=True,
     metrics=(
         Metric(
             key="hcc",

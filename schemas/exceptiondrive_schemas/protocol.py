@@ -7,15 +7,17 @@ Its sections are digested apart, so that a change repeats only the steps that re
 
 import json
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from importlib import resources
+from types import MappingProxyType
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.protocol_problems import problems_of, unkeepable
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
 PositiveMetres = Annotated[float, Field(gt=0, le=1000)]
@@ -207,6 +209,20 @@ class Protocol(Document):
         )
 
 
+_MODELS: Mapping[str, type[Document]] = MappingProxyType(
+    {
+        "": Protocol,
+        "geometry": GeometrySection,
+        "grading": GradingSection,
+        "ranking": RankingSection,
+        "plausibility": PlausibilitySection,
+        "publication": PublicationSection,
+        "families": Family,
+        "tasks": Task,
+    }
+)
+
+
 def _listed(strategies: Collection[Strategy]) -> str:
     return f"[{', '.join(strategies)}]"
 
@@ -226,22 +242,21 @@ def parse_protocol(toml: str) -> Protocol:
         ProtocolError: Not TOML, or the document breaks the schema; every problem is listed.
     """
     try:
-        document = json.dumps(tomllib.loads(toml), allow_nan=False)
+        document = tomllib.loads(toml)
+        unkept = list(unkeepable(document))
+        if unkept:
+            raise ProtocolError(unkept)
+        return Protocol.model_validate_json(json.dumps(document))
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError([f"not TOML: {error}"]) from None
     except RecursionError:
         raise ProtocolError(["not a protocol: nested too deeply"]) from None
-    except (TypeError, ValueError):
-        raise ProtocolError(["a protocol holds finite numbers, text and lists only"]) from None
-    try:
-        return Protocol.model_validate_json(document)
     except ValidationError as error:
-        raise ProtocolError(
-            [
-                f"{'.'.join(str(part) for part in item['loc']) or 'document'}: {item['msg']}"
-                for item in error.errors(include_url=False, include_input=False)
-            ]
-        ) from None
+        raise ProtocolError(problems_of(error, document, _MODELS)) from None
+    except ProtocolError:
+        raise
+    except ValueError:
+        raise ProtocolError(["not a protocol: a number has too many digits"]) from None
 
 
 def packaged_protocol_toml(version: str = "1.0") -> str:

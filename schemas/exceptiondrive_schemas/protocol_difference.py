@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from enum import StrEnum
 from typing import Any
 
+from pydantic import Field
+
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
@@ -30,7 +32,7 @@ _WORK = {
     Stage.GRADE: "regrade only",
     Stage.RANK: "rank again only",
     Stage.PUBLICATION: "round again only",
-    Stage.NONE: "nothing to repeat",
+    Stage.NONE: "nothing to work out again: every number stays",
 }
 _STAGE_OF_SECTION = {
     "geometry": Stage.MEASURE,
@@ -67,6 +69,8 @@ class Difference(Document):
     stage: Stage
     n_sheets: int
     sentence: str
+    remark: str | None = Field(default=None, exclude_if=lambda it: it is None)
+    """What is unusual and may be meant; left out where nothing is."""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -89,9 +93,21 @@ def protocol_difference(
     stages = {change.stage for change in changes} or {Stage.NONE}
     stage = next(stage for stage in _HEAVIEST_FIRST if stage in stages)
     n_repeated = 0 if stage is Stage.NONE else n_sheets
-    noun = "sheet" if n_repeated == 1 else "sheets"
-    sentence = f"{_WORK[stage]}, {n_repeated:,} {noun}"
-    return Difference(changes=changes, stage=stage, n_sheets=n_repeated, sentence=sentence)
+    work = "" if stage is Stage.NONE else f", {_counted(n_repeated, 'sheet')}"
+    is_older = _version_key(new.version) < _version_key(old.version)
+    return Difference(
+        changes=changes,
+        stage=stage,
+        n_sheets=n_repeated,
+        sentence=f"{_WORK[stage]}{work}",
+        remark=f"{new.version} is an earlier version than {old.version}" if is_older else None,
+    )
+
+
+def _version_key(version: str) -> tuple[list[int], bool, str]:
+    """Sort versions: 1.9 before 1.10, and 1.1-draft before 1.1."""
+    numbers, _, draft = version.partition("-")
+    return [int(part) for part in numbers.split(".")], not draft, draft
 
 
 def split_changes(old: Manifest, new: Manifest) -> tuple[Change, ...]:
@@ -101,9 +117,9 @@ def split_changes(old: Manifest, new: Manifest) -> tuple[Change, ...]:
     before, after = set(old.sample_ids), set(new.sample_ids)
     sentences = []
     if after - before:
-        sentences.append(f"the split gains {len(after - before):,} samples")
+        sentences.append(f"the split gains {_counted(len(after - before), 'sample')}")
     if before - after:
-        sentences.append(f"the split loses {len(before - after):,} samples")
+        sentences.append(f"the split loses {_counted(len(before - after), 'sample')}")
     if not sentences:
         sentences.append(
             f"the split's {len(after):,} samples stay; their regions, tasks or scenes change"
@@ -119,8 +135,27 @@ def _protocol_changes(old: Protocol, new: Protocol) -> Iterator[Change]:
             continue
         for name in sorted(before[section] | after[section]):
             pair = before[section].get(name), after[section].get(name)
-            if pair[0] != pair[1]:
+            if pair[0] == pair[1]:
+                continue
+            if name == "order":
+                yield from _order_changes(stage, *pair)
+            else:
                 yield Change(sentence=_value_sentence(_words(name), name, *pair), stage=stage)
+
+
+def _order_changes(stage: Stage, old: dict[str, Any], new: dict[str, Any]) -> Iterator[Change]:
+    """Say by which metrics each challenge ranks, where that changes."""
+    for challenge in (key for key in new if old[key] != new[key]):
+        before, after = (_order_words(side[challenge]) for side in (old, new))
+        yield Change(
+            sentence=f"entries of the {challenge} challenge are ranked by {before} -> {after}",
+            stage=stage,
+        )
+
+
+def _order_words(keys: list[dict[str, str]]) -> str:
+    ends = {"descending": "highest first", "ascending": "lowest first"}
+    return ", then ".join(f"{key['metric']} ({ends[key['order']]})" for key in keys)
 
 
 def _item_changes(
@@ -188,6 +223,10 @@ def _by_caution(ranks: dict[str, int]) -> str:
     for strategy, rank in sorted(ranks.items()):
         groups.setdefault(rank, []).append(strategy)
     return " < ".join(" = ".join(groups[rank]) for rank in sorted(groups))
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
 
 
 def _letters(strategies: list[str]) -> str:

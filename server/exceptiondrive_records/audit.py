@@ -83,6 +83,8 @@ class AuditVerdict:
     n_lines: int
     head: str
     broken_at: int | None = None
+    holds_kept_head: bool | None = None
+    """Whether a line has the head that was kept elsewhere; None: none was given."""
 
     @property
     def is_whole(self) -> bool:
@@ -90,18 +92,30 @@ class AuditVerdict:
         return self.broken_at is None
 
 
-def verify_audit(session: Session) -> AuditVerdict:
-    """Recompute the whole chain."""
+def verify_audit(session: Session, kept_head: str | None = None) -> AuditVerdict:
+    """Recompute the whole chain.
+
+    Args:
+        session: To read with.
+        kept_head: The head that an earlier verification told. A log that was cut off, or written
+            anew from some line on, is a chain too; but no line of it has this hash.
+    """
     head = GENESIS
     number = 0
+    holds_kept = None if kept_head is None else kept_head == GENESIS
     query = select(AuditLine).order_by(AuditLine.id).execution_options(yield_per=500)
     with session.scalars(query) as lines:
         for line in lines:
-            is_next = line.id == number + 1 and line.previous_hash == head
-            if not is_next or line_hash(line) != line.hash:
-                return AuditVerdict(number, head, broken_at=line.id)
+            if not _follows(line, number, head) or line_hash(line) != line.hash:
+                return AuditVerdict(number, head, line.id, holds_kept)
             number, head = line.id, line.hash
-    return AuditVerdict(number, head)
+            holds_kept = holds_kept or (None if kept_head is None else head == kept_head)
+    return AuditVerdict(number, head, None, holds_kept)
+
+
+def _follows(line: AuditLine, number: int, head: str) -> bool:
+    """Whether a line comes right after the one with this number and hash."""
+    return line.id == number + 1 and line.previous_hash == head
 
 
 def audit_page(

@@ -94,6 +94,9 @@ def publish_board(
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
     """
+    # the phase first, as whoever changes the phase and then asks for its boards
+    phase = session.get(Phase, claim.phase_id, with_for_update=True, populate_existing=True)
+    assert phase is not None
     request = session.get(
         BoardRequest,
         (claim.phase_id, claim.protocol_digest, claim.split_revision),
@@ -107,8 +110,6 @@ def publish_board(
     request.lease_until = None
     request.built_at = database_now(session)
     request.build_s = (request.built_at - claim.claimed_at).total_seconds()
-    phase = session.get(Phase, claim.phase_id, with_for_update=True, populate_existing=True)
-    assert phase is not None
     now = database_now(session)
     row = _kept_or_appended(session, claim, shown_board(phase, board, now), "main")
     late_row = late and _kept_or_appended(session, claim, shown_board(phase, late, now), "late")

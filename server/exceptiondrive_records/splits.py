@@ -106,6 +106,8 @@ def find_split(session: Session, name: str, revision: str | None = None) -> Spli
     else:
         query = query.where(SplitRow.revision == revision)
     row = session.scalars(query.order_by(SplitRow.registered_at.desc()).limit(1)).first()
+    if row is None and revision is not None:
+        raise NotFound(f"registered revision of split {name!r} like", revision)
     if row is None:
         raise NotFound("split", name)
     return row

@@ -70,17 +70,26 @@ def test_a_protocol_is_added_once_and_checked_before_it_is_sent(
 ) -> None:
     path = tmp_path / "1.1.toml"
     path.write_text(packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"'))
-    assert organize(running, "protocols", "add", path).exit_code == 0
+    assert " added, sha256:" in organize(running, "protocols", "add", path).stdout
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())  # as some editors begin a file
+    again = organize(running, "protocols", "add", path)
+    assert (again.exit_code, "nothing was added" in again.stdout) == (0, True)
     listed = json.loads(organize(running, "protocols", "list", "--json").stdout)
     assert [row["version"] for row in listed] == ["1.0", "1.1"]
     path.write_text("version = 3")
     assert organize(running, "protocols", "add", path).exit_code == 2
+    path.write_bytes(b"\xff\xfe")
+    assert "is not UTF-8 text" in organize(running, "protocols", "add", path).stderr
 
 
 def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     whole = organize(running, "audit", "verify")
     assert whole.exit_code == 0
     assert "is whole" in whole.stdout
+    head = whole.stdout.split()[-1]
+    assert organize(running, "audit", "verify", "--head", head).exit_code == 0
+    cut = organize(running, "audit", "verify", "--head", "f" * 64)
+    assert (cut.exit_code, "was CUT OFF" in cut.stdout) == (1, True)
     assert "phase created" in organize(running, "audit", "list").stdout
     with running.doors.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))

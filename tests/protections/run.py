@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from tests.protections.plugin_name import NAME
-from tests.protections.table import Protection
+from tests.protections.protection import Protection
 
 ROOT = Path(__file__).parents[2]
 

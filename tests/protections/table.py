@@ -1,47 +1,17 @@
 """Each protection that can be taken away by one replacement, and the test that has to fail then.
 
-Replacements come before the modules that import the name, so they reach `from ... import` too.
+Those of protocol updates stand in `rescoring.py`. Replacements come before the modules that import
+the name, so they reach `from ... import` too.
 """
 
-import importlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-
-@dataclass(frozen=True)
-class Protection:
-    """What is replaced by what, and one test that notices."""
-
-    name: str
-    target: str
-    """`module:attribute`, or `module:Class.attribute`."""
-    instead: Callable[[Any], Any]
-    """Given what is there, returns what stands there instead."""
-    test: str
-    is_short: bool = False
-    """Part of the short form that `make test` runs."""
-
-    def take_away(self) -> None:
-        """Replace it in this process."""
-        module, _, path = self.target.partition(":")
-        owner: Any = importlib.import_module(module)
-        *classes, attribute = path.split(".")
-        for name in classes:
-            owner = getattr(owner, name)
-        setattr(owner, attribute, self.instead(getattr(owner, attribute)))
-
-
-def _nothing(_: Any) -> Callable[..., None]:
-    return lambda *arguments, **keywords: None
-
-
-def _same(_: Any) -> Callable[..., Any]:
-    return lambda first, *arguments, **keywords: first
-
-
-def _always(value: Any) -> Callable[[Any], Callable[..., Any]]:
-    return lambda _: lambda *arguments, **keywords: value
+from tests.protections.protection import Protection
+from tests.protections.protection import always as _always
+from tests.protections.protection import nothing as _nothing
+from tests.protections.protection import same as _same
+from tests.protections.rescoring import RESCORING
 
 
 def _every_scope(principal_of: Any) -> Callable[..., Any]:
@@ -268,4 +238,5 @@ PROTECTIONS = (
         "tests/client/test_terminal_safety.py",
         is_short=True,
     ),
+    *RESCORING,
 )

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import pytest
+from tests.protections.protection import Protection
 from tests.protections.run import outcome_without
-from tests.protections.table import PROTECTIONS, Protection
+from tests.protections.table import PROTECTIONS
 
 ROOT = Path(__file__).parents[2]
 SHORT = [each for each in PROTECTIONS if each.is_short]
@@ -35,5 +36,6 @@ def test_every_protection_names_a_test_that_is_there() -> None:
 
 
 def test_the_documentation_names_every_protection() -> None:
-    text = (ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
+    pages = (ROOT / "docs" / name for name in ("trust.md", "rescoring.md"))
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
     assert [each.name for each in PROTECTIONS if f"`{each.name}`" not in text] == []

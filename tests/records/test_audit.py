@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from sqlalchemy import text
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import GENESIS, audit, audit_page, verify_audit
 from exceptiondrive_records.database import Database
@@ -52,13 +53,44 @@ def test_pages_go_backwards_from_the_newest_line(database: Database) -> None:
     assert [line.id for line in (*first, *rest)] == [5, 4, 3, 2, 1]
 
 
+def test_lines_cut_off_at_the_end_are_found_by_the_head_that_was_kept(database: Database) -> None:
+    heads = []
+    for number in range(4):
+        write_line(database, number)
+        with database.read() as session:
+            heads.append(verify_audit(session).head)
+    with database.write() as session:  # someone with all rights on the database
+        disarm(session)
+        session.execute(text("DELETE FROM audit_lines WHERE id >= 3"))
+    write_line(database, 7)  # the chain goes on, and is whole
+    with database.read() as session:
+        found = [verify_audit(session, head) for head in (GENESIS, *heads)]
+    assert [verdict.is_whole for verdict in found] == [True] * 5
+    assert [verdict.holds_kept_head for verdict in found] == [True, True, True, False, False]
+
+
+def disarm(session: Session) -> None:
+    if session.get_bind().dialect.name == "sqlite":
+        session.execute(text("DROP TRIGGER audit_lines_no_update"))
+        session.execute(text("DROP TRIGGER audit_lines_no_delete"))
+    else:
+        session.execute(text("ALTER TABLE audit_lines DISABLE TRIGGER ALL"))
+
+
+SWAPPED = """UPDATE audit_lines SET id = CASE id WHEN 3 THEN -4 ELSE -3 END WHERE id IN (3, 4);
+UPDATE audit_lines SET id = -id WHERE id < 0"""
+FORGED = """INSERT INTO audit_lines (id, at, actor, action, subject, detail, previous_hash, hash)
+SELECT 6, at, 'organizer', action, subject, detail, hash, hash FROM audit_lines WHERE id = 5"""
 TAMPERING = [
     "UPDATE audit_lines SET actor = 'someone else' WHERE id = 3",
     "UPDATE audit_lines SET detail = '{\"number\": 7}' WHERE id = 3",
     "UPDATE audit_lines SET at = (SELECT MIN(created_at) FROM old_times) WHERE id = 3",
     "DELETE FROM audit_lines WHERE id = 3",
     "UPDATE audit_lines SET hash = previous_hash WHERE id = 3",
+    SWAPPED,
+    FORGED,
 ]
+BROKEN_AT = {"DELETE FROM audit_lines WHERE id = 3": 4, FORGED: 6}
 
 
 @pytest.mark.parametrize("statement", TAMPERING)
@@ -66,14 +98,11 @@ def test_whoever_changes_a_line_breaks_the_chain(database: Database, statement: 
     for number in range(5):
         write_line(database, number)
     with database.write() as session:  # someone with all rights on the database
-        if session.get_bind().dialect.name == "sqlite":
-            session.execute(text("DROP TRIGGER audit_lines_no_update"))
-            session.execute(text("DROP TRIGGER audit_lines_no_delete"))
-        else:
-            session.execute(text("ALTER TABLE audit_lines DISABLE TRIGGER ALL"))
+        disarm(session)
         session.execute(text("CREATE TABLE old_times (created_at TIMESTAMP WITH TIME ZONE)"))
         session.execute(text("INSERT INTO old_times VALUES ('2020-01-01 00:00:00.000000')"))
-        session.execute(text(statement))
+        for one in statement.split(";"):
+            session.execute(text(one))
     with database.read() as session:
         verdict = verify_audit(session)
-    assert verdict.broken_at == (4 if statement.startswith("DELETE") else 3)
+    assert verdict.broken_at == BROKEN_AT.get(statement, 3)

@@ -1,4 +1,4 @@
-"""Whoever ends a job and whoever withdraws its submission take locks in one order: no deadlock."""
+"""Whoever meets at the same rows takes their locks in one order: no deadlock."""
 
 import threading
 import time
@@ -6,10 +6,14 @@ import time
 from sqlalchemy import text, update
 from sqlalchemy.exc import OperationalError
 from tests.records.conftest import World
+from tests.records.test_boards import board, take
 
 from exceptiondrive_records import jobs
+from exceptiondrive_records.boards import publish_board
 from exceptiondrive_records.claims import Finish
 from exceptiondrive_records.database import Database
+from exceptiondrive_records.phase_boards import want_boards
+from exceptiondrive_records.phase_changes import lock_phase
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import Job, JobState, Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -50,6 +54,29 @@ def test_a_withdrawal_waits_for_the_scoring_run_that_ends(world: World) -> None:
         assert session.get_one(Job, accepted.job_id).state is JobState.DONE
         status = session.get_one(Submission, accepted.submission.id).status
         assert status is SubmissionStatus.WITHDRAWN
+
+
+def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World) -> None:
+    claim = take(world)
+    assert claim is not None
+    errors: list[OperationalError] = []
+
+    def publish_it() -> None:
+        try:
+            with world.database.write() as session:
+                publish_board(session, claim, board(world))
+        except OperationalError as error:
+            errors.append(error)
+
+    with world.database.write() as session:
+        phase = lock_phase(session, "dev")
+        publishing = threading.Thread(target=publish_it)
+        publishing.start()
+        _wait_until_it_waits(world.database, publishing)
+        want_boards(session, phase)  # as after every change of what a board may say
+    publishing.join()
+
+    assert errors == []
 
 
 def _wait_until_it_waits(database: Database, thread: threading.Thread) -> None:

@@ -45,6 +45,9 @@ def test_an_update_goes_from_document_to_rollback_over_the_api(
     assert api("GET", "/leaderboard?phase=dev", "nobody").content == before.content
     history = api("GET", "/boards?phase=dev", "nobody").json()
     assert [line["protocol"]["version"] for line in history[:3]] == ["1.0", "1.1", "1.0"]
+    for line in history:  # at the very moment of a flip the new board counts
+        shown = api("GET", f"/leaderboard?phase=dev&as_of={line['shown_from']}", "nobody").json()
+        assert shown["board"] == line["board"]
 
 
 def test_every_response_during_the_flip_is_one_whole_board(

@@ -1,6 +1,7 @@
 """What the transaction of a flip does, and what it leaves to others."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.rescoring import flip
 from exceptiondrive_records.rescoring.compared import _compared
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.tables import BoardFlip, Job, JobState, Phase
+from exceptiondrive_records.tables import BoardFlip, Job, JobState, Phase, ScoreSheetRow
 from exceptiondrive_schemas.jobs import Lane
 
 Stage = Any
@@ -26,11 +27,13 @@ def test_boards_are_compared_before_the_transaction_and_not_in_it(
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
     preview = stage.preview(run_id).digest
     _compared.cache_clear()
-    flip.work_out(stage.database, run_id)
-    stage.apply(run_id, preview)
-    flip.work_out(stage.database, run_id)
-    stage.rollback(run_id)
-    assert _compared.cache_info().misses == 2  # one before each flip
+    made = []
+    for step in (partial(stage.apply, run_id, preview), partial(stage.rollback, run_id)):
+        flip.work_out(stage.database, run_id)
+        made.append(_compared.cache_info().misses)
+        step()
+        made.append(_compared.cache_info().misses)
+    assert made == [1, 1, 2, 2]
 
 
 def test_what_was_worked_out_does_not_hide_what_came_since(
@@ -101,6 +104,21 @@ def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
     lanes = {(job.submission_id, job.is_first): job.lane for job in waiting}
     assert lanes.pop((fresh, True)) is Lane.LIVE
     assert lanes == {(key, False): Lane.RESCORE for key in stage.submitted}
+
+
+def test_a_lost_job_of_the_earlier_protocol_is_made_again_after_apply(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    after = stage.submit(3.5, "after")
+    with stage.database.write() as session:  # as from a backup
+        lost = delete(Job).where(Job.submission_id == after, Job.is_first.is_(False))
+        session.execute(lost)
+    stage.work()
+    with stage.database.read() as session:
+        kept = select(ScoreSheetRow).where(ScoreSheetRow.submission_id == after)
+        assert len(session.scalars(kept).all()) == 2
 
 
 def test_a_sheet_whose_job_is_gone_is_not_made_again(

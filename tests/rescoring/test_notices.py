@@ -6,7 +6,9 @@ import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -15,11 +17,17 @@ from aiosmtpd.controller import Controller
 from sqlalchemy import select
 
 from exceptiondrive_records.errors import InvalidRecord
-from exceptiondrive_records.notices.contacts import add_contact
+from exceptiondrive_records.notices import webhooks
+from exceptiondrive_records.notices.contacts import _require_webhook, add_contact, remove_contact
 from exceptiondrive_records.notices.outbox import send_next
 from exceptiondrive_records.notices.settings import NoticeSettings
 from exceptiondrive_records.notices.webhooks import NotDelivered, allowed_address, send_webhook
-from exceptiondrive_records.tables_rescoring import Channel, Delivery
+from exceptiondrive_records.tables_rescoring import (
+    Channel,
+    ContactPoint,
+    Delivery,
+    DeliveryState,
+)
 from exceptiondrive_records.teams import find_team
 
 Stage = Any
@@ -149,7 +157,68 @@ def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
     while not send_next(stage.database, patience):
         pass
     assert delivery(stage).state.value == "given_up"
+    assert delivery(stage).last_error == "the webhook answered 302; it is not followed"
     assert len(receiver.received) == 2
+
+
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+def test_nothing_goes_to_an_address_that_was_removed(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    with stage.database.write() as session:
+        team_id = find_team(session, "alpha").id
+        remove_contact(session, team_id, delivery(stage).contact_id, actor="test")
+    assert not send_next(stage.database, settings())
+    assert receiver.received == []
+
+
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+def test_an_address_that_cannot_be_called_keeps_no_other_message_waiting(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    with stage.database.write() as session:  # as an earlier release would have kept it
+        held = session.scalars(select(Delivery)).one()
+        team_id = find_team(session, "alpha").id
+        bad = ContactPoint(
+            id="bad", team_id=team_id, channel=Channel.WEBHOOK, address="https://a..b/",
+            secret="s", created_at=held.available_at,
+        )  # fmt: skip
+        session.add(bad)
+        session.flush()
+        session.add(
+            Delivery(
+                id="bad", notification_id=held.notification_id, contact_id="bad",
+                state=DeliveryState.WAITING, attempts=0,
+                available_at=held.available_at - timedelta(seconds=1),
+            )
+        )  # fmt: skip
+    assert send_next(stage.database, settings())
+    assert send_next(stage.database, settings())
+    assert len(receiver.received) == 1
+    with stage.database.read() as session:
+        assert session.get_one(Delivery, "bad").last_error == "the host of the webhook is unknown"
+
+
+def test_a_receiver_that_answers_letter_by_letter_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(webhooks, "_LONGEST_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        stop = threading.Event()
+
+        def dawdle() -> None:
+            client, _ = listening.accept()
+            with client, suppress(OSError):
+                while not stop.wait(0.05):
+                    client.sendall(b"H")
+
+        thread = threading.Thread(target=dawdle)
+        thread.start()
+        url = f"http://127.0.0.1:{listening.getsockname()[1]}/"
+        with pytest.raises(NotDelivered, match=r"longer than 0\.5 s"):
+            send_webhook(url, "s", b"{}", 0, may_be_private=True)
+        stop.set()
+        thread.join()
 
 
 @pytest.mark.parametrize(
@@ -183,6 +252,20 @@ def test_addresses_that_could_do_harm_are_refused(
         team_id = find_team(session, "alpha").id
         with pytest.raises(InvalidRecord):
             add_contact(session, team_id, channel, address, actor="test")
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "https://a..example.org/hook",
+        f"https://{'a' * 64}.example.org/hook",
+        "https://ex\u00e4mple.org/hook",
+        "https://example.org/\x7fhook",
+    ],
+)
+def test_an_address_that_no_resolver_or_caller_takes_is_refused(address: str) -> None:
+    with pytest.raises(InvalidRecord):
+        _require_webhook(address, may_be_private=False)
 
 
 def test_an_e_mail_says_old_and_new_numbers(

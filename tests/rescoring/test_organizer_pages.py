@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import select, update
 from starlette.testclient import TestClient
 from tests.conftest import as_role
 
 from exceptiondrive_records.roles import Role
-from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_records.tables import AuditLine, Job, JobState
 from exceptiondrive_records.teams import find_team
 from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_server.app import create_app
@@ -151,8 +151,13 @@ def test_each_step_of_a_run_is_offered_asked_for_and_refused_in_words(
     assert (refused.status_code, "paused: resume it" in refused.text) == (409, True)
     bare = organizer.step(run_id, "resume", reason=" ")
     assert (bare.status_code, "must not be empty" in bare.text) == (400, True)
+    assert "Try failed sheets again" not in organizer.get(here).text
     organizer.step(run_id, "resume")
     assert stage.view(run_id).state.value == "scoring"
+    with stage.database.write() as session:
+        waiting = Job.state == JobState.QUEUED
+        session.execute(update(Job).where(waiting).values(state=JobState.FAILED))
+    assert "Try failed sheets again" in organizer.get(here).text
     assert "public board never changed" in organizer.get(f"{here}/cancel").text
     organizer.step(run_id, "cancel")
     assert stage.view(run_id).state.value == "cancelled"

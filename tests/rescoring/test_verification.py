@@ -44,9 +44,11 @@ def test_a_sheet_that_differs_is_named(stage: Stage) -> None:
 
 
 def test_the_private_store_is_not_looked_at(stage: Stage) -> None:
-    for shelf in ("sheets", "measurements", "answers"):
-        for file in (stage.settings.private_dir / shelf).iterdir():
-            file.write_bytes(b"poison")
+    kept = sorted((stage.settings.private_dir / "sheets").iterdir())
+    assert len(kept) == 3
+    sheets = [file.read_bytes() for file in kept]
+    for file, sheet_of_another in zip(kept, [*sheets[1:], sheets[0]], strict=True):
+        file.write_bytes(sheet_of_another)  # whole and readable, and wrong
     assert verified(stage).n_equal == 3
 
 

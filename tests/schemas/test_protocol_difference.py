@@ -95,6 +95,25 @@ def test_the_summary_names_work_and_sheets() -> None:
 def test_another_version_of_the_same_content_repeats_nothing() -> None:
     found = difference('version = "1.0"', 'version = "1.1"')
     assert (found.changes, found.stage, found.n_sheets) == ((), Stage.NONE, 0)
+    assert found.sentence == "nothing to work out again: every number stays"
+
+
+@pytest.mark.parametrize(
+    ("version", "is_earlier"),
+    [("0.9", True), ("1.0-draft", True), ("1.0.1", False), ("1.10", False), ("2.0-draft", False)],
+)
+def test_an_earlier_version_is_remarked(version: str, is_earlier: bool) -> None:
+    remark = difference('version = "1.0"', f'version = "{version}"').remark
+    assert remark == (f"{version} is an earlier version than 1.0" if is_earlier else None)
+
+
+def test_a_new_rank_order_is_told_as_an_order() -> None:
+    found = difference('metric = "hcc"\norder = "descending"', 'metric = "ur"\norder = "ascending"')
+    (sentence,) = found.sentences
+    assert sentence == (
+        "entries of the planning challenge are ranked by hcc (highest first), then ur (lowest "
+        "first) -> ur (lowest first), then ur (lowest first)"
+    )
 
 
 def test_the_heaviest_stage_of_several_counts() -> None:
@@ -118,7 +137,7 @@ def manifest(revision: str, *ids: str) -> Manifest:
 def test_a_split_revision_is_told_without_naming_a_sample() -> None:
     old, new = manifest("1", "a", "b"), manifest("2", "b", "c", "d")
     sentences = [change.sentence for change in split_changes(old, new)]
-    assert sentences == ["the split gains 2 samples", "the split loses 1 samples"]
+    assert sentences == ["the split gains 2 samples", "the split loses 1 sample"]
     (same,) = split_changes(old, manifest("3", "a", "b"))
     assert "regions, tasks or scenes change" in same.sentence
     assert split_changes(old, old) == ()

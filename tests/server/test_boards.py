@@ -4,7 +4,7 @@ import csv
 import hashlib
 import io
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, timezone
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -120,6 +120,9 @@ def test_as_of_gives_the_board_that_was_current_then(lively: "Api", make_entry: 
     today = between.date()
     assert methods(lively.get("/leaderboard", params={"as_of": between.isoformat()}))[0] == "first"
     assert methods(lively.get(f"/leaderboard?as_of={today + timedelta(days=1)}")) == ["later"]
+    east = between.astimezone(timezone(timedelta(hours=2))).isoformat()
+    assert "+02:00" in east  # a blank once it went through an address unescaped
+    assert methods(lively.get(f"/leaderboard?as_of={east}"))[0] == "first"
 
 
 def test_as_of_a_date_means_its_end(lively: "Api") -> None:

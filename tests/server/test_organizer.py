@@ -191,8 +191,13 @@ def test_every_change_leaves_an_audit_line_and_the_chain_is_whole(api_on_both: "
     assert [row["id"] for row in older] == list(range(line["id"] - 1, 0, -1))
     verdict = api.get("/organizer/audit/verify", "organizer").json()
     assert verdict == {
-        "is_whole": True, "n_lines": line["id"], "head": line["hash"], "broken_at": None
+        "is_whole": True, "n_lines": line["id"], "head": line["hash"], "broken_at": None,
+        "holds_kept_head": None,
     }  # fmt: skip
+    for head, is_held in ((older[-1]["hash"], True), ("f" * 64, False)):
+        seen = api.get(f"/organizer/audit/verify?head={head}", "organizer").json()
+        assert (seen["is_whole"], seen["holds_kept_head"]) == (True, is_held)
+    assert api.get("/organizer/audit/verify?head=x", "organizer").status_code == 400
 
 
 def test_an_altered_audit_line_is_found(api: "Api") -> None:

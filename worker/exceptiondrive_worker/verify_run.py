@@ -13,6 +13,7 @@ from exceptiondrive_records.rescoring.reading import accepted_under
 from exceptiondrive_records.rescoring.verification import VerifyClaim, claim_item, finish_item
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.rescoring import VerifyState
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_worker.doors import Doors, stages_over
 from exceptiondrive_worker.failures import Failure, job_boundary
 from exceptiondrive_worker.private_pruning import VERIFY_PREFIX
@@ -48,11 +49,22 @@ def _verify(doors: Doors, claimed: VerifyClaim) -> None:
             _record(doors, claimed, VerifyState.DIFFERS, None, "the file is rejected now")
             return
     published = Rounding(challenge, protocol.publication).sheet(scored.sheet)
-    is_same_sheet = published == claimed.expected_sheet
-    is_equal = scored.digest == claimed.expected_digest and is_same_sheet
-    note = None if is_equal or is_same_sheet else "the published numbers differ"
-    state = VerifyState.EQUAL if is_equal else VerifyState.DIFFERS
+    state, note = _outcome(claimed, scored.digest, published)
     _record(doors, claimed, state, scored.digest, note)
+
+
+def _outcome(
+    claimed: VerifyClaim, digest: str, published: ScoreSheet
+) -> tuple[VerifyState, str | None]:
+    """Demand the digest of the unrounded sheet, and every published number."""
+    if published != claimed.expected_sheet:
+        return VerifyState.DIFFERS, "the published numbers differ"
+    if digest != claimed.expected_digest:
+        return (
+            VerifyState.DIFFERS,
+            "the published numbers agree, but not the digits that are rounded off",
+        )
+    return VerifyState.EQUAL, None
 
 
 def _record(

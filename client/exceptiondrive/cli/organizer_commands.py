@@ -181,11 +181,13 @@ def add_protocol(
     from exceptiondrive.checking import read_file
     from exceptiondrive.cli.protocol_choice import chosen_protocol
 
-    toml = read_file(file).decode("utf-8", errors="replace")
     chosen_protocol(str(file))
+    toml = read_file(file).decode("utf-8-sig")
     with _organizer(server) as organizer:
+        known = {one["digest"] for one in organizer.protocols()}
         added = organizer.add_protocol(toml)
-    _show_record(added, f"protocol {added['version']} added, {added['digest']}", json)
+    what = "is there already, nothing was added" if added["digest"] in known else "added"
+    _show_record(added, f"protocol {added['version']} {what}, {added['digest']}", json)
 
 
 def list_splits(server: options.Server = None, json: options.Json = False) -> None:
@@ -194,17 +196,38 @@ def list_splits(server: options.Server = None, json: options.Json = False) -> No
         show_records(organizer.splits(), ("name", "n_samples", "is_public", "revision"), json)
 
 
-def verify(server: options.Server = None, json: options.Json = False) -> None:
-    """Recompute the chain of the audit log; exit code 1 if it is broken."""
+def verify(
+    head: Annotated[
+        str | None,
+        typer.Option(
+            "--head", metavar="HASH", help="Kept from an earlier time: finds lines cut off since."
+        ),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Recompute the chain of the audit log; exit code 1 if it is broken or was cut off."""
     with _organizer(server) as organizer:
-        verdict = organizer.verify_audit()
-    if verdict["is_whole"]:
-        words = f"the audit log is whole: {verdict['n_lines']} lines, head {verdict['head']}"
-    else:
-        words = f"the audit log is BROKEN at line {verdict['broken_at']}"
-    _show_record(verdict, words, json)
-    if not verdict["is_whole"]:
+        verdict = organizer.verify_audit(head)
+    is_cut = verdict.get("holds_kept_head") is False
+    _show_record(verdict, _verdict_words(verdict, is_cut), json)
+    if is_cut or not verdict["is_whole"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
+
+
+def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
+    if not verdict["is_whole"]:
+        return (
+            f"the audit log is BROKEN at line {verdict['broken_at']}: that line, or the one before "
+            "it, was altered, removed or moved; compare with a backup"
+        )
+    whole = f"{verdict['n_lines']} lines, head {verdict['head']}"
+    if is_cut:
+        return (
+            "the audit log was CUT OFF or written anew: no line has the head that you kept; "
+            f"it is a chain of {whole}"
+        )
+    return f"the audit log is whole: {whole}"
 
 
 def read_audit(

@@ -22,11 +22,15 @@ def chosen_protocol(choice: str | None) -> Protocol:
     path = Path(choice)
     try:
         if path.is_file():
-            return parse_protocol(path.read_text(encoding="utf-8"))
+            return parse_protocol(path.read_text(encoding="utf-8-sig"))
         return packaged_protocol(choice)
     except ProtocolError as error:
         raise InvalidArgumentError("wrong_protocol", f"{choice}: {error}") from None
-    except (OSError, UnicodeDecodeError):
+    except UnicodeDecodeError:
+        raise InvalidArgumentError(
+            "wrong_protocol", f"{choice} is not UTF-8 text; a protocol is a TOML file."
+        ) from None
+    except OSError:
         raise InvalidArgumentError(
             "wrong_protocol",
             f"{choice!r} is neither a protocol file nor a version that ships with this client.",

@@ -39,7 +39,7 @@ def diff(
     from exceptiondrive.organizer import Organizer
 
     chosen_protocol(str(file))
-    toml = read_file(file).decode("utf-8", errors="replace")
+    toml = read_file(file).decode("utf-8-sig")
     with Organizer(prepare(server)) as organizer:
         found = organizer.rescoring.check_protocol(toml, phase)
     if json:
@@ -50,7 +50,8 @@ def diff(
 
 def _lines(found: dict[str, Any]) -> list[str]:
     changes = [f"- {change['sentence']} ({change['stage']})" for change in found["changes"]]
-    return [*(changes or ["nothing that scores is changed"]), found["sentence"]]
+    remark = [f"note: {found['remark']}"] if found.get("remark") else []
+    return [*(changes or ["nothing that scores is changed"]), found["sentence"], *remark]
 
 
 COMMANDS: dict[str, Callable[..., None]] = {"check": check, "diff": diff}

@@ -27,6 +27,7 @@ WatchOption = Annotated[
 ]
 _SCORING = ("scoring",)
 _LOOK_EVERY_S = 1.0
+MAX_SAMPLE = 100_000
 
 
 def start(
@@ -133,6 +134,7 @@ def verify(
     """Recompute sheets from the uploads and demand every bit again; exit code 1 if one differs."""
     with _rescoring(server) as rescoring:
         found = rescoring.start_verification(phase, _sample_size(sample), reason)
+        say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {_version(found)}")
         found = _verified(rescoring, found)
     _show_verification(found, json)
     if found["n_equal"] != found["n_sheets"]:
@@ -213,12 +215,19 @@ def _show_verification(found: dict[str, Any], json: bool) -> None:
         show(f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}")
 
 
+def _version(found: dict[str, Any]) -> str:
+    return str(found["protocol"]["version"])
+
+
 def _sample_size(sample: str) -> int | None:
     if sample == "all":
         return None
-    if sample.isdecimal() and int(sample) > 0:
+    is_whole = sample.isascii() and sample.isdecimal() and len(sample) <= 9
+    if is_whole and 1 <= int(sample) <= MAX_SAMPLE:
         return int(sample)
-    raise InvalidArgumentError("wrong_sample", f"--sample is `all` or a number, not {sample!r}.")
+    raise InvalidArgumentError(
+        "wrong_sample", f"--sample is `all` or a number from 1 to {MAX_SAMPLE:,}, not {sample!r}."
+    )
 
 
 COMMANDS: dict[str, Callable[..., None]] = {

@@ -9,6 +9,7 @@ from exceptiondrive.cli.output import console, has_terminal
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 
 Record = dict[str, Any]
+_ENDED = ("closed", "rolled_back", "cancelled")
 
 
 def run_lines(run: Record) -> list[RenderableType]:
@@ -23,7 +24,10 @@ def run_lines(run: Record) -> list[RenderableType]:
         f"  {run['difference']['sentence']}",
     ]
     lines += [f"  - {change['sentence']}" for change in run["difference"]["changes"]]
-    lines += [f"  ! {blocker}" for blocker in run["blockers"]]
+    if run["difference"].get("remark"):
+        lines.append(f"  note: {run['difference']['remark']}")
+    if run["state"] not in _ENDED:
+        lines += [f"  ! {blocker}" for blocker in run["blockers"]]
     return lines
 
 
@@ -34,10 +38,18 @@ def progress_line(run: Record) -> str:
     if progress["failed"]:
         words += f", {progress['failed']} failed"
     if progress["sheets_per_s"]:
-        words += f", {progress['sheets_per_s']:.1f} a second"
+        words += f", {progress['sheets_per_s']:g} a second"
     if progress["remaining_s"]:
-        words += f", about {progress['remaining_s']:.0f} s left"
+        words += f", about {_duration(progress['remaining_s'])} left"
     return words
+
+
+def _duration(seconds: float) -> str:
+    """Write a length of time in its largest unit."""
+    for unit, length_s in (("days", 86_400), ("hours", 3_600), ("minutes", 60)):
+        if seconds >= 1.5 * length_s:
+            return f"{seconds / length_s:.0f} {unit}"
+    return f"{max(1, round(seconds))} s"
 
 
 def runs_table(runs: list[Record]) -> Table:

@@ -92,8 +92,11 @@ def _require_webhook(address: str, may_be_private: bool) -> None:
         parts = urlsplit(address)
         host = parts.hostname
         _ = parts.port
+        _ = (host or "").encode("idna")  # what no resolver takes
     except ValueError:
         raise InvalidRecord("The webhook is not an address.") from None
+    if not address.isascii() or not address.isprintable() or " " in address:
+        raise InvalidRecord("A webhook address holds letters, digits and signs of ASCII alone.")
     is_local = may_be_private and parts.scheme == "http" and host in _LOOPBACK
     if len(address) > 500 or not host or (parts.scheme != "https" and not is_local):
         raise InvalidRecord("A webhook must be an https:// address of at most 500 characters.")

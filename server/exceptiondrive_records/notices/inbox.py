@@ -33,7 +33,7 @@ def tell_teams(
     session: Session, run: RescoringRun, comparison: Comparison, kind: str
 ) -> list[Notification]:
     """Tell each team whose published numbers change the old and the new ones; others nothing."""
-    changed = [entry for entry in comparison.entries if entry.change != "none"]
+    changed = _changed(comparison)
     owners = _teams_of(session, [entry.submission_id for entry in changed])
     by_team: dict[int, list[EntryChange]] = {}
     for entry in changed:
@@ -46,6 +46,11 @@ def tell_teams(
         team = session.get_one(Team, team_id)
         told.append(_tell(session, run, comparison, kind, team, by_team[team_id], words))
     return told
+
+
+def _changed(comparison: Comparison) -> list[EntryChange]:
+    """Return the entries whose published numbers or ranks change."""
+    return [entry for entry in comparison.entries if entry.change != "none"]
 
 
 def _tell(

@@ -76,6 +76,8 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
         error = None
     except NotDelivered as failure:
         error = str(failure)
+    except Exception as failure:  # noqa: BLE001 - one message must not keep all others waiting
+        error = f"it could not be sent ({type(failure).__name__})"
     with database.write() as session:
         _record(session, parcel, error, settings)
     return True
@@ -92,7 +94,11 @@ def _next(session: Session) -> Parcel | None:
         select(Delivery, ContactPoint, Notification)
         .join(ContactPoint, ContactPoint.id == Delivery.contact_id)
         .join(Notification, Notification.id == Delivery.notification_id)
-        .where(Delivery.state == DeliveryState.WAITING, Delivery.available_at <= now)
+        .where(
+            Delivery.state == DeliveryState.WAITING,
+            Delivery.available_at <= now,
+            ContactPoint.removed_at.is_(None),
+        )
         .order_by(Delivery.available_at, Delivery.id)
         .limit(1)
     )

@@ -1,5 +1,6 @@
 """Webhooks: signed, over https, and never to an address inside our own network."""
 
+import asyncio
 import hashlib
 import hmac
 import ipaddress
@@ -13,6 +14,8 @@ SIGNATURE_HEADER = "ExceptionDrive-Signature"
 TIMESTAMP_HEADER = "ExceptionDrive-Timestamp"
 _ATTEMPTS = 3
 _TIMEOUT_S = 5.0
+_LONGEST_S = 20.0
+"""For all attempts together: a receiver that answers letter by letter holds up all others."""
 
 
 class NotDelivered(Exception):  # noqa: N818 - says what happened
@@ -33,7 +36,7 @@ def allowed_address(host: str, port: int, *, may_be_private: bool) -> str:
     """
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except OSError:
+    except (OSError, UnicodeError):  # a name that no resolver takes is a UnicodeError
         raise NotDelivered("the host of the webhook is unknown") from None
     addresses = [str(item[4][0]).split("%")[0] for item in found]
     if not may_be_private and not all(_is_public(address) for address in addresses):
@@ -80,32 +83,42 @@ def send_webhook(
         SIGNATURE_HEADER: signature(secret, timestamp, body),
     }
     try:
-        _post(pinned, host, headers, body)
+        asyncio.run(_post_in_time(pinned, host, headers, body))
     except httpx.HTTPStatusError as error:
         raise NotDelivered(f"the webhook answered {error.response.status_code}") from None
+    except TimeoutError:
+        raise NotDelivered(f"the webhook took longer than {_LONGEST_S:g} s") from None
     except httpx.HTTPError as error:
         raise NotDelivered(f"the webhook did not answer ({type(error).__name__})") from None
+    except (httpx.InvalidURL, ValueError):
+        raise NotDelivered("the address of the webhook cannot be called") from None
 
 
-def _post(url: str, host: str, headers: dict[str, str], body: bytes) -> None:
-    with httpx.Client(timeout=_TIMEOUT_S, trust_env=False, follow_redirects=False) as client:
-        for attempt in stamina.retry_context(
+async def _post_in_time(url: str, host: str, headers: dict[str, str], body: bytes) -> None:
+    async with (
+        asyncio.timeout(_LONGEST_S),
+        httpx.AsyncClient(timeout=_TIMEOUT_S, trust_env=False, follow_redirects=False) as client,
+    ):
+        async for attempt in stamina.retry_context(
             on=_may_help, attempts=_ATTEMPTS, wait_initial=0.2, wait_max=1.0, timeout=15.0
         ):
-            with (
-                attempt,
-                client.stream(
-                    "POST", url, content=body, headers=headers, extensions={"sni_hostname": host}
-                ) as answer,
-            ):
-                if answer.is_redirect:
-                    raise httpx.UnsupportedProtocol("redirects are not followed")
-                answer.raise_for_status()
+            with attempt:
+                await _post(client, url, host, headers, body)
+
+
+async def _post(
+    client: httpx.AsyncClient, url: str, host: str, headers: dict[str, str], body: bytes
+) -> None:
+    """POST once; of the answer nothing but its status is read."""
+    async with client.stream(
+        "POST", url, content=body, headers=headers, extensions={"sni_hostname": host}
+    ) as answer:
+        if answer.is_redirect:
+            raise NotDelivered(f"the webhook answered {answer.status_code}; it is not followed")
+        answer.raise_for_status()
 
 
 def _may_help(error: Exception) -> bool:
     if isinstance(error, httpx.HTTPStatusError):
         return error.response.status_code >= 500 or error.response.status_code == 429
-    return isinstance(error, httpx.TransportError) and not isinstance(
-        error, httpx.UnsupportedProtocol
-    )
+    return isinstance(error, httpx.TransportError)

@@ -46,7 +46,7 @@ def _tend(session: Session, run: RescoringRun) -> int:
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
         return 0
-    made = sum(_insert_missing(session, run, key) for key in (new_key(run), old_key(run)))
+    made = sum(_insert_missing(session, run, key) for key in _sides(run))
     if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
         want_fresh_board(session, run.phase_id, new_key(run))
     key = other_key(run)
@@ -60,6 +60,11 @@ def _tend(session: Session, run: RescoringRun) -> int:
         detail = {"phase": run.phase_id}
         audit(session, _ACTOR, "rescoring ready", run.id, detail)
     return made
+
+
+def _sides(run: RescoringRun) -> tuple[ScoringKey, ...]:
+    """Both: what is not shown now may be shown again."""
+    return new_key(run), old_key(run)
 
 
 def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:

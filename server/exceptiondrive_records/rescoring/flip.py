@@ -11,6 +11,7 @@ from exceptiondrive_records.notices.inbox import tell_teams
 from exceptiondrive_records.phase_life import frozen_since
 from exceptiondrive_records.rescoring.compared import Compared, compare_rows
 from exceptiondrive_records.rescoring.draft_board import fresh_board
+from exceptiondrive_records.rescoring.failed import failed_words
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.keys import (
     ScoringKey,
@@ -22,13 +23,16 @@ from exceptiondrive_records.rescoring.keys import (
 )
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
-from exceptiondrive_records.rescoring.runs import move_run
+from exceptiondrive_records.rescoring.runs import move_run, require_state
 from exceptiondrive_records.tables import BoardRow, Job, JobState, Phase, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
+_APPLICABLE = (RunState.SCORING, RunState.READY)
+_BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
+"""States that cannot be applied, and say themselves what to do about it."""
 _WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 
 
@@ -65,12 +69,10 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     found = []
     waiting = counts.missing - counts.failed
     if waiting:
-        found.append(f"{_sheets(waiting)} of {counts.total} still missing.")
+        are = "is" if waiting == 1 else "are"
+        found.append(f"{_sheets(waiting)} of {counts.total:,} {are} still missing.")
     if counts.failed:
-        found.append(
-            f"{_sheets(counts.failed)} could not be made: resume the run to try them again, or "
-            "withdraw these submissions."
-        )
+        found.append(failed_words(session, run, key, counts.failed))
     if run.state is RunState.PAUSED:
         found.append("The run is paused: resume it.")
     if not counts.missing and fresh_board(session, run.phase_id, key) is None:
@@ -95,21 +97,9 @@ def apply_run(
         NotFound: No such run.
         Conflict: It is not ready, a pair is missing or failed, or the preview is stale.
     """
-    phase, row, compared = _checked(session, run_id, (RunState.SCORING, RunState.READY))
-    if compared.digest != preview:
-        raise Conflict(
-            "The preview is stale: submissions or boards have changed since. Look at the new "
-            "preview, and apply that one."
-        )
-    run = move_run(
-        session,
-        run_id,
-        (RunState.SCORING, RunState.READY),
-        RunState.APPLIED,
-        "applied",
-        reason,
-        actor,
-    )
+    phase, row, compared = _checked(session, run_id, _APPLICABLE, "applied")
+    _require_seen(compared, preview)
+    run = move_run(session, run_id, _APPLICABLE, RunState.APPLIED, "applied", reason, actor)
     run.from_board_id, run.to_board_id = phase.current_board_id, row.id
     run.applied_at = run.state_at
     run.comparison = compared.comparison
@@ -127,32 +117,33 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
         NotFound: No such run.
         Conflict: It is not applied, or sheets of fresh submissions are missing.
     """
-    phase, row, compared = _checked(session, run_id, (RunState.APPLIED,))
-    run = move_run(
-        session,
-        run_id,
-        (RunState.APPLIED,),
-        RunState.ROLLED_BACK,
-        "rolled back",
-        reason,
-        actor,
-    )
+    applied = (RunState.APPLIED,)
+    phase, row, compared = _checked(session, run_id, applied, "rolled back")
+    run = move_run(session, run_id, applied, RunState.ROLLED_BACK, "rolled back", reason, actor)
     run.rollback_flip_id = _flip(session, phase, row, old_key(run))
     cancel_jobs(session, run, new_key(run))
     tell_teams(session, run, compared.comparison, "protocol_rolled_back")
     return run
 
 
+def _require_seen(compared: Compared, preview: str) -> None:
+    """What is applied is what the organizer looked at."""
+    if compared.digest != preview:
+        raise Conflict(
+            "The preview is stale: submissions or boards have changed since. Look at the new "
+            "preview, and apply that one."
+        )
+
+
 def _checked(
-    session: Session, run_id: str, states: tuple[RunState, ...]
+    session: Session, run_id: str, states: tuple[RunState, ...], what: str
 ) -> tuple[Phase, BoardRow, Compared]:
     """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
     run = find_run(session, run_id, lock=True)
     phase = session.get(Phase, run.phase_id, with_for_update=True, populate_existing=True)
     assert phase is not None
-    if run.state not in states and run.state is not RunState.PAUSED:
-        allowed = " or ".join(state.value for state in states)
-        raise Conflict(f"The run is {run.state.value.replace('_', ' ')}, not {allowed}.")
+    if states == (RunState.APPLIED,) or run.state not in _BLOCKED_IN_WORDS:
+        require_state(run, states, what)
     blockers = blockers_of(session, run)
     if blockers:
         raise Conflict(" ".join(blockers))

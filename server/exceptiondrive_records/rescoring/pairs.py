@@ -15,6 +15,8 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 
 _OPEN_JOBS = (JobState.QUEUED, JobState.LEASED)
 _RATE_WINDOW = timedelta(seconds=30)
+_LEAST_S = 1.0
+"""The first sheets of a run come within milliseconds, and would promise too much."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progres
         total=counts.total,
         failed=counts.failed,
         sheets_per_s=None if rate is None else round(rate, 2),
-        remaining_s=round(waiting / rate, 1) if rate else None,
+        remaining_s=round(waiting / rate, 1) if rate and waiting else None,
     )
 
 
@@ -105,8 +107,8 @@ def _rate(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
         )
     )
     made = session.scalar(query) or 0
-    elapsed_s = (now - since).total_seconds()
-    return made / elapsed_s if made and elapsed_s > 0 else None
+    elapsed_s = max((now - since).total_seconds(), _LEAST_S)
+    return made / elapsed_s if made else None
 
 
 def _scored(phase_id: str) -> Select[Submission]:

@@ -47,13 +47,14 @@ def is_reveal(session: Session, run: RescoringRun) -> bool:
 
 
 def reveal_blockers(session: Session, run: RescoringRun) -> list[str]:
-    """Return what the life of the phase has against applying a run."""
-    if run.state is RunState.APPLIED:
-        return []
+    """Return what the life of the phase has against applying a run, or rolling it back."""
     phase = session.get_one(Phase, run.phase_id)
     now = database_now(session)
+    if run.state is RunState.APPLIED:
+        words = _against_update(phase, now, "rolling back")
+        return [] if words is None else [words]
     reveals = is_reveal(session, run)
-    words = _against_reveal(phase, now) if reveals else _against_update(phase, now)
+    words = _against_reveal(phase, now) if reveals else _against_update(phase, now, "applying")
     return [] if words is None else [words]
 
 
@@ -70,11 +71,11 @@ def _against_reveal(phase: Phase, now: datetime) -> str | None:
     )
 
 
-def _against_update(phase: Phase, now: datetime) -> str | None:
+def _against_update(phase: Phase, now: datetime, what: str) -> str | None:
     since = frozen_since(phase, now)
     if since is None:
         return None
     return (
-        f"The board is frozen since {since:%Y-%m-%d %H:%M} UTC: applying would show what the "
+        f"The board is frozen since {since:%Y-%m-%d %H:%M} UTC: {what} would show what the "
         "freeze hides. Reveal the board first."
     )

@@ -19,7 +19,8 @@ from exceptiondrive_records.rescoring.keys import (
     old_key,
     other_key,
 )
-from exceptiondrive_records.rescoring.pairs import failed_pairs
+from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs
+from exceptiondrive_records.rescoring.readable import require_readable
 from exceptiondrive_records.splits import find_split
 from exceptiondrive_records.tables import Job, JobState, Phase
 from exceptiondrive_records.tables_rescoring import RescoringRun
@@ -49,7 +50,8 @@ def create_run(
 
     Raises:
         NotFound: No such phase, protocol or split revision.
-        InvalidRecord: Nothing would change, the reason is empty, or the split loses samples.
+        InvalidRecord: Nothing would change, the reason is empty, or accepted files could not be
+            scored under what is to come.
         Conflict: Another run of the phase is open.
     """
     phase = session.get(Phase, phase_id, with_for_update=True, populate_existing=True)
@@ -98,9 +100,13 @@ def pause_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
 
 
 def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Go on with a paused run, and try failed pairs again."""
-    before = (RunState.PAUSED, RunState.SCORING)
-    run = move_run(session, run_id, before, RunState.SCORING, "resumed", reason, actor)
+    """Go on with a paused run, and try failed pairs again, also of one that is ready or applied."""
+    run = find_run(session, run_id, lock=True)
+    before = [RunState.PAUSED, RunState.SCORING]
+    if run.state in (RunState.READY, RunState.APPLIED) and _has_failed(session, run):
+        before.append(run.state)
+    after = RunState.APPLIED if run.state is RunState.APPLIED else RunState.SCORING
+    move_run(session, run_id, tuple(before), after, "resumed", reason, actor)
     run.resumed_at = run.state_at
     release_jobs(session, run)
     retry_failed(session, run, other_key(run))
@@ -141,11 +147,7 @@ def move_run(
     """
     run = find_run(session, run_id, lock=True)
     reason = checked_reason(reason)
-    if run.state not in before:
-        raise Conflict(
-            f"The run is {_words(run.state)}; it can be {what} only while it is "
-            f"{' or '.join(_words(state) for state in before)}."
-        )
+    require_state(run, before, what)
     was = run.state
     run.state = after
     run.state_at = database_now(session)
@@ -154,6 +156,18 @@ def move_run(
     detail = {"phase": run.phase_id, "reason": reason, "was": was.value}
     audit(session, actor, f"rescoring {what}", run.id, detail)
     return run
+
+
+def require_state(run: RescoringRun, before: tuple[RunState, ...], what: str) -> None:
+    """Raise Conflict, with the states in which it is possible, unless the run is in one of them."""
+    if run.state in before:
+        return
+    *first, last = [_words(state) for state in before]
+    states = f"{', '.join(first)} or {last}" if first else last
+    again = " already" if _words(run.state) == what else ""
+    raise Conflict(
+        f"The run is {_words(run.state)}{again}; it can be {what} only while it is {states}."
+    )
 
 
 def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
@@ -180,8 +194,12 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
     return len(failed)
 
 
+def _has_failed(session: Session, run: RescoringRun) -> bool:
+    return count_pairs(session, run.phase_id, other_key(run)).failed > 0
+
+
 def _words(state: RunState) -> str:
-    return state.value.replace("_", " ")
+    return "a draft" if state is RunState.DRAFT else state.value.replace("_", " ")
 
 
 def _require_no_open_run(session: Session, phase_id: str) -> None:
@@ -206,11 +224,9 @@ def _target(
         raise InvalidRecord(
             "The phase shows this protocol and split revision already: nothing would change."
         )
-    if new.revision != old.revision:
-        n_lost = len(set(old.manifest.sample_ids) - set(new.manifest.sample_ids))
-        if n_lost:
-            raise InvalidRecord(
-                f"The new revision lacks {n_lost} samples that accepted files answer; they could "
-                "not be read under it. Open a new phase for it instead."
-            )
+    require_readable(
+        phase.challenge,
+        (find_protocol(session, phase.protocol_digest), old),
+        (find_protocol(session, digest), new),
+    )
     return target

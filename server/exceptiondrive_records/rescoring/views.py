@@ -105,7 +105,8 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     if compared is None:
         compared = _unfinished_comparison(session, run)
     if compared is None:
-        raise Conflict("There is nothing to compare yet. " + " ".join(blockers))
+        yet = "" if run.state.is_final else " yet"
+        raise Conflict(f"There is nothing to compare{yet}. {' '.join(blockers)}")
     return PreviewView(
         run=run.id,
         digest=compared.digest,

@@ -86,6 +86,8 @@ def find_chosen(session: Session, choice: BoardChoice) -> BoardRow:
         raise InvalidRecord("Ask for a date or for a protocol, not for both: a date has its own.")
     if choice.as_of is not None:
         row = board_at(session, phase.id, _moment(choice.as_of))
+        if row is None and current_board(session, phase.id) is not None:
+            raise NotFound("board that old of the phase", phase.id)
     elif choice.protocol is not None:
         row = latest_public_board(session, phase.id, find_protocol(session, choice.protocol).digest)
     else:

@@ -25,12 +25,14 @@ class AuditLineView(BaseModel):
 
 
 class AuditVerdictView(BaseModel):
-    """Whether the chain of the audit log is whole."""
+    """Whether the chain of the audit log is whole, and holds the head that was kept."""
 
     is_whole: bool
     n_lines: int
     head: str
     broken_at: int | None
+    holds_kept_head: bool | None = None
+    """Whether a line has the head that was sent along; null: none was."""
 
 
 @router.get("/audit", operation_id="readAudit")
@@ -60,13 +62,23 @@ def get_audit(
 
 
 @router.get("/audit/verify", operation_id="verifyAudit")
-def get_audit_verdict(services: ServicesOf) -> AuditVerdictView:
-    """Recompute the chain: an altered, missing or reordered line is found."""
+def get_audit_verdict(
+    services: ServicesOf,
+    head: Annotated[
+        str | None,
+        Query(pattern="^[0-9a-f]{64}$", description="kept from an earlier verification"),
+    ] = None,
+) -> AuditVerdictView:
+    """Recompute the chain: an altered, missing or reordered line is found.
+
+    Lines cut off at the end are found by the `head` that an earlier verification told.
+    """
     with services.database.read() as session:
-        verdict = verify_audit(session)
+        verdict = verify_audit(session, head)
     return AuditVerdictView(
         is_whole=verdict.is_whole,
         n_lines=verdict.n_lines,
         head=verdict.head,
         broken_at=verdict.broken_at,
+        holds_kept_head=verdict.holds_kept_head,
     )

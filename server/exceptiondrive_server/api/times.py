@@ -6,6 +6,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator
 
+from exceptiondrive_server.zone_sign import with_zone_sign
+
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _SENTENCE = "must be {} such as 2026-11-21T12:00:00Z"
 
@@ -38,7 +40,7 @@ def _date_or_time(value: object) -> object:
     try:
         return date.fromisoformat(value)
     except ValueError:
-        return value
+        return with_zone_sign(value)
 
 
 def _moment_in_utc(value: datetime | date) -> datetime | date:

@@ -111,7 +111,7 @@ def show_run(
         "run.html",
         "rescoring",
         line=run_line(seen),
-        steps=offered(seen.state),
+        steps=offered(seen),
         history_lines=history_lines(lines, names),
         organizer_name=names.get(seen.actor, seen.actor),
     )
@@ -136,7 +136,7 @@ def show_preview(
         "preview.html",
         "rescoring",
         line=run_line(seen),
-        steps=offered(seen.state),
+        steps=offered(seen),
         page=preview_view(preview, protocol, page),
     )
 

@@ -1,7 +1,7 @@
 """The steps of a run, as data: what each does, when it is offered, what the button says."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from sqlalchemy.orm import Session
@@ -15,6 +15,7 @@ from exceptiondrive_server.organizer_pages.steps import Step
 from exceptiondrive_server.pages.numbers import counted
 
 _OPEN = (RunState.DRAFT, RunState.SCORING, RunState.PAUSED, RunState.READY)
+_RETRYING = (RunState.SCORING, RunState.READY, RunState.APPLIED)
 MOST_SENTENCES = 8
 
 
@@ -129,9 +130,25 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
 )
 
 
-def offered(state: RunState) -> tuple[RunStep, ...]:
-    """Return the steps that a run in this state offers."""
-    return tuple(step for step in RUN_STEPS.values() if state in step.offered)
+def offered(run: RunView) -> tuple[RunStep, ...]:
+    """Return the steps that a run offers as it is now."""
+    return tuple(
+        _named_for(step, run) for step in RUN_STEPS.values() if run.state in _offering(step, run)
+    )
+
+
+def _offering(step: RunStep, run: RunView) -> tuple[RunState, ...]:
+    """Failed sheets can be tried again in every state that has any."""
+    return (
+        (*step.offered, *_RETRYING)
+        if step.key == "resume" and run.progress.failed
+        else step.offered
+    )
+
+
+def _named_for(step: RunStep, run: RunView) -> RunStep:
+    is_retry = step.key == "resume" and run.state is not RunState.PAUSED
+    return replace(step, button="Try failed sheets again", is_main=False) if is_retry else step
 
 
 def take_step(

@@ -1,6 +1,6 @@
 """What pages read from the records, in one short transaction each."""
 
-from datetime import UTC, date, datetime, time, timedelta
+from datetime import UTC, date, datetime, time
 from functools import lru_cache
 
 from sqlalchemy import func, select
@@ -17,7 +17,7 @@ from exceptiondrive_records.boards import (
 )
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.drawings import protocol_drawing
-from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.errors import InvalidRecord, NotFound
 from exceptiondrive_records.phase_life import phase_now, takes_late_entries
 from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
@@ -30,6 +30,7 @@ from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.feed import BoardNote, History
 from exceptiondrive_server.pages.page_parts import PhaseLink
+from exceptiondrive_server.zone_sign import with_zone_sign
 
 
 def read_board(session: Session, query: BoardQuery) -> BoardReading:
@@ -144,7 +145,12 @@ def _board_row(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | 
         return row
     if query.as_of is not None:
         moment = parse_moment(query.as_of)
-        row = board_at(session, phase.id, moment) if moment else None
+        if moment is None:
+            raise InvalidRecord(
+                "The date of the board must be a day such as 2026-11-21 or a time such as "
+                "2026-11-21T12:00:00Z."
+            )
+        row = board_at(session, phase.id, moment)
         if row is None:
             raise NotFound("board of this phase as of", query.as_of)
         return row
@@ -155,8 +161,8 @@ def parse_moment(text: str) -> datetime | None:
     """Read a day (its end counts) or a moment with time zone (UTC if none); None if neither."""
     try:
         if len(text) == 10:
-            return datetime.combine(date.fromisoformat(text) + timedelta(days=1), time.min, UTC)
-        moment = datetime.fromisoformat(text)
+            return datetime.combine(date.fromisoformat(text), time.max, UTC)
+        moment = datetime.fromisoformat(with_zone_sign(text))
     except (ValueError, OverflowError):
         return None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)

@@ -54,6 +54,11 @@ async def test_what_does_not_exist_is_a_404_page_with_a_way_back(
     assert 'href="/"' in answer.text
 
 
+async def test_a_date_that_is_none_is_told_with_an_example(lively_site: Any) -> None:
+    answer = await lively_site.get("/?as_of=yesterday")
+    assert (answer.status_code, "such as 2026-11-21" in answer.text) == (400, True)
+
+
 async def test_an_unchanged_page_is_answered_by_304(lively_site: Any) -> None:
     first = await lively_site.get("/")
     again = await lively_site.get("/", if_none_match=first.headers["etag"])

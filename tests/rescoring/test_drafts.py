@@ -1,0 +1,130 @@
+"""What a run is refused, and in which words: before it begins, while sheets fail, while it is frozen."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.jobs import claim, finish_failed
+from exceptiondrive_records.phase_changes import freeze_phase
+from exceptiondrive_records.tables import Job, JobState
+
+Stage = Any
+Make = Callable[..., str]
+pytestmark = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+
+
+def refused(what: Callable[[], object]) -> str:
+    with pytest.raises((Conflict, InvalidRecord)) as found:
+        what()
+    return str(found.value)
+
+
+def test_what_accepted_files_cannot_be_scored_under_is_refused(
+    stage: Stage, make_protocol: Make, make_split: Callable[..., Any]
+) -> None:
+    stage.add_protocol(make_protocol("2.0", "waypoints = 6", "waypoints = 8"))
+    assert refused(lambda: stage.draft(protocol="2.0")) == (
+        "The protocol asks for 8 waypoints 0.5 s apart; accepted files hold 6 waypoints 0.5 s "
+        "apart: they cannot be scored under it. Open a new phase for it instead."
+    )
+    stage.add_protocol(make_protocol("2.1").replace("lane_blockage", "lane_obstacle"))
+    assert "lacks the family lane_blockage" in refused(lambda: stage.draft(protocol="2.1"))
+    with pytest.raises(NotFound, match="no registered revision of split 'tiny' like 'sha256:0'"):
+        stage.draft(split_revision="sha256:0")
+    whole = make_split()
+    one_more = whole.samples[0].model_copy(update={"sample_id": "e"})
+    for name, samples, words in (
+        ("split-less.json", whole.samples[1:], "lacks 1 sample that accepted files answer"),
+        (
+            "split-more.json",
+            (*whole.samples, one_more),
+            "has 1 sample that no accepted file answers",
+        ),
+    ):
+        changed = whole.model_copy(update={"samples": samples})
+        stage.put_split(changed, name)
+        assert words in refused(partial(stage.draft, split_revision=changed.revision))
+
+
+def test_a_challenge_without_waypoints_takes_a_protocol_with_others(
+    agents: Stage, make_protocol: Make
+) -> None:
+    agents.add_protocol(make_protocol("2.0", "waypoints = 6", "waypoints = 8"))
+    assert agents.draft(protocol="2.0")
+
+
+def fail(stage: Stage) -> str:
+    """Let the next waiting job fail for good; return its submission."""
+    with stage.database.write() as session:
+        job = session.scalars(select(Job).where(Job.state == JobState.QUEUED)).first()
+        assert job is not None
+        claimed = claim(session, job.id, 60, 4)
+        assert claimed is not None
+        finish_failed(session, claimed, "out_of_memory", "Too large.", retry=False)
+    return str(claimed.submission_id)
+
+
+@pytest.mark.parametrize("state", ["ready", "applied"])
+def test_a_sheet_that_fails_late_is_named_and_can_be_tried_again(
+    stage: Stage, make_protocol: Make, state: str
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    if state == "applied":
+        stage.apply(run_id)
+    assert "can be resumed only while" in refused(lambda: stage.step("resume", run_id))
+    late = stage.submit(3.0, "late")
+    assert stage.work(most=1) == 1  # the live one: it shows the fate of the submission
+    assert fail(stage) == late
+    view = stage.view(run_id)
+    (blocker,) = view.blockers
+    assert blocker.startswith(f"1 sheet could not be made: of {late} (out_of_memory). Resume")
+    assert (view.state.value, view.progress.remaining_s) == (state, None)
+    stage.step("resume", run_id)
+    stage.work()
+    assert (stage.view(run_id).blockers, stage.view(run_id).state.value) == ((), state)
+
+
+def test_each_refusal_says_the_state_and_what_is_possible(
+    stage: Stage, make_protocol: Make
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    assert refused(lambda: stage.apply(run_id, "x")) == "Scoring has not begun: start the run."
+    assert refused(lambda: stage.rollback(run_id)) == (
+        "The run is a draft; it can be rolled back only while it is applied."
+    )
+    stage.step("start", run_id)
+    stage.step("pause", run_id)
+    assert "only while it is applied" in refused(lambda: stage.rollback(run_id))
+    assert "The run is paused: resume it." in refused(lambda: stage.apply(run_id, "x"))
+    stage.step("cancel", run_id)
+    assert refused(lambda: stage.step("cancel", run_id)) == (
+        "The run is cancelled already; it can be cancelled only while it is a draft, scoring, "
+        "paused or ready."
+    )
+
+
+def test_a_frozen_board_is_neither_applied_nor_rolled_back(
+    stage: Stage, make_protocol: Make
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    again = stage.preview(run_id).digest
+    with stage.database.write() as session:
+        freeze_phase(session, "dev", reason="the last hour", actor="organizer")
+    shown = stage.board()
+    stage.submit(3.0, "after the freeze")
+    stage.work()
+    words = "rolling back would show what the freeze hides. Reveal the board first."
+    assert words in refused(lambda: stage.rollback(run_id))
+    stage.step("close", run_id)
+    back = stage.draft(protocol="1.0")
+    stage.step("start", back)
+    stage.work()
+    assert "applying would show what the freeze hides" in refused(lambda: stage.apply(back, again))
+    assert stage.board() == shown
