@@ -163,6 +163,7 @@ class Nginx:
                 f"{name}_temp_path /tmp/{name};": f"{name}_temp_path {self.folder}/{name};"
                 for name in temporary
             },
+            "proxy_cache_path /tmp/cache ": f"proxy_cache_path {self.folder}/cache ",
             "resolver 127.0.0.11 ": f"resolver 127.0.0.1:{names_port} ",
             "set $application server:8000;": f"set $application server:{server_port};",
             "listen 8080;": f"listen 127.0.0.1:{self.plain_port};",

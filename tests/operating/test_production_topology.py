@@ -21,7 +21,7 @@ from tests.chaos.run import Run
 from tests.chaos.topology import PHASE, Topology
 from tests.chaos.users import Users, as_user, can_change_user
 from tests.deploy.nginx import Names, Nginx, find_nginx, free_port
-from tests.operating.traffic import Traffic, submit
+from tests.operating.traffic import BOARD, Traffic, submit
 from tests.operating.upgrading import make_schema_newer, stop_while_uploading
 
 from exceptiondrive import Client
@@ -258,6 +258,51 @@ def test_each_sender_is_counted_for_itself_over_both_servers(run: Run, site: Sit
         forged = _register(one, "team-forged", **{"X-Forwarded-For": "127.0.0.73"})
     assert forged.status_code == 429
     assert int(forged.headers["retry-after"]) > 5, "the server's own answer, not the proxy's"
+
+
+def _n_answered(topology: Topology, route: str) -> int:
+    """How many requests for a route both servers have answered."""
+    head = f'exceptiondrive_request_seconds_count{{method="GET",route="{route}"'
+    port = topology.url.rpartition(":")[2]
+    texts = [httpx.get(f"http://{host}:{port}/metrics").text for host in ("127.0.0.1", "127.0.0.2")]
+    lines = [line for text in texts for line in text.splitlines() if line.startswith(head)]
+    return sum(int(float(line.rpartition(" ")[2])) for line in lines)
+
+
+def test_readers_of_a_rush_reach_no_server(run: Run, site: Site) -> None:
+    """All but the first, and one more where the copy grows old meanwhile; a cookie leads past it."""
+    topology = run.topology
+    topology.wait_until(lambda: _ready(topology, "127.0.0.1", "127.0.0.2"), "both servers")
+    with site.nginx.browser("127.0.0.91") as browser:
+        before = _n_answered(topology, "/")
+        pages = [browser.get("/") for _ in range(12)]
+        reached = _n_answered(topology, "/")
+        assert [page.status_code for page in pages] == [200] * 12
+        assert reached - before in (0, 1, 2)
+        browser.cookies.set("theme", "dark")
+        own = [browser.get("/").text for _ in range(3)]
+    assert _n_answered(topology, "/") == reached + 3
+    assert 'data-theme="dark"' in own[0]
+    assert 'data-theme="dark"' not in pages[0].text
+    assert "x-accel-expires" not in pages[0].headers
+
+
+def test_pages_are_shown_while_no_server_answers(run: Run, site: Site) -> None:
+    with site.nginx.browser("127.0.0.92") as browser:
+        kept = [browser.get(path).content for path in ("/", BOARD)]
+        addresses, site.names.addresses = site.names.addresses, ["127.0.0.9"]
+        try:
+            run.topology.wait_until(
+                lambda: browser.get("/readyz").status_code == 502, "nginx to ask for the name again"
+            )
+            assert [browser.get(path).content for path in ("/", BOARD)] == kept
+            token = {"Authorization": f"Bearer {run.topology.tokens['alpha']}"}
+            assert browser.get(BOARD, headers=token).status_code == 502
+        finally:
+            site.names.addresses = addresses
+        run.topology.wait_until(
+            lambda: browser.get("/readyz").status_code == 200, "nginx to find the servers again"
+        )
 
 
 @pytest.mark.usefixtures("trusted")

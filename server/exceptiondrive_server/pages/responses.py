@@ -23,6 +23,8 @@ SECURITY_HEADERS = {
     "Referrer-Policy": "strict-origin-when-cross-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
+PROXY_KEEPS_S = 5
+"""How long the proxy may show a public page to everybody; no browser sees this header."""
 _STATUS = {ProblemCode.NOT_FOUND: 404, ProblemCode.CONFLICT: 409, ProblemCode.BAD_REQUEST: 400}
 
 
@@ -40,13 +42,23 @@ def page(
 ) -> Response:
     """Fill a template and answer; an unchanged page is answered by 304.
 
-    What a signed-in browser gets is its own: no cache that others share may keep it.
+    What a signed-in browser gets is its own: no cache that others share may keep it. Everybody else's
+    page is the same for all, and our proxy shows it for some seconds (deploy/nginx.conf).
     """
     site = site_of(request, current)
     body = render(template, site=site, **values).encode()
     etag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
     kept = "private, no-cache" if site.has_session else "no-cache"
-    headers = {**SECURITY_HEADERS, "ETag": etag, "Cache-Control": kept, "Vary": "Cookie"}
+    is_public = status == 200 and not site.has_session
+    by_proxy = {"X-Accel-Expires": str(PROXY_KEEPS_S)} if is_public else {}
+    # nginx before 1.23 obeys the first of two headers that say how long
+    headers = {
+        **by_proxy,
+        **SECURITY_HEADERS,
+        "ETag": etag,
+        "Cache-Control": kept,
+        "Vary": "Cookie",
+    }
     if status == 200 and etag in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
     return HTMLResponse(body, status_code=status, headers=headers)
