@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 
 import structlog
 from sqlalchemy import select, text
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
@@ -120,6 +120,6 @@ def run_sweeper(
             if is_due:
                 swept = sweep_orphans(database, files, actor="reconciler")
                 _log.info("orphaned files swept", **vars(swept))
-        except (OperationalError, StoreError) as error:
+        except (SQLAlchemyError, StoreError) as error:
             _log.warning("orphaned files not swept", error=type(error).__name__)
         stop.wait(min(every_s, _LOOK_EVERY_S))

@@ -8,7 +8,7 @@ from datetime import timedelta
 
 import structlog
 from sqlalchemy import select
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
@@ -52,9 +52,9 @@ def run_outbox(database: Database, settings: NoticeSettings, stop: threading.Eve
     while not stop.is_set():
         try:
             is_busy = _leads(database, holder) and send_next(database, settings)
-        except OperationalError as error:
+        except SQLAlchemyError as error:
             is_busy = False
-            _log.warning("the database did not answer", error=type(error.orig).__name__)
+            _log.warning("the database did not answer", error=type(error).__name__)
         if not is_busy:
             stop.wait(settings.deliver_every_s)
     with database.write() as session:
