@@ -8,7 +8,7 @@ lags behind for long, and the last score of a rush is always followed by a build
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import or_, select, update
+from sqlalchemy import ColumnElement, or_, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
@@ -62,8 +62,12 @@ def due_boards(session: Session, settings: RecordsSettings) -> list[DueBoard]:
 
 
 def take_due_boards(session: Session, settings: RecordsSettings) -> list[DueBoard]:
-    """Return the boards that are due, marked as rung in this write transaction; ring for them."""
-    due = due_boards(session, settings)
+    """Return the boards that are due, marked as rung in this write transaction; ring for them.
+
+    A request that another transaction holds is left to that one, or to the next pass: two that
+    wait for each other's would end one of them.
+    """
+    due = [board for board in due_boards(session, settings) if _is_free(session, board)]
     for board in due:
         _mark(session, board, database_now(session))
     return due
@@ -110,16 +114,26 @@ def _ring(doorbell: Doorbell, board: DueBoard) -> bool:
     )
 
 
+def _is_free(session: Session, board: DueBoard) -> bool:
+    """Whether its row could be locked at once; on SQLite nobody else writes meanwhile."""
+    query = select(BoardRequest.fence).where(*_is(board)).with_for_update(skip_locked=True)
+    return session.scalar(query) is not None
+
+
 def _mark(session: Session, board: DueBoard, rung_at: datetime | None) -> None:
     """Note when a message was sent, unless a worker has claimed the board since."""
     session.execute(
         update(BoardRequest)
-        .where(
-            BoardRequest.phase_id == board.phase_id,
-            BoardRequest.protocol_digest == board.protocol_digest,
-            BoardRequest.split_revision == board.split_revision,
-            BoardRequest.fence == board.fence,
-        )
+        .where(*_is(board))
         .values(rung_at=rung_at)
         .execution_options(synchronize_session=False)
+    )
+
+
+def _is(board: DueBoard) -> tuple[ColumnElement[bool], ...]:
+    return (
+        BoardRequest.phase_id == board.phase_id,
+        BoardRequest.protocol_digest == board.protocol_digest,
+        BoardRequest.split_revision == board.split_revision,
+        BoardRequest.fence == board.fence,
     )

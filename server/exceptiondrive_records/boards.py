@@ -10,6 +10,7 @@ from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phase_life import frozen_since
+from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.published_forms import shown_board
 from exceptiondrive_records.tables import BoardFlip, BoardRequest, BoardRow, Phase, Submission
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
@@ -62,20 +63,6 @@ def claim_board(
     return BoardClaim(phase_id, protocol_digest, split_revision, taken.wanted, taken.fence, now)
 
 
-def release_board(session: Session, claim: BoardClaim) -> None:
-    """Give a build up, so that the next ring may take it at once."""
-    session.execute(
-        update(BoardRequest)
-        .where(
-            BoardRequest.phase_id == claim.phase_id,
-            BoardRequest.protocol_digest == claim.protocol_digest,
-            BoardRequest.split_revision == claim.split_revision,
-            BoardRequest.fence == claim.fence,
-        )
-        .values(lease_until=None)
-    )
-
-
 def publish_board(
     session: Session, claim: BoardClaim, board: Board, late: Board | None = None
 ) -> BoardRow | None:
@@ -94,9 +81,7 @@ def publish_board(
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
     """
-    # the phase first, as whoever changes the phase and then asks for its boards
-    phase = session.get(Phase, claim.phase_id, with_for_update=True, populate_existing=True)
-    assert phase is not None
+    phase = lock_phase(session, claim.phase_id)
     request = session.get(
         BoardRequest,
         (claim.phase_id, claim.protocol_digest, claim.split_revision),
@@ -207,7 +192,11 @@ def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -
 
 def public_protocols(session: Session, phase_id: str) -> list[str]:
     """Return the digests of the protocols under which a board of the phase was ever shown."""
-    query = select(BoardRow.protocol_digest).where(BoardRow.phase_id == phase_id, was_shown())
+    query = (  # from the flips, which an index finds: asking each board for its flip is quadratic
+        select(BoardRow.protocol_digest)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .where(BoardFlip.phase_id == phase_id)
+    )
     return list(session.scalars(query.distinct()))
 
 
@@ -220,17 +209,16 @@ def public_board_with(
 ) -> BoardRow | None:
     """Return the newest (or the oldest) board that shows a submission and was ever shown itself.
 
-    Drafts are for organizers alone.
+    Drafts are for organizers alone. Boards from before it came are not even looked at.
     """
     query = select(BoardRow).where(
         BoardRow.phase_id == submission.phase_id,
+        BoardRow.published_at >= submission.received_at,
         BoardRow.body.contains(submission.id, autoescape=True),
         was_shown(),
     )
     if protocol_digest is not None:
         query = query.where(BoardRow.protocol_digest == protocol_digest)
-    if oldest:  # boards from before it came are not even looked at
-        query = query.where(BoardRow.published_at >= submission.received_at)
     order = BoardRow.number.asc() if oldest else BoardRow.number.desc()
     return session.scalars(query.order_by(order).limit(1)).first()
 
@@ -264,12 +252,6 @@ def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
     if row is None:
         raise NotFound("board", f"{phase_id}/{number}")
     return row
-
-
-def list_boards(session: Session, phase_id: str) -> list[BoardRow]:
-    """Return all boards of a phase, newest first."""
-    query = select(BoardRow).where(BoardRow.phase_id == phase_id)
-    return list(session.scalars(query.order_by(BoardRow.number.desc())))
 
 
 def _append(

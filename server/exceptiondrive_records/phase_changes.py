@@ -10,11 +10,12 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit import audit
 from exceptiondrive_records.boards import current_board, flip_board, latest_board
 from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.errors import Conflict, InvalidRecord
 from exceptiondrive_records.identifiers import checked_text
 from exceptiondrive_records.phase_boards import want_boards
 from exceptiondrive_records.phase_life import frozen_since, is_anonymous, new_salt
 from exceptiondrive_records.phase_rules import check_phase
+from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.splits import live_revision
 from exceptiondrive_records.tables import Phase, Submission
 from exceptiondrive_schemas.phase_life import PhaseLife
@@ -146,18 +147,6 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
     phase.names_revealed_at = database_now(session)
     audit(session, actor, "names revealed", phase.id, {"reason": _reason(reason)})
     want_boards(session, phase)
-    return phase
-
-
-def lock_phase(session: Session, phase_id: str) -> Phase:
-    """Return a phase whose row is locked.
-
-    Raises:
-        NotFound: There is none.
-    """
-    phase = session.get(Phase, phase_id, with_for_update=True, populate_existing=True)
-    if phase is None:
-        raise NotFound("phase", phase_id)
     return phase
 
 

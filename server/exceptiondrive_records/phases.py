@@ -116,6 +116,23 @@ def find_phase(session: Session, phase_id: str) -> Phase:
     return phase
 
 
+def lock_phase(session: Session, phase_id: str) -> Phase:
+    """Return a phase whose row is locked.
+
+    Whoever needs the row of a board request too locks that one later: else two could wait for each
+    other. Rows that refer to the phase may be written meanwhile (`FOR NO KEY UPDATE`): an upload, a
+    score and its request for a board wait for nobody here.
+
+    Raises:
+        NotFound: There is none.
+    """
+    weak = {"key_share": True}
+    phase = session.get(Phase, phase_id, with_for_update=weak, populate_existing=True)
+    if phase is None:
+        raise NotFound("phase", phase_id)
+    return phase
+
+
 def list_phases(session: Session, challenge: str | None = None) -> list[Phase]:
     """Return phases in the order in which they were created; of one challenge if given."""
     query = select(Phase).order_by(Phase.created_at, Phase.id)

@@ -1,17 +1,20 @@
 """Boards: immutable snapshots, and one pointer that moves."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import DatabaseError
+from tests.records.statements import statements
 
 from exceptiondrive_records import board_records, boards
 from exceptiondrive_records.audit import count_audit_lines
 from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import BoardClaim
+from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import BoardRequest, BoardRow, Phase
 from exceptiondrive_records.teams import create_team
@@ -87,7 +90,8 @@ def test_one_worker_at_a_time_builds_a_board(world: World) -> None:
     assert claim is not None
     assert take(world) is None
     with world.database.write() as session:
-        boards.release_board(session, claim)
+        ended_at = database_now(session) - timedelta(seconds=1)
+        session.execute(update(BoardRequest).values(lease_until=ended_at))
     assert take(world) is not None
 
 
@@ -110,7 +114,7 @@ def test_a_board_that_says_the_same_is_not_appended(world: World) -> None:
     want(world)
     assert publish(world, board(world, "a")).id == first.id
     with world.database.read() as session:
-        assert len(boards.list_boards(session, "dev")) == 1
+        assert session.query(BoardRow).count() == 1
         assert count_audit_lines(session, "board published") == 1
 
 
@@ -217,3 +221,19 @@ def test_a_board_never_mixes_protocols(world: World) -> None:
     with world.database.read() as session:
         assert board_records.entries_for_board(session, "dev", OTHER) == []
         assert session.get_one(Phase, "dev").protocol_digest == world.protocol_digest
+
+
+def test_the_history_of_boards_reads_none_of_them(world: World) -> None:
+    for name in ("a", "b", "c"):
+        publish(world, board(world, name))
+        want(world)
+    with statements(world.database) as three, world.database.read() as session:
+        lines = board_history(session, "dev")
+    assert [line.board for line in lines] == [3, 2, 1]
+    assert lines[0].shown_until is None
+    assert lines[1].shown_until == lines[0].shown_from
+    assert not [statement for statement in three if "boards.body" in statement]
+    publish(world, board(world, "d"))
+    with statements(world.database) as four, world.database.read() as session:
+        board_history(session, "dev")
+    assert len(four) == len(three)

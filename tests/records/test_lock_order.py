@@ -1,19 +1,23 @@
-"""Whoever meets at the same rows takes their locks in one order: no deadlock."""
+"""Whoever changes the same rows takes their locks in one order, or waits for none: no deadlock."""
 
 import threading
 import time
 
+import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import OperationalError
 from tests.records.conftest import World
 from tests.records.test_boards import board, take
 
 from exceptiondrive_records import jobs
+from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.board_rings import take_due_boards
 from exceptiondrive_records.boards import publish_board
 from exceptiondrive_records.claims import Finish
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.phase_boards import want_boards
-from exceptiondrive_records.phase_changes import lock_phase
+from exceptiondrive_records.phases import create_phase, lock_phase
+from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import Job, JobState, Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -77,6 +81,40 @@ def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World
     publishing.join()
 
     assert errors == []
+
+
+POSTGRES_ALONE = pytest.mark.parametrize(
+    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
+)
+"""On SQLite one transaction writes at a time."""
+
+
+@POSTGRES_ALONE
+def test_a_score_and_its_board_request_wait_for_nobody_who_holds_the_phase(world: World) -> None:
+    with world.database.write() as holder, world.database.write() as session:
+        lock_phase(holder, "dev")
+        session.execute(text("SET LOCAL lock_timeout = '2s'"))
+        want_board(session, "dev", world.protocol_digest)
+        assert take_due_boards(session, RecordsSettings())  # the row is written a second time
+
+
+@POSTGRES_ALONE
+def test_who_rings_for_boards_waits_for_no_request_that_another_holds(world: World) -> None:
+    with world.database.write() as session:
+        create_phase(
+            session,
+            "other",
+            challenge="planning",
+            title="Other",
+            split_name="sample",
+            protocol="1.0",
+            actor="test",
+        )
+    with world.database.write() as held, world.database.write() as session:
+        want_board(held, "other", world.protocol_digest)
+        session.execute(text("SET LOCAL lock_timeout = '2s'"))
+        taken = take_due_boards(session, RecordsSettings())
+        assert [board.phase_id for board in taken] == ["dev"]
 
 
 def _wait_until_it_waits(database: Database, thread: threading.Thread) -> None:

@@ -9,6 +9,7 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.notices.inbox import tell_teams
 from exceptiondrive_records.phase_life import frozen_since
+from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.rescoring.compared import Compared, compare_rows
 from exceptiondrive_records.rescoring.draft_board import fresh_board
 from exceptiondrive_records.rescoring.failed import failed_words
@@ -140,8 +141,7 @@ def _checked(
 ) -> tuple[Phase, BoardRow, Compared]:
     """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
     run = find_run(session, run_id, lock=True)
-    phase = session.get(Phase, run.phase_id, with_for_update=True, populate_existing=True)
-    assert phase is not None
+    phase = lock_phase(session, run.phase_id)
     if states == (RunState.APPLIED,) or run.state not in _BLOCKED_IN_WORDS:
         require_state(run, states, what)
     blockers = blockers_of(session, run)

@@ -6,8 +6,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict
-from exceptiondrive_records.phase_changes import lock_phase
 from exceptiondrive_records.phase_life import frozen_since, has_closed
+from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.splits import find_split, part_revision
 from exceptiondrive_records.tables import Phase

@@ -7,7 +7,7 @@ from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord
 from exceptiondrive_records.identifiers import checked_reason, random_id
-from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs, hold_jobs, release_jobs
 from exceptiondrive_records.rescoring.keys import (
@@ -54,8 +54,7 @@ def create_run(
             scored under what is to come.
         Conflict: Another run of the phase is open.
     """
-    phase = session.get(Phase, phase_id, with_for_update=True, populate_existing=True)
-    phase = phase or find_phase(session, phase_id)
+    phase = lock_phase(session, phase_id)
     reason = checked_reason(reason)
     _require_no_open_run(session, phase_id)
     target = _target(session, phase, protocol, split_revision)

@@ -159,54 +159,50 @@ def public_run(session: Session, run_id: str) -> PublicRun:
 def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
     """Return every board that was ever public, newest first, with what made it so.
 
+    A phase may have thousands of boards of a megabyte each: none of them is read.
+
     Raises:
         NotFound: No such phase.
     """
     phase = find_phase(session, phase_id)
     query = (
-        select(BoardFlip, BoardRow)
+        select(
+            BoardFlip.id,
+            BoardFlip.at,
+            BoardRow.number,
+            BoardRow.protocol_digest,
+            BoardRow.split_revision,
+        )
         .join(BoardRow, BoardRow.id == BoardFlip.board_id)
         .where(BoardFlip.phase_id == phase_id)
         .order_by(BoardFlip.at, BoardFlip.id)
     )
-    flips = [(flip, row) for flip, row in session.execute(query)]
+    flips = session.execute(query).all()
     runs = _runs_by_flip(session, phase_id)
-    ends = [*(flip.at for flip, _ in flips[1:]), None]
+    digests = {flip.protocol_digest for flip in flips}
+    protocols = {digest: _protocol_ref(session, digest) for digest in digests}
+    ends = [*(flip.at for flip in flips[1:]), None]
     lines = []
-    for (flip, row), end in zip(flips, ends, strict=True):
+    for flip, end in zip(flips, ends, strict=True):
         run = runs.get(flip.id)
         lines.append(
             BoardHistoryLine(
-                board=row.number,
-                address=f"/api/v1/boards/{phase_id}/{row.number}",
-                protocol=_protocol_ref(session, row.protocol_digest),
-                split=SplitRef(name=phase.split_name, revision=row.split_revision),
+                board=flip.number,
+                address=f"/api/v1/boards/{phase_id}/{flip.number}",
+                protocol=protocols[flip.protocol_digest],
+                split=SplitRef(name=phase.split_name, revision=flip.split_revision),
                 shown_from=flip.at,
                 shown_until=end,
-                what_changed=() if run is None else _words_of(session, run, flip),
+                what_changed=() if run is None else _words_of(session, run, flip.id),
                 comparison=None if run is None else f"/api/v1/rescoring/{run.id}",
             )
         )
     return lines[::-1]
 
 
-def update_of_board(session: Session, phase_id: str) -> PublicRun | None:
-    """Return the update by which the phase came to the protocol that it shows; None: the first."""
-    query = (
-        select(RescoringRun)
-        .where(
-            RescoringRun.phase_id == phase_id,
-            RescoringRun.state.in_((RunState.APPLIED, RunState.CLOSED)),
-        )
-        .order_by(RescoringRun.applied_at.desc())
-    )
-    run = session.scalars(query).first()
-    return None if run is None else public_run(session, run.id)
-
-
-def _words_of(session: Session, run: RescoringRun, flip: BoardFlip) -> tuple[str, ...]:
+def _words_of(session: Session, run: RescoringRun, flip_id: int) -> tuple[str, ...]:
     sentences = difference_of(session, run).sentences
-    if flip.id != run.rollback_flip_id:
+    if flip_id != run.rollback_flip_id:
         return sentences
     return tuple(f"taken back: {sentence}" for sentence in sentences)
 

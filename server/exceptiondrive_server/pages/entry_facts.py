@@ -39,11 +39,6 @@ def primary_metrics(challenge: Challenge) -> tuple[Metric, ...]:
     return tuple(metric for metric in challenge.metrics if metric.role == "primary")
 
 
-def diagnostic_metrics(challenge: Challenge) -> tuple[Metric, ...]:
-    """Return the metrics that inform and never rank."""
-    return tuple(metric for metric in challenge.metrics if metric.role == "diagnostic")
-
-
 def entry_key(entry: BoardEntry) -> str:
     """Return the name of an entry in addresses: its submission, or `reported-st-p3`."""
     return entry.submission_id or f"{entry.source}-{slug(entry.method)}"
