@@ -30,7 +30,17 @@ def shown_sheet(session: Session, phase: Phase, row: ScoreSheetRow) -> ScoreShee
     """Return a sheet as anybody may see it now; without families and tasks before their date."""
     if families_shown_from(phase, database_now(session)) is None:
         return row.sheet
-    return row.sheet.model_copy(update={"families": {}, "tasks": {}})
+    return without_breakdown(row.sheet)
+
+
+def without_breakdown(sheet: ScoreSheet) -> ScoreSheet:
+    """Return the totals of a sheet alone: nothing that is counted over some samples only.
+
+    A further row with an `n` is counted so too: the answers to samples with one acceptable set tell
+    which set each sample has, as a task would.
+    """
+    extra = {name: row for name, row in sheet.extra.items() if "n" not in row}
+    return sheet.model_copy(update={"families": {}, "tasks": {}, "extra": extra})
 
 
 def score_kept_back_since(

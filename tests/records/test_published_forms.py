@@ -1,0 +1,28 @@
+"""What of a sheet is shown before the date of its families."""
+
+from datetime import timedelta
+from typing import Any
+
+from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.phase_changes import update_phase
+from exceptiondrive_records.published_forms import shown_sheet
+from exceptiondrive_records.tables import ScoreSheetRow
+from exceptiondrive_schemas.phase_life import PhaseLife
+
+World = Any
+
+
+def test_until_their_date_no_row_tells_of_some_samples_alone(world: World) -> None:
+    extra: dict[str, dict[str, float | None]] = {
+        "confusion_CD": {"n": 2.0, "A": 1.0, "C": 1.0},  # as telling as a task
+        "reminder": {"given": 1.0},
+    }
+    row = ScoreSheetRow(sheet=world.sheet().model_copy(update={"extra": extra}))
+    with world.database.write() as session:
+        life = PhaseLife(families_from=database_now(session) + timedelta(days=1))
+        phase = update_phase(session, "dev", changes={}, life=life, actor="test")
+        shown = shown_sheet(session, phase, row)
+        assert (shown.families, shown.tasks) == ({}, {})
+        assert shown.extra == {"reminder": {"given": 1.0}}
+        phase.life = PhaseLife()
+        assert shown_sheet(session, phase, row) == row.sheet
