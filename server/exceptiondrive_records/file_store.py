@@ -168,10 +168,11 @@ class FileStore:
         key = _key(digest)
         try:
             self._make_subfolder(key)
-            obstore.put(self._store, key, spooled.read(), mode="create")
-            self._sync(key)
-        except AlreadyExistsError:
-            self._heal(key, digest, spooled)
+            try:
+                obstore.put(self._store, key, spooled.read(), mode="create")
+                self._sync(key)
+            except AlreadyExistsError:
+                self._heal(key, digest, spooled)
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not take files now; try again later.") from error
 

@@ -91,3 +91,10 @@ def test_a_store_that_cannot_write_says_so(tmp_path: Path) -> None:
     (tmp_path / "uploads").write_text("a file where the folder was")
     with pytest.raises(StoreError, match="try again later"):
         store.put_stream(chunks(), limit_bytes=20_000)
+
+
+def test_a_store_that_cannot_heal_a_file_says_so(tmp_path: Path) -> None:
+    store, path = local(tmp_path)
+    path.mkdir(parents=True)
+    with pytest.raises(StoreError, match="try again later"):
+        store.put_stream(chunks(), limit_bytes=20_000)

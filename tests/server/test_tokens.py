@@ -132,3 +132,13 @@ def test_days_on_the_page_are_a_plain_number(api: "Api", browse: Open, days: str
     browser.sign_in("alpha")
     form = {"name": "x", "scope": "submit", "days": days}
     assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
+
+
+@pytest.mark.parametrize("days", ["0", "3651", "000003650999999", "9" * 5000, "\u0663"])
+def test_the_page_takes_a_number_of_days_that_can_be_meant(
+    api: "Api", browse: Open, days: str
+) -> None:
+    browser = browse(api)
+    browser.sign_in("alpha")
+    form = {"name": "cluster", "scope": ["submit"], "days": days}
+    assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400

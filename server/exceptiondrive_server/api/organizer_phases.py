@@ -26,9 +26,9 @@ from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_life import PhaseLife, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.api.organizer_forms import Form
-from exceptiondrive_server.api.times import Time
 from exceptiondrive_server.auth import Organizer, ServicesOf
 from exceptiondrive_server.services import Services
+from exceptiondrive_server.times import Time
 
 router = APIRouter()
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]

@@ -8,6 +8,7 @@ from typing import Any, Literal
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_server.times import in_utc
 
 Kind = Literal["text", "lines", "whole", "moment", "yes", "choice"]
 """A line, several lines, a whole number, a time in UTC, a tick, or one of a list."""
@@ -115,9 +116,8 @@ def _whole(field: Field, text: str) -> int:
 
 def _moment(field: Field, text: str) -> datetime:
     try:
-        moment = datetime.fromisoformat(text)
-        return moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
-    except (ValueError, OverflowError):
+        return in_utc(datetime.fromisoformat(text))
+    except ValueError:
         raise ValueError("must be a time in UTC such as 2026-11-21T12:00") from None
 
 

@@ -30,6 +30,7 @@ from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.feed import BoardNote, History
 from exceptiondrive_server.pages.page_parts import PhaseLink
+from exceptiondrive_server.times import in_utc
 from exceptiondrive_server.zone_sign import with_zone_sign
 
 
@@ -162,10 +163,9 @@ def parse_moment(text: str) -> datetime | None:
     try:
         if len(text) == 10:
             return datetime.combine(date.fromisoformat(text), time.max, UTC)
-        moment = datetime.fromisoformat(with_zone_sign(text))
+        return in_utc(datetime.fromisoformat(with_zone_sign(text)))
     except (ValueError, OverflowError):
         return None
-    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
 def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:

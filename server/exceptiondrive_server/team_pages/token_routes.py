@@ -100,6 +100,7 @@ def _days(form: FormData, field: str, default: int | None) -> int | None:
     text = str(form.get(field, "")).strip()
     if not text:
         return default
-    if not (text.isascii() and text.isdigit() and int(text[:9]) <= MAX_DAYS):
+    is_plain = text.isascii() and text.isdigit() and len(text) <= len(str(MAX_DAYS))
+    if not (is_plain and int(text) <= MAX_DAYS):
         raise InvalidRecord(f"The number of days must be a whole number up to {MAX_DAYS}.")
     return int(text)

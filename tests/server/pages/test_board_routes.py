@@ -43,7 +43,13 @@ async def test_an_empty_board_invites_the_first_entry(site: Any, empty_board: Bo
 
 @pytest.mark.parametrize(
     "path",
-    ["/?phase=unknown", "/?phase=sample&board=99", "/?protocol=9.9", "/?as_of=1999-01-01"],
+    [
+        "/?phase=unknown",
+        "/?phase=sample&board=99",
+        "/?protocol=9.9",
+        "/?as_of=1999-01-01",
+        "/?as_of=0001-01-01T00:00:00%2B05:00",
+    ],
 )
 async def test_what_does_not_exist_is_a_404_page_with_a_way_back(
     lively_site: Any, path: str
