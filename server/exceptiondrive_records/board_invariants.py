@@ -10,23 +10,33 @@ from exceptiondrive_records.tables import BoardRow, Phase, ScoreSheetRow
 from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.score_sheet import MetricRow
+
+_AT_ONCE = 20
+"""Boards in memory: a large one takes megabytes."""
+_SheetKey = tuple[str, str, str]
+_Totals = tuple[MetricRow, MetricRow]
+"""Both aggregates of a sheet. Boards repeat their entries, so each is read once."""
 
 
 def broken_boards(session: Session) -> Iterator[Violation]:
     """Yield what is wrong with boards and with the pointers to them."""
     query = select(BoardRow).order_by(BoardRow.phase_id, BoardRow.number)
     last: dict[str, int] = {}
-    for row in session.scalars(query):
+    totals: dict[_SheetKey, _Totals | None] = {}
+    for row in session.scalars(query.execution_options(yield_per=_AT_ONCE)):
         subject = f"{row.phase_id}/{row.number}"
         if row.number != last.get(row.phase_id, 0) + 1:
             yield Violation("board number skipped", subject, "a board is missing before it")
         last[row.phase_id] = row.number
-        for rule, text in _faults(session, row):
+        for rule, text in _faults(session, row, totals):
             yield Violation(rule, subject, text)
     yield from _pointers(session)
 
 
-def _faults(session: Session, row: BoardRow) -> Iterator[tuple[str, str]]:
+def _faults(
+    session: Session, row: BoardRow, totals: dict[_SheetKey, _Totals | None]
+) -> Iterator[tuple[str, str]]:
     try:
         board = Board.model_validate_json(row.body)
     except ValidationError:
@@ -38,23 +48,28 @@ def _faults(session: Session, row: BoardRow) -> Iterator[tuple[str, str]]:
         yield "board of another protocol", "body and row name different ones"
     for entry in board.entries:
         if entry.submission_id is not None:
-            yield from _entry_faults(session, row, entry, board)
+            key = (entry.submission_id, row.protocol_digest, row.split_revision)
+            if key not in totals:
+                totals[key] = _totals(session, key)
+            yield from _entry_faults(entry, board, totals[key])
     yield from _rank_faults(board)
 
 
+def _totals(session: Session, key: _SheetKey) -> _Totals | None:
+    row = session.get(ScoreSheetRow, key)
+    return None if row is None else (row.sheet.micro, row.sheet.macro_family)
+
+
 def _entry_faults(
-    session: Session, row: BoardRow, entry: BoardEntry, board: Board
+    entry: BoardEntry, board: Board, of_sheet: _Totals | None
 ) -> Iterator[tuple[str, str]]:
-    assert entry.submission_id is not None
-    key = (entry.submission_id, row.protocol_digest, row.split_revision)
-    sheet = session.get(ScoreSheetRow, key)
-    if sheet is None:
+    if of_sheet is None:
         yield "entry without a sheet", f"{entry.submission_id} under the board's protocol"
         return
-    if (entry.micro, entry.macro_family) != (sheet.sheet.micro, sheet.sheet.macro_family):
-        yield "entry is not its sheet", entry.submission_id
+    if (entry.micro, entry.macro_family) != of_sheet:
+        yield "entry is not its sheet", str(entry.submission_id)
     if entry.metrics != (entry.micro if board.headline == "micro" else entry.macro_family):
-        yield "entry shows another aggregate", entry.submission_id
+        yield "entry shows another aggregate", str(entry.submission_id)
 
 
 def _rank_faults(board: Board) -> Iterator[tuple[str, str]]:

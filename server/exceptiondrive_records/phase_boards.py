@@ -1,14 +1,14 @@
 """Ask for the boards of a phase anew: for what changes what they may say."""
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import is_board_wanted, latest_board
+from exceptiondrive_records.boards import is_board_wanted
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.rescoring.keys import companion_key, key_of_phase
-from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.tables import BoardRow, Phase
 
 
 def want_boards(session: Session, phase: Phase) -> None:
@@ -41,8 +41,14 @@ def _families_are_due(session: Session, phase: Phase) -> bool:
     families_from = phase.life.families_from
     if families_from is None or database_now(session) < families_from:
         return False
-    key = (phase.protocol_digest, phase.split_revision)
-    if is_board_wanted(session, phase.id, *key):
+    key = key_of_phase(phase)
+    if is_board_wanted(session, phase.id, key.protocol_digest, key.split_revision):
         return False
-    row = latest_board(session, phase.id, *key)
-    return row is not None and row.published_at < families_from
+    query = select(func.max(BoardRow.published_at)).where(  # every second: not the board itself
+        BoardRow.phase_id == phase.id,
+        BoardRow.protocol_digest == key.protocol_digest,
+        BoardRow.split_revision == key.split_revision,
+        BoardRow.view == "main",
+    )
+    published_at = session.scalar(query)
+    return published_at is not None and published_at < families_from

@@ -1,7 +1,7 @@
 """Submissions as their team sees them: with place in the queue, sheet and rank."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from statistics import median
 
@@ -37,8 +37,17 @@ def view(
     *,
     is_duplicate: bool = False,
     heartbeat_ttl_s: float = 15.0,
+    ranks: Mapping[str, int] | None = None,
 ) -> SubmissionView:
-    """Return a submission as its team sees it."""
+    """Return a submission as its team sees it.
+
+    Args:
+        session: To read with.
+        submission: The submission.
+        is_duplicate: Whether these bytes came a second time.
+        heartbeat_ttl_s: How old the last sign of life of a worker may be.
+        ranks: Of its phase (`current_ranks`), where they are known already.
+    """
     team = session.get_one(Team, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
     is_scored = submission.status is SubmissionStatus.SCORED
@@ -62,7 +71,7 @@ def view(
         report=submission.report,
         failure=_failure(submission),
         sheet=published_sheet(session, submission, phase) if shows_sheet else None,
-        rank=current_rank(session, submission) if is_scored else None,
+        rank=_rank(session, submission, ranks) if is_scored else None,
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
         is_chosen=is_chosen(session, submission),
@@ -76,7 +85,9 @@ def view(
 
 def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
     """Return several submissions as their team sees them."""
-    return tuple(view(session, submission) for submission in submissions)
+    phases = {each.phase_id for each in submissions if each.status is SubmissionStatus.SCORED}
+    ranks = {phase_id: current_ranks(session, phase_id) for phase_id in phases}
+    return tuple(view(session, each, ranks=ranks.get(each.phase_id)) for each in submissions)
 
 
 def queue_place(
@@ -109,10 +120,16 @@ def published_sheet(session: Session, submission: Submission, phase: Phase) -> S
     return None if row is None else shown_sheet(session, phase, row)
 
 
-def current_rank(session: Session, submission: Submission) -> int | None:
+def current_ranks(session: Session, phase_id: str) -> Mapping[str, int]:
+    """Return the ranks on the current board by submission; a large board costs a megabyte to read."""
+    board = current_board(session, phase_id)
+    return {} if board is None else _ranks(board.body)
+
+
+def _rank(session: Session, submission: Submission, ranks: Mapping[str, int] | None) -> int | None:
     """Return the rank on the current board; None when it is not there, or not ranked."""
-    board = current_board(session, submission.phase_id)
-    return None if board is None else _ranks(board.body).get(submission.id)
+    ranks = current_ranks(session, submission.phase_id) if ranks is None else ranks
+    return ranks.get(submission.id)
 
 
 def recent_scoring_s(session: Session) -> float | None:

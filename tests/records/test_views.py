@@ -4,6 +4,8 @@ from datetime import timedelta
 from typing import Any
 
 from sqlalchemy import update
+from tests.records.statements import statements
+from tests.records.test_boards import board, publish
 
 from exceptiondrive_records import jobs
 from exceptiondrive_records.heartbeats import beat, forget_worker, live_workers
@@ -141,3 +143,15 @@ def test_a_cancelled_job_takes_no_place_in_the_queue(world: World) -> None:
     place = seen(world, second.submission.id).queue
     assert place is not None
     assert place.position == 0
+
+
+def test_a_list_of_submissions_reads_the_board_of_their_phase_once(world: World) -> None:
+    accepted = [world.submit(f"file {i}", f"method {i}") for i in range(3)]
+    for one in accepted:
+        world.score(one.job_id)
+    ids = [one.submission.id for one in accepted]
+    publish(world, board(world, *ids))
+    with statements(world.database) as sent, world.database.read() as session:
+        found = views(session, [find_submission(session, each) for each in ids])
+    assert [one.rank for one in found] == [1, 2, 3]
+    assert len([statement for statement in sent if "boards.body" in statement]) == 1

@@ -15,6 +15,7 @@ from exceptiondrive_server.api.board_order import sorted_board
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.pages.exports import EXPORTS
+from exceptiondrive_server.pages.readings import parsed_board
 from exceptiondrive_server.pages.site import origin_of
 from exceptiondrive_server.problems import ApiProblem, problem_responses
 
@@ -81,15 +82,12 @@ def get_board_by_number(
 
 
 def _board(row: BoardRow, choice: BoardChoice) -> Board:
-    if choice.sort is not None:
-        return _sorted(row, choice.sort)
-    return Board.model_validate_json(row.body)
+    return parsed_board(row) if choice.sort is None else _sorted(row, choice.sort)
 
 
 def _sorted(row: BoardRow, sort: str) -> Board:
-    board = Board.model_validate_json(row.body)
     try:
-        return sorted_board(board, sort)
+        return sorted_board(parsed_board(row), sort)
     except KeyError:
         detail = "Sort by a metric of this board's challenge, for example `sort=ur` or `sort=-hcc`."
         raise ApiProblem(ProblemCode.BAD_REQUEST, detail, fields={"sort": detail}) from None

@@ -11,10 +11,11 @@ from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.tables import BoardRow, Submission
 from exceptiondrive_records.views import published_sheet
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.auth import ServicesOf
+from exceptiondrive_server.pages.readings import parsed_board
 from exceptiondrive_server.problems import problem_responses
 
 router = APIRouter(prefix="/entries", tags=["boards"])
@@ -42,7 +43,7 @@ def get_entry(
     with services.database.read() as session:
         rows, sheet = _published(session, submission_id)
     for row in rows:
-        board = Board.model_validate_json(row.body)
+        board = parsed_board(row)
         for entry in board.entries:
             if entry.submission_id == submission_id and sheet is not None:
                 return EntryView(phase=board.phase, board=board.board, entry=entry, sheet=sheet)
