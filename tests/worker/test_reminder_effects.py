@@ -14,14 +14,16 @@ from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import Phase
-from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
+from exceptiondrive_schemas.challenges import STRATEGY
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off
 from exceptiondrive_worker import reminder_effects as reminder_effects_module
 from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.rounding import Rounding
 
 World = Any
 N_SCENES, N_SAMPLES = 30, 120
@@ -224,3 +226,18 @@ def test_only_rounded_numbers_are_published(pair: tuple[World, str, str]) -> Non
     for found in effect_of(build(world), "reminded").differences.values():
         numbers = [found.difference, found.discordant, *(found.interval or ())]
         assert all(n is None or round(n, 4) == n for n in numbers)
+
+
+def test_a_verdict_never_says_more_than_the_published_interval() -> None:
+    barely = PairedDifference(
+        difference=0.01,
+        interval=(0.00003, 0.02),
+        discordant=0.1,
+        verdict="better with the reminder",
+    )
+    differences = dict.fromkeys(STRATEGY.metric_keys, barely)
+    effect = ReminderEffect(without="a", without_method="A", differences=differences)
+    rounding = Rounding(STRATEGY, packaged_protocol().publication)
+    published = reminder_effects_module.published_effect(effect, STRATEGY, rounding)
+    assert published.differences["accuracy"].interval == (0.0, 0.02)
+    assert published.differences["accuracy"].verdict == compare_module.NOT_SEPARABLE

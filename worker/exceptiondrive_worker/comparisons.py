@@ -177,7 +177,7 @@ def _rounded(
             "difference": _published_difference(exact, metric, rows, rounding),
             "interval": interval,
             "discordant": rounding.fraction(exact.discordant),
-            "verdict": _verdict(exact, interval),
+            "verdict": published_verdict(exact, interval),
         }
     )
 
@@ -191,7 +191,7 @@ def _coarse(
         difference=_between(key, rows, rounding),
         interval=interval,
         discordant=None,
-        verdict=_verdict(exact, interval),
+        verdict=published_verdict(exact, interval),
     )
 
 
@@ -209,8 +209,8 @@ def _between(key: str, rows: list[MetricRow], rounding: Rounding) -> float | Non
     return None if a is None or b is None else rounding.metric(key, a - b)
 
 
-def _verdict(exact: PairedDifference, interval: tuple[float, float] | None) -> str:
-    """The exact verdict, unless the published interval no longer shows it."""
+def published_verdict(exact: PairedDifference, interval: tuple[float, float] | None) -> str:
+    """Return the exact verdict, unless the published interval no longer shows it."""
     if interval is None or interval[0] <= 0 <= interval[1]:
         return NOT_SEPARABLE
     return exact.verdict

@@ -14,6 +14,7 @@ from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_scoring.compare import Comparison, Difference, compare
+from exceptiondrive_worker.comparisons import published_verdict
 from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.stages import Stages, Target
@@ -86,19 +87,19 @@ def published_effect(
     effect: ReminderEffect, challenge: Challenge, rounding: Rounding
 ) -> ReminderEffect:
     """Round an effect, metrics in column order; only this may leave the worker."""
-    return effect.model_copy(
-        update={
-            "differences": {
-                key: effect.differences[key].model_copy(
-                    update={
-                        "difference": rounding.metric(key, effect.differences[key].difference),
-                        "interval": rounding.interval(key, effect.differences[key].interval),
-                        "discordant": rounding.fraction(effect.differences[key].discordant),
-                    }
-                )
-                for key in challenge.metric_keys
-            }
-        }
+    differences = {
+        key: _published(key, effect.differences[key], rounding) for key in challenge.metric_keys
+    }
+    return effect.model_copy(update={"differences": differences})
+
+
+def _published(key: str, exact: PairedDifference, rounding: Rounding) -> PairedDifference:
+    interval = rounding.interval(key, exact.interval)
+    return PairedDifference(
+        difference=rounding.metric(key, exact.difference),
+        interval=interval,
+        discordant=rounding.fraction(exact.discordant),
+        verdict=published_verdict(exact, interval),
     )
 
 
