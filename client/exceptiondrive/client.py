@@ -187,8 +187,7 @@ class Client:
 
     def withdraw(self, submission_id: str) -> SubmissionView:
         """Take a submission off the board; it keeps its place in the team's own list."""
-        path = f"/submissions/{_quoted(submission_id)}/withdraw"
-        return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
+        return self._say(submission_id, "withdraw")
 
     def choose(self, submission_id: str) -> SubmissionView:
         """Let a submission stand for the team, in a phase that shows one entry of each."""
@@ -251,6 +250,14 @@ class Client:
         """Return a board as CSV, as the server writes it."""
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
         return self._transport.get("/leaderboard.csv", query).text
+
+    def is_on_board(self, submission_id: str) -> bool:
+        """Whether a current board shows a submission, with a rank or without."""
+        try:
+            self._transport.get(f"/entries/{_quoted(submission_id)}")
+        except NotFoundError:
+            return False
+        return True
 
     def unranked_because(self, view: SubmissionView) -> str | None:
         """Return why the board shows a scored submission without a rank; None if it does not."""

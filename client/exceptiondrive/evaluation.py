@@ -81,6 +81,7 @@ def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreS
 
     try:
         arrays = split_arrays(split.samples, protocol.taxonomy)
+        _ = arrays.prepared_regions  # made now: it names regions that cross themselves
     except ValueError as error:
         raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
     sample_ids = sorted(sample.sample_id for sample in split.samples)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from exceptiondrive.errors import (
     InvalidFileError,
     NetworkError,
-    NotFoundError,
     ScoringFailedError,
     WaitTimeoutError,
 )
@@ -113,19 +112,17 @@ class Submission:
         until = time.monotonic() + WAIT_FOR_RANK_S
         until = until if deadline is None else min(until, deadline)
         pause_s = FIRST_PAUSE_S
-        while self.view.rank is None and time.monotonic() < until and not self._is_on_board():
+        is_shown = False
+        while self.view.rank is None and not is_shown and time.monotonic() < until:
+            is_shown = self._is_on_board()
             pause_s = self._look_again(pause_s, on_change)
 
     def _is_on_board(self) -> bool:
-        """Whether the board shows it, be it unranked."""
+        """Whether the board shows it, be it unranked; an outage is left to the next look."""
         try:
-            board = self._client.leaderboard(phase=self.view.phase)
-        except NotFoundError:
+            return self._client.is_on_board(self.id)
+        except NetworkError:
             return False
-        shown = any(entry.submission_id == self.id for entry in board.entries)
-        if shown:
-            self.refresh()
-        return shown
 
     def _raise_unless_scored(self) -> None:
         view = self.view

@@ -282,12 +282,22 @@ def test_waiting_follows_every_change_until_the_rank(canned_server: "CannedServe
         {"status": "scored", "rank": 3},
     ):
         canned_server.answer("GET /submissions/abc", 200, {**VIEW, **change})
-    canned_server.problem("GET /leaderboard", 404, "not_found")
+    canned_server.problem("GET /entries/abc", 404, "not_found")
     submission = followed(canned_server)
     seen: list[str] = []
     view = submission.wait(on_change=lambda view: seen.append(view.status.value))
     assert view.rank == 3
     assert seen == ["queued", "scoring", "scored", "scored"]
+
+
+@pytest.mark.usefixtures("impatient")
+def test_an_outage_while_the_rank_is_waited_for_is_waited_out(
+    canned_server: "CannedServer",
+) -> None:
+    canned_server.answer("GET /submissions/abc", 200, {**VIEW, "status": "scored"})
+    canned_server.answer("GET /submissions/abc", 200, {**VIEW, "status": "scored", "rank": 3})
+    canned_server.answer("GET /entries/abc", 500, b"no problem document")
+    assert followed(canned_server).wait().rank == 3
 
 
 @pytest.mark.usefixtures("impatient")

@@ -89,6 +89,17 @@ def test_a_split_with_tasks_that_the_protocol_does_not_list_is_refused(
         evaluate_file(planning_file(), split=split_file)
 
 
+def test_a_split_whose_region_crosses_itself_is_refused(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    document = json.loads(split_file.read_text())
+    region = document["samples"][0]["region"]
+    region[1], region[2] = region[2], region[1]
+    split_file.write_text(json.dumps(document))
+    with pytest.raises(InvalidArgumentError, match="crosses itself"):
+        evaluate_file(planning_file(), split=split_file)
+
+
 @pytest.mark.parametrize(
     ("submission", "golden"),
     [
