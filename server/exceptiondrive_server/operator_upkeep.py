@@ -47,7 +47,7 @@ def verify(
     ] = True,
     data: DataOption = None,
 ) -> None:
-    """Check every invariant of records and uploads; exit code 1 when one is broken."""
+    """Check every invariant of records and uploads; exit code 2 when one is broken."""
     settings = records_settings(data)
     with opened(settings) as database, database.read() as session:
         found = violations(session)
