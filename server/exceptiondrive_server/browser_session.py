@@ -18,7 +18,6 @@ from exceptiondrive_records.page_sessions import LIFETIME
 from exceptiondrive_records.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.auth import ServicesOf
-from exceptiondrive_server.oidc import LOOPBACK
 from exceptiondrive_server.pages.site import ORGANIZER_COOKIE, SESSION_COOKIES
 from exceptiondrive_server.problems import ApiProblem
 from exceptiondrive_server.services import services_of
@@ -28,6 +27,7 @@ from exceptiondrive_server.session_reading import (
     principal_of_session,
     session_secret,
 )
+from exceptiondrive_server.sign_in_provider import LOOPBACK
 from exceptiondrive_server.upload_form import FORM_TOKEN
 
 VISITOR_COOKIES = ("__Host-visitor", "visitor")

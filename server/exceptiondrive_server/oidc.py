@@ -10,7 +10,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
-from urllib.parse import urlsplit
 
 import httpx2
 import structlog
@@ -24,10 +23,8 @@ from joserfc.jws import JWSRegistry
 
 from exceptiondrive_records.people import Identity
 from exceptiondrive_records.sign_in_flows import Flow
+from exceptiondrive_server.sign_in_provider import ProviderAway, SignInRefused, is_private_url
 
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
-CALLBACK = "/sign-in/callback"
-"""Where the provider sends people back to, below the public address."""
 SCOPE = "openid profile email"
 ALGORITHMS = ("RS256", "RS384", "RS512", "PS256", "PS384", "PS512", "ES256", "ES384", "ES512")
 """Signatures with a key pair. Never `none`, never a shared secret."""
@@ -37,14 +34,6 @@ LEEWAY_S = 60
 """How far the provider's clock may be from ours."""
 _DISCOVERY = "/.well-known/openid-configuration"
 _log = structlog.get_logger("exceptiondrive.oidc")
-
-
-class ProviderAway(Exception):  # noqa: N818 - says what happened
-    """The provider does not answer, or not as a provider does."""
-
-
-class SignInRefused(Exception):  # noqa: N818 - says what happened
-    """The provider answered, and nobody is signed in by it."""
 
 
 @dataclass(frozen=True)
@@ -192,12 +181,6 @@ class Provider:
                 raise _away(error) from None
             self._found = _Found(metadata, keys, time.monotonic())
             return self._found
-
-
-def is_private_url(url: str) -> bool:
-    """Whether nobody on the way can read along: https, or this very machine."""
-    parts = urlsplit(url)
-    return parts.scheme == "https" or (parts.scheme == "http" and parts.hostname in LOOPBACK)
 
 
 def _registry(metadata: Mapping[str, Any]) -> JWSRegistry:

@@ -1,6 +1,7 @@
 """What routes work with: made once per application, closed with it."""
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from fastapi import Request
 
@@ -8,9 +9,12 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_server.metrics import RequestMetrics
-from exceptiondrive_server.oidc import CALLBACK, Provider
 from exceptiondrive_server.receipts import ReceiptSigner
 from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.sign_in_provider import CALLBACK
+
+if TYPE_CHECKING:
+    from exceptiondrive_server.oidc import Provider
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class Services:
     doorbell: Doorbell
     settings: ServerSettings
     signer: ReceiptSigner
-    provider: Provider | None = None
+    provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
 
@@ -45,9 +49,11 @@ class Services:
         self.database.dispose()
 
 
-def _provider(settings: ServerSettings) -> Provider | None:
+def _provider(settings: ServerSettings) -> "Provider | None":
     if not settings.oidc_issuer:
         return None
+    from exceptiondrive_server.oidc import Provider  # takes a third of a second
+
     return Provider(
         issuer=settings.oidc_issuer,
         client_id=settings.oidc_client_id,

@@ -1,6 +1,6 @@
 """Sign in through the OpenID provider: off to it, and back from it."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import RedirectResponse, Response
@@ -19,16 +19,19 @@ from exceptiondrive_server.browser_session import (
     set_visitor_cookie,
     visitor_secret,
 )
-from exceptiondrive_server.oidc import CALLBACK, Provider, ProviderAway, SignInRefused
 from exceptiondrive_server.pages.site import safe_back
 from exceptiondrive_server.problems import ApiProblem
 from exceptiondrive_server.services import Services
+from exceptiondrive_server.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.team_pages.sign_in_routes import (
     HERE,
     ORGANIZERS_HERE,
     go,
     show_form,
 )
+
+if TYPE_CHECKING:
+    from exceptiondrive_server.oidc import Provider
 
 router = APIRouter(include_in_schema=False)
 Text = Annotated[str, Query(max_length=4000)]
@@ -102,7 +105,7 @@ def _limits(request: Request) -> dict[str, int]:
     return keys_of(request.client.host if request.client else "unknown", "")
 
 
-def _provider(services: Services) -> Provider:
+def _provider(services: Services) -> "Provider":
     if services.provider is None:
         detail = "People do not sign in through a provider here; use your team's token."
         raise ApiProblem(ProblemCode.NOT_FOUND, detail)
