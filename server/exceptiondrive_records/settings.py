@@ -78,11 +78,15 @@ def load_settings(kind: type[Settings], **given: str) -> Settings:
     try:
         return kind(**given, **secrets)  # type: ignore[arg-type]
     except ValidationError as error:
-        lines = [
-            f"{PREFIX}{'.'.join(str(part) for part in item['loc']).upper()}: {item['msg']}"
-            for item in error.errors(include_url=False, include_input=False)
-        ]
+        lines = [_line(item["loc"], item["msg"]) for item in error.errors(include_input=False)]
         raise SettingsError("the settings are not valid:\n" + "\n".join(lines)) from None
+
+
+def _line(location: tuple[int | str, ...], message: str) -> str:
+    """Name the variable and what is wrong with it; what concerns several names them itself."""
+    said = message.removeprefix("Value error, ")
+    place = ".".join(str(part) for part in location).upper()
+    return f"{PREFIX}{place}: {said}" if place else said
 
 
 def _refuse_misspelt(names: set[str]) -> None:

@@ -2,22 +2,29 @@
 
 import ssl
 import stat
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
+import redis
 import yaml
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from redis.backoff import ConstantBackoff
+from redis.retry import Retry
 from sqlalchemy import URL, make_url
+from tests.deploy.nginx import free_port
 from typer.testing import CliRunner, Result
 
 from exceptiondrive_records.role_grants import role_of
 from exceptiondrive_records.roles import Role
+from exceptiondrive_server.launcher.broker import find_broker_binary
 from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.operator_cli import app
 
 ROOT = Path(__file__).parents[2]
+_UNTIL_IT_STARTS = Retry(ConstantBackoff(0.05), 200)
 
 
 @pytest.fixture
@@ -110,3 +117,29 @@ def test_no_secret_is_printed(tmp_path: Path) -> None:
     contents = [path.read_text().strip() for path in (tmp_path / "printed").iterdir()]
     assert not [text for text in contents if text and text in done.output]
     assert "chmod" not in done.output
+
+
+def test_the_broker_starts_with_composes_own_words_and_takes_the_password(
+    folder: Path, compose: dict[str, Any], tmp_path: Path
+) -> None:
+    _, config, *options = compose["services"]["broker"]["command"]
+    assert Path(config).name == "broker_acl_conf"
+    port = free_port()
+    command = [str(find_broker_binary().path), str(folder / "broker.conf"), *options]
+    url = make_url((folder / "broker_url").read_text())
+    with subprocess.Popen(
+        [*command, "--port", str(port), "--bind", "127.0.0.1"],
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+    ) as broker:
+        try:
+            with redis.Redis(port=port, password=url.password, retry=_UNTIL_IT_STARTS) as client:
+                assert client.config_get("maxmemory-policy") == {"maxmemory-policy": "noeviction"}
+                assert client.config_get("appendonly") == {"appendonly": "yes"}
+            with (
+                redis.Redis(port=port, password="guessed") as stranger,
+                pytest.raises(redis.AuthenticationError),
+            ):
+                stranger.ping()
+        finally:
+            broker.kill()
