@@ -108,7 +108,8 @@ class Organizer:
 
     def audit(self, limit: int = 100) -> list[Record]:
         """Return the newest lines of the audit log."""
-        return self._list(f"/organizer/audit?limit={limit}")
+        found = self._transport.get("/organizer/audit", {"limit": str(limit)}).json()
+        return [self._object(item) for item in found]
 
     def verify_audit(self, head: str | None = None) -> Record:
         """Recompute the chain of the audit log; look for the head that was kept earlier."""

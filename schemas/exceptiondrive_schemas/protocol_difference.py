@@ -94,14 +94,20 @@ def protocol_difference(
     stage = next(stage for stage in _HEAVIEST_FIRST if stage in stages)
     n_repeated = 0 if stage is Stage.NONE else n_sheets
     work = "" if stage is Stage.NONE else f", {_counted(n_repeated, 'sheet')}"
-    is_older = _version_key(new.version) < _version_key(old.version)
     return Difference(
         changes=changes,
         stage=stage,
         n_sheets=n_repeated,
         sentence=f"{_WORK[stage]}{work}",
-        remark=f"{new.version} is an earlier version than {old.version}" if is_older else None,
+        remark="; ".join(_remarks(old, new)) or None,
     )
+
+
+def _remarks(old: Protocol, new: Protocol) -> Iterator[str]:
+    if _version_key(new.version) < _version_key(old.version):
+        yield f"{new.version} is an earlier version than {old.version}"
+    if new.changes == old.changes and new.digest != old.digest:
+        yield f"what `changes` tells readers is what it told in {old.version}"
 
 
 def _version_key(version: str) -> tuple[list[int], bool, str]:

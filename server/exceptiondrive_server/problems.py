@@ -175,7 +175,7 @@ def _field(item: Mapping[str, Any]) -> tuple[str, str]:
         return ".".join([*place[:-1], "(unknown field)"]), "There is no such field; leave it out."
     if item["type"] == "json_invalid":
         return "body", "This is not JSON."
-    return ".".join(place)[:100] or "body", str(item["msg"])[:200]
+    return ".".join(place)[:100] or "body", str(item["msg"]).removeprefix("Value error, ")[:200]
 
 
 async def _http_exception(request: Request, error: Exception) -> Response:

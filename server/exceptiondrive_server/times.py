@@ -40,6 +40,8 @@ def _date_or_time(value: object) -> object:
     try:
         return date.fromisoformat(value)
     except ValueError:
+        if len(value) == len("2026-11-21"):
+            raise ValueError("must be a day of the calendar") from None
         return with_zone_sign(value)
 
 

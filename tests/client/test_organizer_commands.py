@@ -91,6 +91,8 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     cut = organize(running, "audit", "verify", "--head", "f" * 64)
     assert (cut.exit_code, "was CUT OFF" in cut.stdout) == (1, True)
     assert "phase created" in organize(running, "audit", "list").stdout
+    few = json.loads(organize(running, "audit", "list", "--limit", "2", "--json").stdout)
+    assert len(few) == 2
     with running.doors.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
         for (name,) in list(triggers):

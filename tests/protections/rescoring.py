@@ -251,7 +251,7 @@ RESCORING = (
     ),
     Protection(
         "webhook-private",
-        f"{RECORDS}.notices.webhooks:_is_public",
+        f"{RECORDS}.notices.public_address:is_public",
         always(True),
         f"{HERE}/test_notices.py::test_no_webhook_reaches_our_own_network",
     ),

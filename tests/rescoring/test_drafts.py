@@ -32,8 +32,6 @@ def test_what_accepted_files_cannot_be_scored_under_is_refused(
         "The protocol asks for 8 waypoints 0.5 s apart; accepted files hold 6 waypoints 0.5 s "
         "apart: they cannot be scored under it. Open a new phase for it instead."
     )
-    stage.add_protocol(make_protocol("2.1").replace("lane_blockage", "lane_obstacle"))
-    assert "lacks the family lane_blockage" in refused(lambda: stage.draft(protocol="2.1"))
     with pytest.raises(NotFound, match="no registered revision of split 'tiny' like 'sha256:0'"):
         stage.draft(split_revision="sha256:0")
     whole = make_split()

@@ -261,6 +261,9 @@ def test_addresses_that_could_do_harm_are_refused(
         f"https://{'a' * 64}.example.org/hook",
         "https://ex\u00e4mple.org/hook",
         "https://example.org/\x7fhook",
+        "https://127.0.0.1/hook",
+        "https://[::ffff:10.0.0.1]/hook",
+        "https://localhost/hook",
     ],
 )
 def test_an_address_that_no_resolver_or_caller_takes_is_refused(address: str) -> None:

@@ -11,6 +11,7 @@ from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.notices.public_address import is_known_private
 from exceptiondrive_records.tables_rescoring import Channel, ContactPoint
 
 MAX_CONTACTS = 5
@@ -100,5 +101,9 @@ def _require_webhook(address: str, may_be_private: bool) -> None:
     is_local = may_be_private and parts.scheme == "http" and host in _LOOPBACK
     if len(address) > 500 or not host or (parts.scheme != "https" and not is_local):
         raise InvalidRecord("A webhook must be an https:// address of at most 500 characters.")
+    if is_known_private(host) and not is_local:
+        raise InvalidRecord(
+            "A webhook must lead to a public address; this one is of a private network."
+        )
     if parts.username or parts.password or parts.fragment:
         raise InvalidRecord("A webhook address may hold no user, password or fragment.")

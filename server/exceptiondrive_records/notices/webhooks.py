@@ -3,12 +3,13 @@
 import asyncio
 import hashlib
 import hmac
-import ipaddress
 import socket
 from urllib.parse import urlsplit, urlunsplit
 
 import httpx
 import stamina
+
+from exceptiondrive_records.notices.public_address import is_public
 
 SIGNATURE_HEADER = "ExceptionDrive-Signature"
 TIMESTAMP_HEADER = "ExceptionDrive-Timestamp"
@@ -39,17 +40,9 @@ def allowed_address(host: str, port: int, *, may_be_private: bool) -> str:
     except (OSError, UnicodeError):  # a name that no resolver takes is a UnicodeError
         raise NotDelivered("the host of the webhook is unknown") from None
     addresses = [str(item[4][0]).split("%")[0] for item in found]
-    if not may_be_private and not all(_is_public(address) for address in addresses):
+    if not may_be_private and not all(is_public(address) for address in addresses):
         raise NotDelivered("the webhook leads to an address that is not public")
     return addresses[0]
-
-
-def _is_public(address: str) -> bool:
-    ip = ipaddress.ip_address(address)
-    embedded = getattr(ip, "ipv4_mapped", None) or getattr(ip, "sixtofour", None)
-    if embedded is not None:
-        ip = embedded
-    return ip.is_global and not ip.is_multicast
 
 
 def send_webhook(

@@ -1,6 +1,8 @@
 """Whether the files that a phase has accepted can be scored under what is to come.
 
-What cannot be is refused when a run is drafted: else every one of its sheets would fail.
+What cannot be is refused when a run is drafted: else its sheets would all fail, or be made of fewer
+waypoints than those of fresh submissions. Tasks that the protocol no longer has are the worker's to
+find (`split_refused`): which tasks a split has is withheld from here.
 """
 
 from collections.abc import Iterator
@@ -29,7 +31,6 @@ def require_readable(
     reasons = [
         *_sample_reasons(old[1], new[1]),
         *_waypoint_reasons(challenge, old[0].geometry, new[0].geometry),
-        *_family_reasons(new[0], new[1]),
     ]
     if reasons:
         raise InvalidRecord(" ".join([*reasons, _ADVICE]))
@@ -59,13 +60,6 @@ def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection
             f"The protocol asks for {_waypoints(new)}; accepted files hold {_waypoints(old)}: "
             "they cannot be scored under it."
         )
-
-
-def _family_reasons(protocol: Protocol, split: SplitRow) -> Iterator[str]:
-    known = {family.id for family in protocol.families}
-    for family, count in split.family_counts.items():
-        if count and family not in known:
-            yield f"The protocol lacks the family {family}, of which the split has samples."
 
 
 def _samples(count: int) -> str:

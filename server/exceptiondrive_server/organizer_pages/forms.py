@@ -30,6 +30,8 @@ class Field:
     lowest: int = 1
     highest: int = 1_000_000
     options: tuple[Option, ...] = ()
+    empty: str = "none"
+    """What a choice says that may stay empty."""
 
 
 @dataclass(frozen=True)

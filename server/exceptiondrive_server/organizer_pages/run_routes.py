@@ -240,13 +240,20 @@ def _draft_step(session: Session) -> Step:
         back_words="Rescoring",
         fields=(
             Field("phase", "Phase", "choice", is_required=True, options=tuple(phases)),
-            Field("protocol", "To protocol", "choice", options=tuple(reversed(versions))),
+            Field(
+                "protocol",
+                "To protocol",
+                "choice",
+                options=tuple(reversed(versions)),
+                empty="the one in force",
+            ),
             Field(
                 "split_revision",
                 "To split revision",
                 "choice",
                 "only if the split itself was corrected",
                 options=tuple(revisions),
+                empty="the one in force",
             ),
             REASON,
         ),
