@@ -237,3 +237,10 @@ def test_the_history_of_boards_reads_none_of_them(world: World) -> None:
     with statements(world.database) as four, world.database.read() as session:
         board_history(session, "dev")
     assert len(four) == len(three)
+
+
+def test_protocols_are_found_by_the_flips_and_not_by_asking_every_board(world: World) -> None:
+    publish(world, board(world, "a"))
+    with statements(world.database) as sent, world.database.read() as session:
+        assert boards.public_protocols(session, "dev") == [world.protocol_digest]
+    assert "EXISTS" not in sent[-1]
