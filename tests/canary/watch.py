@@ -51,7 +51,7 @@ class Watch:
 
     def look_in_folder(self, folder: Path) -> None:
         """Search all files of a folder but those that only workers read, and tests' own inputs."""
-        for path in _files(folder):
+        for path in files_outside_workers(folder):
             self.look_in_file(path)
 
     @contextmanager
@@ -64,7 +64,8 @@ class Watch:
             self.found = kept
 
 
-def _files(folder: Path) -> Iterator[Path]:
+def files_outside_workers(folder: Path) -> Iterator[Path]:
+    """All files below a folder but those that only workers read, and tests' own inputs."""
     for root, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if name not in WITHHELD_FOLDERS]
         for name in names:

@@ -8,20 +8,22 @@ from collections import Counter
 from collections.abc import Iterator
 
 from sqlalchemy import select
-from tests.chaos.history import BoardSeen, History
+from tests.chaos.checker_boards import audited, boards_now
+from tests.chaos.checker_told import boards_seen, endings_stay, scores_stay
+from tests.chaos.history import History
+from tests.chaos.topology import MAX_ATTEMPTS
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.invariants import damaged_uploads, unfinished, violations
 from exceptiondrive_records.quotas import COSTS_NOTHING
-from exceptiondrive_records.tables import BoardRow, Phase, ScoreSheetRow, Submission, Team
+from exceptiondrive_records.tables import BoardRow, Job, Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _LIMIT_BYTES = 2**26
 _MAY_COME_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
-_TERMINAL = {status.value for status in SubmissionStatus if status.is_terminal}
-_FINAL_FOR_CLIENTS = _TERMINAL - {SubmissionStatus.WITHDRAWN.value}
+_QUOTA_USED_UP = 429
 
 
 def check(
@@ -31,24 +33,32 @@ def check(
     with database.read() as session:
         found = violations(session)
         found += damaged_uploads(session, files, limit_bytes=_LIMIT_BYTES)
+        found += audited(session, history)
         if is_settled:
             found += unfinished(session)
+            found += boards_now(session)
         rows = list(session.scalars(select(Submission)))
+        jobs = list(session.scalars(select(Job).where(Job.attempts > MAX_ATTEMPTS)))
         teams = {team.id: team.slug for team in session.scalars(select(Team))}
         phases = {phase.id: phase for phase in session.scalars(select(Phase))}
         boards = {row.body for row in session.scalars(select(BoardRow))}
-        hccs = {
-            row.submission_id: row.sheet.macro_family.get("hcc")
+        sheets = {
+            (row.submission_id, row.protocol_digest, row.split_revision): json.loads(
+                row.sheet.model_dump_json(by_alias=True)
+            )
             for row in session.scalars(select(ScoreSheetRow))
         }
     found += _accepted_is_kept(history, rows, teams)
     found += _refused_leaves_nothing(history, rows, teams)
+    found += _refused_for_a_reason(history, rows, phases, teams)
+    found += _everything_answered(history, rows, teams)
     found += _nothing_from_nowhere(history, rows, teams)
     found += _same_bytes_once(rows)
     found += _quota(rows, phases)
-    found += _endings_stay(history, rows)
-    found += _scores_stay(history, hccs)
-    found += _boards_seen(history.boards, boards)
+    found += _attempts(jobs)
+    found += endings_stay(history, rows)
+    found += scores_stay(history, sheets)
+    found += boards_seen(history.boards, boards)
     return sorted(set(found))
 
 
@@ -65,6 +75,8 @@ def _accepted_is_kept(
             yield Violation("accepted and lost", str(call.submission_id), f"{call.status} was said")
         elif (teams[row.team_id], row.file_digest) != (call.team, call.file_digest):
             yield Violation("accepted as another", row.id, f"told to {call.team}")
+        elif row.method != call.method and call.status == 202:
+            yield Violation("accepted as another", row.id, f"sent as method {call.method}")
 
 
 def _refused_leaves_nothing(
@@ -76,6 +88,28 @@ def _refused_leaves_nothing(
     for row in rows:
         if (teams[row.team_id], row.file_digest) in refused:
             yield Violation("refused and kept", row.id, f"of {teams[row.team_id]}")
+
+
+def _refused_for_a_reason(
+    history: History, rows: list[Submission], phases: dict[str, Phase], teams: dict[int, str]
+) -> Iterator[Violation]:
+    """Clients send sound files with good tokens: only a quota that is used up may refuse one."""
+    used = _used(rows).items()
+    full = {teams[team] for (phase, team, _), n in used if n >= phases[phase].quota_per_day}
+    for call in history.calls:
+        if call.is_refused and not (call.status == _QUOTA_USED_UP and call.team in full):
+            yield Violation("sound file refused", call.file_digest, f"{call.team}: {call.status}")
+
+
+def _everything_answered(
+    history: History, rows: list[Submission], teams: dict[int, str]
+) -> Iterator[Violation]:
+    """Who sends a file again and again is told in the end what became of it."""
+    there = {(teams[row.team_id], row.file_digest) for row in rows}
+    for call in history.given_up:
+        what = "taken" if (call.team, call.file_digest) in there else "not taken"
+        text = f"{call.team}: {call.status} to the last, and it was {what}"
+        yield Violation("never answered", call.file_digest, text)
 
 
 def _nothing_from_nowhere(
@@ -95,45 +129,19 @@ def _same_bytes_once(rows: list[Submission]) -> Iterator[Violation]:
             yield Violation("same bytes taken twice", digest, f"{times} times in {phase_id}")
 
 
-def _quota(rows: list[Submission], phases: dict[str, Phase]) -> Iterator[Violation]:
+def _used(rows: list[Submission]) -> Counter[tuple[str, int, object]]:
+    """What each team used of its quota: by phase, team and day."""
     costly = (row for row in rows if row.status not in COSTS_NOTHING)
-    used = Counter((row.phase_id, row.team_id, row.received_at.date()) for row in costly)
-    for (phase_id, team_id, day), times in used.items():
+    return Counter((row.phase_id, row.team_id, row.received_at.date()) for row in costly)
+
+
+def _quota(rows: list[Submission], phases: dict[str, Phase]) -> Iterator[Violation]:
+    for (phase_id, team_id, day), times in _used(rows).items():
         if times > phases[phase_id].quota_per_day:
             yield Violation("quota exceeded", phase_id, f"{times} of team {team_id} on {day}")
 
 
-def _endings_stay(history: History, rows: list[Submission]) -> Iterator[Violation]:
-    """Who was told an ending is never told another status, and the records say the same."""
-    told: dict[str, str] = {}
-    for seen in sorted(history.sightings, key=lambda seen: seen.at_s):
-        before = told.get(seen.submission_id)
-        if before in _FINAL_FOR_CLIENTS and seen.status not in (before, "withdrawn"):
-            yield Violation("ending changed", seen.submission_id, f"{before}, then {seen.status}")
-        told[seen.submission_id] = seen.status
-    for row in rows:
-        said = told.get(row.id)
-        if said in _FINAL_FOR_CLIENTS and row.status.value not in (said, "withdrawn"):
-            yield Violation("ending changed", row.id, f"{said} was told, records: {row.status}")
-
-
-def _scores_stay(history: History, hccs: dict[str, float | None]) -> Iterator[Violation]:
-    for seen in history.sightings:
-        if seen.hcc is not None and hccs.get(seen.submission_id) != seen.hcc:
-            yield Violation("score changed", seen.submission_id, f"{seen.hcc} was told")
-
-
-def _boards_seen(seen: list[BoardSeen], kept: set[str]) -> Iterator[Violation]:
-    """Every board that was shown is one of the records, byte for byte, and never went back."""
-    last: dict[str, int] = {}
-    bodies: dict[str, bytes] = {}
-    for board in sorted(seen, key=lambda board: board.at_s):
-        document = json.loads(board.body)
-        phase, number = document["phase"], document["board"]
-        if board.body.decode() not in kept:
-            yield Violation("board not on the records", phase, f"number {number} was shown")
-        if bodies.setdefault(board.etag, board.body) != board.body:
-            yield Violation("one tag, two boards", phase, board.etag)
-        if number < last.get(phase, 0):
-            yield Violation("board went back", phase, f"{last[phase]}, then {number}")
-        last[phase] = number
+def _attempts(jobs: list[Job]) -> Iterator[Violation]:
+    for job in jobs:
+        text = f"{job.attempts} attempts, {MAX_ATTEMPTS} are allowed"
+        yield Violation("too many attempts", job.submission_id, text)

@@ -6,6 +6,7 @@ import random
 import threading
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import httpx
 from tests.chaos.history import BoardSeen, Call, History, Sighting
@@ -45,7 +46,7 @@ class Clients:
         self._number = 0
         self._streams: list[threading.Thread] = []
         self._last_board: tuple[str, bytes] | None = None
-        self._seen: dict[str, tuple[str, float | None]] = {}
+        self._seen: dict[str, tuple[str, dict[str, Any] | None]] = {}
         self._stopped = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -67,14 +68,19 @@ class Clients:
             thread.join()
         self._streams.clear()
 
+    def is_streaming(self) -> bool:
+        return any(thread.is_alive() for thread in self._streams)
+
     def submit(self, data: bytes, team: str, *, patient: bool = True) -> Call:
         """Upload as the client does: what was not answered, or with 5xx, is sent again."""
         started = time.monotonic()
         while True:
             call = self._post(data, team)
             self.history.note(call)
-            is_final = call.is_accepted or call.is_refused
-            if is_final or not patient or time.monotonic() > started + _GIVE_UP_AFTER_S:
+            if call.is_accepted or call.is_refused or not patient:
+                return call
+            if time.monotonic() > started + _GIVE_UP_AFTER_S:
+                self.history.given_up.append(call)
                 return call
             time.sleep(_PAUSE_S)
 
@@ -82,6 +88,20 @@ class Clients:
         """Take a submission back; return the status of the answer."""
         path = f"/submissions/{call.submission_id}/withdraw"
         return self._http.post(path, headers=self._headers(call.team)).status_code
+
+    def show(self, call: Call, what: str = "") -> dict[str, Any]:
+        """Ask as its team for a submission, or for a part such as `/receipt`."""
+        answer = self._http.get(
+            f"/submissions/{call.submission_id}{what}", headers=self._headers(call.team)
+        )
+        answer.raise_for_status()
+        shown: dict[str, Any] = answer.json()
+        return shown
+
+    def receipt_keys(self) -> dict[str, Any]:
+        """Ask for the public keys of receipts, as anybody may."""
+        keys: dict[str, Any] = self._http.get("/receipt-keys").raise_for_status().json()
+        return keys
 
     def close(self) -> None:
         self.join()
@@ -144,8 +164,7 @@ class Clients:
         if answer.status_code != 200:
             return
         for row in answer.json()["submissions"]:
-            sheet = row.get("sheet")
-            hcc = None if sheet is None else sheet["macro_family"]["hcc"]
-            if self._seen.get(row["id"]) != (row["status"], hcc):
-                self._seen[row["id"]] = row["status"], hcc
-                self.history.note(Sighting(at_s, row["id"], row["status"], hcc))
+            told = row["status"], row.get("sheet")
+            if self._seen.get(row["id"]) != told:
+                self._seen[row["id"]] = told
+                self.history.note(Sighting(at_s, row["id"], *told))

@@ -1,11 +1,13 @@
 """A small story, truly lived by records and files, for the checker to read."""
 
 import dataclasses
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from sqlalchemy import select, text
@@ -63,6 +65,12 @@ def _sheet(protocol: ProtocolRef, hcc: float) -> ScoreSheet:
         tasks={},
         plausibility=Plausibility(shares={}),
     )
+
+
+def told_sheet(protocol: ProtocolRef, hcc: float) -> dict[str, Any]:
+    """A sheet as a team is told it."""
+    told: dict[str, Any] = json.loads(_sheet(protocol, hcc).model_dump_json(by_alias=True))
+    return told
 
 
 def _found(database: Database) -> ProtocolRef:
@@ -139,7 +147,8 @@ class _Teller:
                 )
         assert done is Finish.RECORDED
         status = "failed" if hcc is None else "scored"
-        self.history.note(Sighting(10.0, submission_id, status, hcc))
+        sheet = None if hcc is None else told_sheet(self.protocol, hcc)
+        self.history.note(Sighting(10.0, submission_id, status, sheet))
 
     def publish(self, ranked: tuple[str, ...]) -> None:
         with self.database.write() as session:
@@ -227,8 +236,7 @@ def embedded_story(told_once: Story, tmp_path: Path) -> Iterator[Story]:
     shutil.copytree(told_once.folder, folder)
     database = Database(f"sqlite:///{folder / 'records.sqlite3'}")
     files = FileStore((folder / "uploads").as_uri())
-    told = told_once.history
-    history = History(list(told.calls), list(told.sightings), list(told.boards))
+    history = told_once.history.so_far()
     yield dataclasses.replace(
         told_once, database=database, files=files, folder=folder, history=history
     )

@@ -1,19 +1,29 @@
 """Faults of the broker and of the way to it."""
 
 import signal
+import subprocess
+import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import redis
+from tests.chaos.junk import JUNK
 from tests.chaos.run import Run, percentile, slowest_s
 
 from exceptiondrive_records.broker_options import KEY_PREFIX
 from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.tables import Job
+from exceptiondrive_records.tables import Job, JobState
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.submission import SubmissionStatus as Status
 
 _P99_UPLOAD_S = 3.0
 _FROZEN_S = 15.0
 _BACK_WITHIN_S = 5.0
+_BEGUN_WITHIN_S = 10.0
+_CONSUMING_WITHIN_S = 60.0
+_DOWN_S = 60.0
+_ROOM_BYTES = 2**20
+_FILLERS = [f"filler-{number}" for number in range(40)]
 _JUNK = ((Lane.LIVE, b"junk"), (Lane.RESCORE, b'{"body": 1}'), (Lane.LIVE, b"[]"))
 
 
@@ -22,32 +32,49 @@ def comes_back_empty(run: Run) -> str:
     run.clients.stream(8, every_s=0.05)
     run.wait_for_lease()
     run.topology.broker.kill()
+    meanwhile = run.upload()
+    ready = run.topology.readiness()
     time.sleep(0.5)
     run.topology.broker.start()
     run.at_full_speed()
-    return f"settled {run.settle():.1f} s after the stream"
+    took_s = run.settle()
+    assert meanwhile.status == 202, f"without a broker it was told {meanwhile.status}"
+    assert ready.get("is_ready"), "not ready, though uploads are taken"
+    assert "delayed" in ready.get("note", ""), "nobody is told that scoring waits"
+    return f"202 meanwhile, told that scoring is delayed; settled {took_s:.1f} s after the stream"
 
 
 def down_at_submit(run: Run) -> str:
-    start_s = run.history.now_s()
+    """The broker is away for a minute, and files keep coming."""
+    start_s, began = run.history.now_s(), time.monotonic()
     run.topology.broker.kill()
-    run.clients.stream(6)
+    run.clients.stream(12, every_s=_DOWN_S / 12)
     run.clients.join()
     calls = run.calls_since(start_s)
-    assert [call.status for call in calls] == [202] * 6, "an upload was not taken"
-    time.sleep(2)
+    assert [call.status for call in calls] == [202] * 12, "an upload was not taken"
+    assert {run.status_of(call) for call in calls} <= {Status.RECEIVED, Status.QUEUED}
+    time.sleep(max(0.0, _DOWN_S - (time.monotonic() - began)))
     run.topology.broker.start()
-    return f"6 of 6 taken (slowest {slowest_s(calls):.1f} s), settled in {run.settle():.1f} s"
+    took_s = run.settle()
+    run.require_scored(calls)
+    slowest = f"slowest {slowest_s(calls):.1f} s"
+    return f"12 of 12 taken in {_DOWN_S:.0f} s ({slowest}), all waited; settled in {took_s:.1f} s"
 
 
 def flush(run: Run) -> str:
-    run.slowly(0.3)
+    run.slowly(0.6)
     run.clients.stream(10, every_s=0.02)
-    run.wait_for_lease()
+    run.topology.wait_until(lambda: run.count(JobState.QUEUED) >= 3, "jobs that wait")
     with run.topology.broker.client() as client:
         client.flushall()
+    waiting = run.waiting()
     run.at_full_speed()
-    return f"settled {run.settle():.1f} s after the stream"
+    took_s = run.settle()
+    assert waiting.jobs, "nothing waited"
+    longest_s = run.longest_wait_s(waiting)
+    assert longest_s <= _BEGUN_WITHIN_S, f"one was begun {longest_s:.1f} s after"
+    begun = f"the {len(waiting.jobs)} that waited were begun within {longest_s:.1f} s"
+    return f"{begun}; settled {took_s:.1f} s after the stream"
 
 
 def flap(run: Run) -> str:
@@ -78,55 +105,105 @@ def freeze(run: Run) -> str:
 
 
 def out_of_memory(run: Run) -> str:
+    """The broker refuses every write for want of memory; nobody who submits hears of it."""
+    start_s = run.history.now_s()
     with run.topology.broker.client() as client:
         client.config_set("maxmemory", "1mb")
         run.clients.stream(6)
         run.clients.join()
         time.sleep(2)
+        is_full = _refuses_writes(client)
         client.config_set("maxmemory", "64mb")
-    return f"all taken, settled {run.settle():.1f} s after there was room again"
+    took_s, calls = run.settle(), run.calls_since(start_s)
+    assert is_full, "the broker was not full"
+    assert [call.status for call in calls] == [202] * 6, "an upload was not taken"
+    run.require_scored(calls)
+    return f"6 of 6 taken, settled {took_s:.1f} s after there was room again"
+
+
+def _refuses_writes(client: redis.Redis) -> bool:
+    try:
+        client.set("full", "1")
+    except redis.exceptions.OutOfMemoryError:
+        return True
+    return False
 
 
 def evicts(run: Run) -> str:
+    """The broker throws the queue away while rung jobs wait in it."""
+    run.topology.worker.hold_down()
+    start_s = run.history.now_s()
+    run.clients.stream(8)
+    run.clients.join()
     with run.topology.broker.client() as client:
+        room = int(client.info("memory")["used_memory"]) + _ROOM_BYTES
         client.config_set("maxmemory-policy", "allkeys-lru")
-        client.config_set("maxmemory", "1mb")
-        run.clients.stream(8)
-        run.clients.join()
+        client.config_set("maxmemory", room)
+        doctor = _doctor(run)
+        pushed = _push_out(client, f"{KEY_PREFIX}{Lane.LIVE.value}")
         client.config_set("maxmemory", "64mb")
         client.config_set("maxmemory-policy", "noeviction")
-    return f"settled {run.settle():.1f} s after; doctor names the policy"
+        client.delete(*_FILLERS)
+    run.topology.worker.start()
+    took_s, calls = run.settle(), run.calls_since(start_s)
+    assert pushed, "the queue was not thrown away"
+    assert "maxmemory-policy is allkeys-lru" in doctor, "the doctor does not warn"
+    run.require_scored(calls)
+    return f"queue thrown away, settled {took_s:.1f} s after; the doctor warned of the policy"
+
+
+def _push_out(client: redis.Redis, key: str) -> bool:
+    """Write other keys until there is no room for this one; whether that came to pass."""
+    for filler in _FILLERS * 50:
+        client.set(filler, b"x" * 2**16)
+        if not client.exists(key):
+            return int(client.info("stats")["evicted_keys"]) > 0
+    return False
+
+
+def _doctor(run: Run) -> str:
+    command = [sys.executable, "-m", "tests.chaos.saboteur", "server", "doctor"]
+    environment = run.topology.environment
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    return done.stdout + done.stderr
 
 
 def junk(run: Run) -> str:
-    """What is no message stands in both queues; what comes after it is scored all the same.
+    """What is no message stands in the queues; what comes after it is taken as ever.
 
-    Each may end the worker once; it must be back as soon as after an ordinary restart.
+    First one piece, then three in both lanes, then every kind that we know in both lanes.
     """
-    run.topology.worker.kill_group()
-    restart_s = _until_a_job_is_taken(run)
-    run.settle()
-    before = run.topology.worker.starts
-    with run.topology.broker.client() as client:
-        for lane, rubbish in _JUNK:
-            client.lpush(f"{KEY_PREFIX}{lane.value}", rubbish)
-        began = time.monotonic()
-        run.topology.wait_until(lambda: not _n_waiting(client), "the queues to be emptied")
-    _until_a_job_is_taken(run)
-    back_s, restarts = time.monotonic() - began, run.topology.worker.starts - before
+    worker = run.topology.worker
+    starts, dropped = worker.starts, _n_dropped(run)
+    every = tuple((lane, message) for lane in Lane for message in JUNK.values())
+    heaps = (_JUNK[:1], _JUNK, every)
+    waits_s = [_until_a_job_is_taken(run, heap) for heap in heaps]
     run.clients.stream(6)
     run.settle()
-    assert restarts <= len(_JUNK), f"{restarts} restarts for {len(_JUNK)} pieces of junk"
-    allowed_s = _BACK_WITHIN_S + 2 * restart_s * max(restarts, 1)
-    assert back_s < allowed_s, f"back after {back_s:.1f} s, an ordinary restart: {restart_s:.1f} s"
-    return f"{restarts} restarts, next job taken {back_s:.1f} s later ({restart_s:.1f} s for one)"
+    n_pieces = sum(map(len, heaps))
+    assert max(waits_s) <= _BACK_WITHIN_S, f"the next job was taken after {waits_s} s"
+    assert worker.starts == starts, f"junk ended the worker {worker.starts - starts} times"
+    assert _n_dropped(run) - dropped == n_pieces, "the log does not say what was dropped"
+    waits = ", ".join(f"{wait_s:.1f} s" for wait_s in waits_s)
+    sizes = ", ".join(str(len(heap)) for heap in heaps)
+    return f"next job taken {waits} after {sizes} pieces; no restart, each piece in the log"
 
 
-def _until_a_job_is_taken(run: Run) -> float:
+def _until_a_job_is_taken(run: Run, heap: tuple[tuple[Lane, bytes], ...]) -> float:
+    """Put junk before an upload; return how long after it the upload was begun."""
     began = time.monotonic()
-    call = run.upload()
-    run.topology.wait_until(lambda: run.job_of(call).attempts, "a worker to take the job")
-    return time.monotonic() - began
+    with run.topology.broker.client() as client:
+        for lane, message in heap:
+            client.lpush(f"{KEY_PREFIX}{lane.value}", message)
+        call = run.upload()
+        run.topology.wait_until(lambda: run.job_of(call).attempts, "a worker to take the job")
+        took_s = time.monotonic() - began
+        run.topology.wait_until(lambda: not _n_waiting(client), "the queues to be emptied")
+    return took_s
+
+
+def _n_dropped(run: Run) -> int:
+    return run.topology.worker.log.read_text().count("junk dropped from a queue")
 
 
 def _n_waiting(client: redis.Redis) -> int:
@@ -134,22 +211,30 @@ def _n_waiting(client: redis.Redis) -> int:
 
 
 def deliver_again(run: Run) -> str:
-    call = run.upload()
+    """Ten messages while it is scored, at once from several sides, and ten after it."""
+    scored = run.lines("submission scored")
+    call = run.upload(order="1")
     doorbell = Doorbell(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
     job = run.job_of(call)
-    for _ in range(10):
-        assert doorbell.ring_score(job.id, job.lane)
-    run.clients.stream(4)
+
+    def ring(_: int) -> bool:
+        return doorbell.ring_score(job.id, job.lane)
+
+    with ThreadPoolExecutor(5) as several:
+        assert all(several.map(ring, range(10)))
     run.settle()
-    attempts = run.job_of(call).attempts
-    for _ in range(10):
-        assert doorbell.ring_score(job.id, job.lane)
-    time.sleep(1.5)
+    with ThreadPoolExecutor(5) as several:
+        assert all(several.map(ring, range(10)))
+    with run.topology.broker.client() as client:
+        run.topology.wait_until(lambda: not _n_waiting(client), "all to be delivered")
+    run.clients.stream(4)
     run.settle()
     doorbell.close()
     again: Job = run.job_of(call)
-    assert again.attempts == attempts, "a finished job was taken again"
-    return f"20 messages more, {again.attempts} attempt"
+    assert again.attempts == 1, f"it was taken {again.attempts} times"
+    assert run.n_scored(call) == 1
+    assert run.lines("submission scored") == scored + 5, "a score was recorded twice"
+    return "20 messages more, of several senders at once: 1 attempt, 1 score"
 
 
 def silence(run: Run) -> str:
@@ -161,16 +246,22 @@ def silence(run: Run) -> str:
     began = time.monotonic()
     run.clients.stream(4)
     run.settle()
-    return f"working again after {time.monotonic() - began:.1f} s"
+    took_s = time.monotonic() - began
+    assert took_s <= _CONSUMING_WITHIN_S, f"working again after {took_s:.1f} s"
+    return f"working again after {took_s:.1f} s"
 
 
 def bad_network(run: Run) -> str:
+    resets = run.topology.proxy.n_resets
     run.topology.proxy.delay_s, run.topology.proxy.reset_share = 0.2, 0.05
     run.clients.stream(8)
     run.clients.join()
     time.sleep(2)
     run.topology.proxy.heal()
-    return f"settled {run.settle():.1f} s after the stream; worker exits {_exits(run)}"
+    resets = run.topology.proxy.n_resets - resets
+    took_s = run.settle()
+    assert resets, "no connection was reset"
+    return f"{resets} resets, settled {took_s:.1f} s after the stream; worker exits {_exits(run)}"
 
 
 def _exits(run: Run) -> int:

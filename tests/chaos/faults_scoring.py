@@ -14,6 +14,7 @@ from exceptiondrive_records.tables import ScoreSheetRow
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _OLDER = "0"
+_REFUSAL = "upgrade this worker"
 
 
 def older_scorer(run: Run) -> str:
@@ -30,6 +31,7 @@ def older_scorer(run: Run) -> str:
     run.settle()
     with run.topology.database.read() as session:
         versions = set(session.scalars(select(ScoreSheetRow.scorer_version)))
+    assert _REFUSAL in older.log.read_text(), "nobody is told what to do"
     assert untouched == [0, 0], f"an older scorer took a job: {untouched}"
     assert _OLDER not in versions, f"sheets of several scorers: {versions}"
     assert all(run.status_of(call) is SubmissionStatus.SCORED for call in calls)

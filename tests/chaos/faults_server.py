@@ -1,17 +1,22 @@
-"""Faults of API, reconcilers, database, disk and files."""
+"""Faults of API, reconcilers, database, clocks and records."""
 
-import gzip
 import json
 import os
-import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
-from sqlalchemy import text
-from tests.chaos.run import Run
+from sqlalchemy import func, select, text
+from tests.chaos.history import Call
+from tests.chaos.run import OPEN, Run
+from tests.chaos.topology import HEARTBEAT_TTL_S
 
-from exceptiondrive_records.tables import JobState, Submission
+from exceptiondrive.receipts import verify_receipt
+from exceptiondrive_records.ringing import outstanding, window
+from exceptiondrive_records.settings import RecordsSettings
+from exceptiondrive_records.tables import Submission
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -22,17 +27,32 @@ def kill_api_before_commit(run: Run) -> str:
     run.settle()
     assert _tries(run, call.file_digest) > 1, "the API was not killed"
     assert call.status == 202, f"the second try was told {call.status}"
+    assert _n_rows(run, call) == 1, "an orphan row"
     return f"{_tries(run, call.file_digest)} tries, one submission, 202"
 
 
 def kill_api_after_commit(run: Run) -> str:
     """The row is there, the answer is not: trying again gives the same submission."""
     run.topology.order("kill-after-commit")
-    call = run.upload()
+    data = run.clients.new_file()
+    call = run.clients.submit(data, "alpha")
     run.settle()
-    assert _tries(run, call.file_digest) > 1, "the API was not killed"
-    assert call.status == 200, f"the second try was told {call.status}"
-    return f"{_tries(run, call.file_digest)} tries, the same submission, 200"
+    again = run.clients.submit(data, "alpha")
+    assert _tries(run, call.file_digest) > 2, "the API was not killed"
+    assert call.status == again.status == 200, f"told {call.status}, then {again.status}"
+    assert call.submission_id == again.submission_id
+    assert _n_rows(run, call) == 1, "one upload, two submissions"
+    _require_receipt(run, call)
+    return f"{_tries(run, call.file_digest) - 1} tries, the same submission, 200, its receipt holds"
+
+
+def _require_receipt(run: Run, call: Call) -> None:
+    """The receipt of a submission is signed, and tells of these bytes."""
+    receipt, keys = (run.topology.folder / name for name in ("receipt.json", "receipt-keys.json"))
+    receipt.write_text(json.dumps(run.clients.show(call, "/receipt")))
+    keys.write_text(json.dumps(run.clients.receipt_keys()))
+    signed = verify_receipt(receipt, keys=keys).receipt.statement
+    assert (signed.submission_id, signed.file_digest) == (call.submission_id, call.file_digest)
 
 
 def kill_api(run: Run) -> str:
@@ -45,7 +65,7 @@ def kill_api(run: Run) -> str:
 def kill_leader(run: Run) -> str:
     """Two reconcilers: the leader dies, the other takes over."""
     run.slowly(0.3)
-    run.clients.stream(10)
+    run.clients.stream(10, every_s=0.02)
     before = run.leader()
     for process in run.topology.reconcilers:
         if before is not None and f":{process.pid}:" in before:
@@ -54,14 +74,32 @@ def kill_leader(run: Run) -> str:
     else:
         raise AssertionError(f"none of the two leads: {before}")
     took_s = run.topology.wait_until(lambda: run.leader() != before, "another leader")
-    run.at_full_speed()
     process.start()
+    most, allowed = _most_outstanding(run)
+    run.at_full_speed()
     run.settle()
-    return f"the other led after {took_s:.1f} s"
+    assert most <= allowed, f"{most} rings under way, the window is {allowed}"
+    return f"the other led after {took_s:.1f} s; at most {most} rings under way (window {allowed})"
+
+
+def _most_outstanding(run: Run) -> tuple[int, int]:
+    """Watch the lane of the teams until all is scored: rings under way, and the window."""
+    settings, most, allowed = RecordsSettings(heartbeat_ttl_s=HEARTBEAT_TTL_S), 0, 0
+
+    def is_done() -> bool:
+        nonlocal most, allowed
+        with run.topology.database.read() as session:
+            most = max(most, outstanding(session, Lane.LIVE))
+            allowed = max(allowed, window(session, Lane.LIVE, settings))
+        return not run.clients.is_streaming() and not run.count(*OPEN, lane=Lane.LIVE)
+
+    run.topology.wait_until(is_done, "all to be scored")
+    return most, allowed
 
 
 def kill_postgres(run: Run) -> str:
     assert run.topology.postgres is not None
+    start_s = run.history.now_s()
     run.slowly(0.3)
     run.clients.stream(8)
     run.wait_for_lease()
@@ -70,8 +108,12 @@ def kill_postgres(run: Run) -> str:
     run.topology.postgres.start()
     run.at_full_speed()
     took_s = run.settle()
-    unavailable = [call for call in run.history.calls if call.status == 503]
+    calls = run.calls_since(start_s)
+    unavailable = [call for call in calls if call.status == 503]
+    assert unavailable, "nobody noticed that the database was away"
+    assert {call.status for call in calls} <= {202, 200, 503}, [call.status for call in calls]
     assert all(call.retry_after for call in unavailable), "a 503 without Retry-After"
+    run.require_scored(calls)
     return f"{len(unavailable)} x 503 with Retry-After, settled in {took_s:.1f} s"
 
 
@@ -91,16 +133,16 @@ def wrong_clock(run: Run) -> str:
     """Workers an hour ahead and an hour behind; leases follow the database's clock."""
     library = _faketime()
     assert library is not None
-    skewed = [
-        run.topology.add_worker(
-            environment={
-                "LD_PRELOAD": str(library),
-                "FAKETIME": shift,
-                "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-            }
-        )
+    clocks = [
+        {
+            "LD_PRELOAD": str(library),
+            "FAKETIME": shift,
+            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+        }
         for shift in ("+1h", "-1h")
     ]
+    assert [round(_ahead_s(clock) / 3600) for clock in clocks] == [1, -1], "the clocks are right"
+    skewed = [run.topology.add_worker(environment=clock) for clock in clocks]
     run.topology.worker.hold_down()
     run.topology.wait_until(lambda: run.topology.readiness()["live_workers"] >= 4, "two more")
     retried = run.n_retried()
@@ -113,102 +155,11 @@ def wrong_clock(run: Run) -> str:
     return "no lease expired early or late, nothing retried"
 
 
-def full_disk(run: Run) -> str:
-    """The disk of the records fills up, then there is room again."""
-    ballast = run.topology.data / "ballast"
-    before = run.n_sheets()
-    with ballast.open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(b"\0" * 4096)
-        except OSError:
-            pass
-    told = [run.clients.submit(run.clients.new_file(), "alpha", patient=False) for _ in range(4)]
-    ballast.unlink(missing_ok=True)
-    run.clients.stream(6)
-    run.settle()
-    statuses = [call.status for call in told]
-    assert any(status == 503 for status in statuses), f"the disk was not full: {statuses}"
-    assert run.n_sheets() >= before
-    return f"while full: {statuses}; earlier rows intact"
-
-
-def store_gone(run: Run) -> str:
-    """The folder of uploads is away, as an unmounted volume."""
-    aside = run.topology.folder / "uploads-aside"
-    run.topology.uploads.rename(aside)
-    run.topology.uploads.write_text("not a folder")
-    told = [run.clients.submit(run.clients.new_file(), "beta", patient=False) for _ in range(3)]
-    ready = run.topology.readiness()
-    run.topology.uploads.unlink()
-    aside.rename(run.topology.uploads)
-    run.clients.stream(4)
-    run.settle()
-    assert all(call.status == 503 and call.retry_after for call in told), told
-    assert not ready.get("is_ready"), "ready without a store"
-    return "3 of 3 told 503 with Retry-After, not ready, no row"
-
-
-def read_only_store(run: Run) -> str:
-    """The store's file system turns read-only."""
-    _mount(run, "-t", "tmpfs", "-o", "size=64m", "tmpfs")
-    try:
-        run.clients.stream(3)
-        run.settle()
-        _mount(run, "-o", "remount,ro")
-        told = [run.clients.submit(run.clients.new_file(), "beta", patient=False) for _ in range(3)]
-        _mount(run, "-o", "remount,rw")
-        run.clients.stream(3)
-        run.settle()
-        kept = run.topology.folder / "kept"
-        shutil.copytree(run.topology.uploads, kept)
-    finally:
-        subprocess.run(["umount", "-l", str(run.topology.uploads)], check=True)
-    shutil.copytree(kept, run.topology.uploads, dirs_exist_ok=True)
-    assert all(call.status == 503 and call.retry_after for call in told), told
-    return "3 of 3 told 503 with Retry-After, no row"
-
-
-def flipped_bit(run: Run) -> str:
-    """A stored upload changes before it is scored."""
-    run.topology.worker.hold_down()
-    call = run.upload()
-    name = call.file_digest.removeprefix("sha256:")
-    path = run.topology.uploads / name[:2] / name
-    data = bytearray(path.read_bytes())
-    data[100] ^= 1
-    path.write_bytes(data)
-    run.topology.worker.start()
-    run.settle()
-    assert run.failure_of(call) == "upload_damaged"
-    data[100] ^= 1
-    path.write_bytes(data)  # so that the checker may ask for every file
-    return "failed: upload_damaged, never scored"
-
-
-def split_missing(run: Run) -> str:
-    """The split is away, then changed: nothing is scored until the registered one is back."""
-    path = run.topology.splits / "sample" / "split.json.gz"
-    whole = path.read_bytes()
-    run.topology.worker.hold_down()
-    path.unlink()
-    run.topology.worker.start()
-    calls = [run.upload(), run.upload("beta")]
-    time.sleep(2.5)
-    path.write_bytes(_changed_split(whole))
-    time.sleep(2.5)
-    assert all(run.job_of(call).attempts == 0 for call in calls), "an attempt was used up"
-    assert all(run.job_of(call).state is JobState.QUEUED for call in calls)
-    path.write_bytes(whole)
-    run.settle()
-    assert all(run.status_of(call) is SubmissionStatus.SCORED for call in calls)
-    return "stayed queued with 0 attempts; scored when the file was back"
-
-
-def _changed_split(whole: bytes) -> bytes:
-    document = json.loads(gzip.decompress(whole))
-    document["samples"][0]["region"][0][0] += 0.5
-    return gzip.compress(json.dumps(document).encode())
+def _ahead_s(clock: dict[str, str]) -> float:
+    """How far the clock of a process that is started so is ahead."""
+    command = [sys.executable, "-c", "import time; print(time.time())"]
+    environment = {**os.environ, **clock}
+    return float(subprocess.check_output(command, env=environment, text=True)) - time.time()
 
 
 def edited_protocol(run: Run) -> str:
@@ -219,6 +170,8 @@ def edited_protocol(run: Run) -> str:
     run.topology.worker.start()
     time.sleep(3)
     assert run.n_scored(call) == 0, "it was scored under an altered protocol"
+    alarms = {found.rule for found in run.violations(is_settled=False)}
+    assert "protocol altered" in alarms, f"the check of the records says {alarms}"
     _edit_protocol(run, "4.085", "4.084")
     run.topology.worker.kill_group()
     run.settle()
@@ -228,34 +181,34 @@ def edited_protocol(run: Run) -> str:
 
 def withdrawn(run: Run) -> str:
     """A submission is withdrawn while it is being scored."""
+    withdrawn, stale = run.lines("submission withdrawn"), run.lines("stale fence rejected")
     run.slowly(1.5)
-    call = run.upload()
+    data = run.clients.new_file()
+    call = run.clients.submit(data, "alpha")
     run.wait_for_lease()
     status = run.clients.withdraw(call)
     run.at_full_speed()
+    run.topology.wait_until(lambda: run.lines("stale fence rejected") > stale, "the late score")
+    again = run.clients.submit(data, "alpha")
     run.settle()
-    time.sleep(2)
-    with run.topology.database.read() as session:
-        row = session.get_one(Submission, call.submission_id)
     assert status == 200
-    assert row.status is SubmissionStatus.WITHDRAWN
-    assert run.lines("submission withdrawn") >= 1
-    return "tombstone and audit line kept, the late score refused"
+    assert run.status_of(call) is SubmissionStatus.WITHDRAWN
+    assert run.n_scored(call) == 0, "a withdrawn submission was scored"
+    assert run.lines("submission withdrawn") == withdrawn + 1
+    assert again.status == 202, f"the same file again was told {again.status}"
+    assert again.submission_id != call.submission_id
+    run.require_scored([again])
+    return "tombstone and audit line kept, the late score refused; the same file counts again"
+
+
+def _n_rows(run: Run, call: Call) -> int:
+    with run.topology.database.read() as session:
+        query = select(func.count()).where(Submission.file_digest == call.file_digest)
+        return session.scalar(query) or 0
 
 
 def _tries(run: Run, digest: str) -> int:
     return sum(call.file_digest == digest for call in run.history.calls)
-
-
-def _mount(run: Run, *arguments: str) -> None:
-    subprocess.run(["mount", *arguments, str(run.topology.uploads)], check=True)
-
-
-def why_no_mount() -> str | None:
-    """Say why no small or read-only file system can be mounted, if so."""
-    if os.getuid() == 0 and shutil.which("mount") is not None:
-        return None
-    return "needs root and `mount`, for a file system of its own"
 
 
 def why_no_faketime() -> str | None:

@@ -3,6 +3,7 @@
 import threading
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class Sighting:
     at_s: float
     submission_id: str
     status: str
-    hcc: float | None = None
+    sheet: dict[str, Any] | None = None
+    """The whole score sheet as it was told."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,24 @@ class History:
     calls: list[Call] = field(default_factory=list)
     sightings: list[Sighting] = field(default_factory=list)
     boards: list[BoardSeen] = field(default_factory=list)
+    given_up: list[Call] = field(default_factory=list)
+    """Uploads that were sent again and again, and never got an answer that says what became of them."""
+    audit_heads: dict[int, str] = field(default_factory=dict)
+    """The last line of the audit chain whenever the checker looked: its number and its hash."""
     unanswered_reads: int = 0
     started_s: float = field(default_factory=time.monotonic)
     _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def so_far(self) -> "History":
+        """Return what happened until now, which does not go on."""
+        with self._lock:
+            return History(
+                calls=list(self.calls),
+                sightings=list(self.sightings),
+                boards=list(self.boards),
+                given_up=list(self.given_up),
+                audit_heads=dict(self.audit_heads),
+            )
 
     def now_s(self) -> float:
         return time.monotonic() - self.started_s

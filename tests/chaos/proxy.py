@@ -21,6 +21,7 @@ class Proxy:
         self._open: set[socket.socket] = set()
         self.delay_s = 0.0
         self.reset_share = 0.0
+        self.n_resets = 0
         self.is_silent = False
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -64,6 +65,7 @@ class Proxy:
                     doomed.set()
                     continue
                 if self.reset_share and self._random.random() < self.reset_share:
+                    self.n_resets += 1
                     break
                 if self.delay_s:
                     time.sleep(self.delay_s)

@@ -2,23 +2,50 @@
 
 import time
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from functools import cached_property
 from statistics import quantiles
 
 from sqlalchemy import func, select
 from tests.chaos.checker import check
+from tests.chaos.checker_scores import LeakSearch, Rescorer, leaks_in_postgres
 from tests.chaos.clients import Clients, digest_of
 from tests.chaos.history import Call, History
-from tests.chaos.topology import Topology
+from tests.chaos.topology import LEASE_S, PHASE, Topology
 
+from exceptiondrive.evaluation import read_split
 from exceptiondrive_records.audit import count_audit_lines
+from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.invariants import unfinished
+from exceptiondrive_records.quotas import quota_of
 from exceptiondrive_records.reconciler import LEADERSHIP
-from exceptiondrive_records.tables import Job, JobState, Leader, ScoreSheetRow, Submission
+from exceptiondrive_records.tables import (
+    Job,
+    JobState,
+    Leader,
+    Phase,
+    ScoreSheetRow,
+    Submission,
+    WorkerHeartbeat,
+)
+from exceptiondrive_records.teams import find_team
 from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 OPEN = (JobState.QUEUED, JobState.LEASED)
+_AFTER_THE_LEASE_S = 5.0
+"""For the reconciler's next pass, a ring, and a worker's first look into its queue."""
+
+
+@dataclass(frozen=True)
+class Hit:
+    """What a fault is about to hit: when, jobs with the beginning of their leases, workers."""
+
+    at: datetime
+    jobs: dict[str, datetime | None]
+    workers: set[str]
 
 
 @dataclass
@@ -86,6 +113,75 @@ class Run:
                 session.scalar(query.where(ScoreSheetRow.submission_id == call.submission_id)) or 0
             )
 
+    def require_scored(self, calls: list[Call]) -> None:
+        """Fail unless each of these was taken and has its score."""
+        statuses = [self.status_of(call) for call in calls if call.is_accepted]
+        assert statuses, "nothing was submitted beside it"
+        assert set(statuses) == {SubmissionStatus.SCORED}, f"others came to harm: {statuses}"
+
+    def require_no_rows(self, calls: list[Call]) -> None:
+        """Fail if one of these, which was told that nothing was taken, was taken after all."""
+        digests = {call.file_digest for call in calls}
+        with self.topology.database.read() as session:
+            query = select(func.count()).where(Submission.file_digest.in_(digests))
+            n_rows = session.scalar(query)
+        assert n_rows == 0, f"{n_rows} rows of uploads that were refused"
+
+    def used_today(self, team: str) -> int:
+        """How much of its quota a team has used."""
+        with self.topology.database.read() as session:
+            phase = session.get_one(Phase, PHASE)
+            return quota_of(session, find_team(session, team).id, phase).used_today
+
+    def waiting(self) -> Hit:
+        """The jobs that wait, and now."""
+        return self._hit(JobState.QUEUED)
+
+    def held(self) -> Hit:
+        """The jobs in the middle of being scored, and the workers that live now."""
+        return self._hit(JobState.LEASED)
+
+    def _hit(self, state: JobState) -> Hit:
+        with self.topology.database.read() as session:
+            jobs = session.execute(select(Job.id, Job.leased_at).where(Job.state == state))
+            workers = session.scalars(select(WorkerHeartbeat.worker_id))
+            return Hit(database_now(session), {row[0]: row[1] for row in jobs}, set(workers))
+
+    def until_a_new_worker(self, hit: Hit) -> datetime:
+        """Wait for the first sign of life of a worker that was not there; return when it came."""
+        found: list[datetime] = []
+
+        def is_there() -> bool:
+            query = select(WorkerHeartbeat.at).where(WorkerHeartbeat.worker_id.not_in(hit.workers))
+            with self.topology.database.read() as session:
+                found.extend(session.scalars(query))
+            return bool(found)
+
+        self.topology.wait_until(is_there, "a worker to come back")
+        return min(found)
+
+    def require_taken_up(self, hit: Hit, back_at: datetime) -> str:
+        """Fail unless what lost its worker was begun again as soon as lease and workers allow."""
+        with self.topology.database.read() as session:
+            jobs = list(session.scalars(select(Job).where(Job.id.in_(hit.jobs), Job.attempts > 1)))
+        assert jobs, "every job had ended before: nothing was interrupted"
+        late_s = 0.0
+        for job in jobs:
+            began_at = hit.jobs[job.id]
+            assert began_at is not None
+            assert job.leased_at is not None
+            free_at = max(began_at + timedelta(seconds=LEASE_S), back_at)
+            late_s = max(late_s, (job.leased_at - free_at).total_seconds())
+        assert late_s <= _AFTER_THE_LEASE_S, f"begun again {late_s:.1f} s after it could have been"
+        return f"{len(jobs)} begun again up to {late_s:.1f} s after lease and restart"
+
+    def longest_wait_s(self, hit: Hit) -> float:
+        """How long those that waited went on waiting until they were begun."""
+        with self.topology.database.read() as session:
+            query = select(Job.leased_at).where(Job.id.in_(hit.jobs))
+            begun = [at for at in session.scalars(query) if at is not None]
+        return max((at - hit.at).total_seconds() for at in begun)
+
     def job_of(self, call: Call) -> Job:
         with self.topology.database.read() as session:
             query = select(Job).where(Job.submission_id == call.submission_id, Job.is_first)
@@ -117,8 +213,27 @@ class Run:
         with self.topology.database.read() as session:
             return not unfinished(session)
 
-    def violations(self) -> list[Violation]:
-        return check(self.topology.database, self.topology.files, self.history)
+    def violations(self, *, is_settled: bool = True) -> list[Violation]:
+        topology = self.topology
+        return check(topology.database, topology.files, self.history, is_settled=is_settled)
+
+    def broken(self) -> list[Violation]:
+        """Return all that is wrong when nothing is left to do: records, scores, and leaks."""
+        with self.topology.database.read() as session:
+            wrong = list(self._rescorer.wrong_scores(session, self.topology.files))
+        leaks = list(self._leak_search.leaks())
+        if self.topology.postgres is not None:
+            leaks += leaks_in_postgres(self.topology.postgres)
+        return [*self.violations(), *wrong, *leaks]
+
+    @cached_property
+    def _rescorer(self) -> Rescorer:
+        split = read_split(self.topology.splits / "sample" / "split.json.gz")
+        return Rescorer(split, packaged_protocol())
+
+    @cached_property
+    def _leak_search(self) -> LeakSearch:
+        return LeakSearch(*{self.topology.folder, self.topology.data})
 
     def calls_since(self, start_s: float) -> list[Call]:
         return [call for call in self.history.calls if call.started_s >= start_s]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from tests.chaos import faults_alone as alone
 from tests.chaos import faults_broker as broker
+from tests.chaos import faults_files as files
 from tests.chaos import faults_rescoring as rescoring
 from tests.chaos import faults_scoring as scoring
 from tests.chaos import faults_server as server
@@ -54,14 +55,16 @@ FAULTS = (
     Fault("F04", "SIGQUIT worker", worker.quit_at_once),
     Fault("F05", "SIGSTOP worker past its lease, SIGCONT", worker.freeze_past_the_lease),
     Fault("F06", "SIGKILL broker, back empty", broker.comes_back_empty, is_short=True),
-    Fault("F07", "broker down while 6 files are submitted", broker.down_at_submit),
+    Fault("F07", "broker down for 60 s while 12 files are submitted", broker.down_at_submit),
     Fault("F08", "FLUSHALL", broker.flush, is_short=True),
     Fault("F09", "broker down and up 4 times", broker.flap),
     Fault("F10", "SIGSTOP broker for 15 s of uploads", broker.freeze),
     Fault("F11", "broker out of memory (noeviction)", broker.out_of_memory),
-    Fault("F12", "broker evicts (allkeys-lru)", broker.evicts),
-    Fault("F13", "LPUSH junk into both queues", broker.junk),
-    Fault("F14", "deliver one job 20 times more", broker.deliver_again, is_short=True),
+    Fault("F12", "broker evicts the queue (allkeys-lru)", broker.evicts),
+    Fault("F13", "LPUSH junk of every kind into both queues", broker.junk),
+    Fault(
+        "F14", "deliver one job 20 times more, several at once", broker.deliver_again, is_short=True
+    ),
     Fault("F15", "job outlasts the visibility timeout", worker.outlast_the_visibility_timeout),
     Fault("F16", "a file whose scoring kills its process", worker.poison),
     Fault("F17", "scoring never ends, in Python and in C", worker.endless_loop),
@@ -86,14 +89,14 @@ FAULTS = (
     Fault(
         "F25",
         "disk of the records full",
-        server.full_disk,
+        files.full_disk,
         On.SMALL_DISK,
-        why_not=server.why_no_mount,
+        why_not=files.why_no_mount,
     ),
-    Fault("F26", "file store gone", server.store_gone),
-    Fault("F26b", "file store read-only", server.read_only_store, why_not=server.why_no_mount),
-    Fault("F27", "one bit of a stored upload flips", server.flipped_bit, is_short=True),
-    Fault("F28", "split missing, then changed", server.split_missing),
+    Fault("F26", "file store gone", files.store_gone),
+    Fault("F26b", "file store read-only", files.read_only_store, why_not=files.why_no_mount),
+    Fault("F27", "one bit of a stored upload flips", files.flipped_bit, is_short=True),
+    Fault("F28", "split missing, then changed", files.split_missing),
     Fault(
         "F29",
         "workers' clocks 1 h ahead and behind",
@@ -106,10 +109,16 @@ FAULTS = (
     Fault("F32", "SIGKILL everything in mid-rescore", rescoring.kill_in_mid_rescore),
     Fault("F33", "a worker of an older scorer joins", scoring.older_scorer),
     Fault("F34", "a protocol edited in place", server.edited_protocol),
-    Fault("F35", "withdrawn while it is scored", server.withdrawn),
+    Fault("F35", "withdrawn while it is scored, then sent again", server.withdrawn),
     Fault("F36", "one submission fails, one answers nothing", scoring.no_score),
     Fault("F37", "back up under load, restore elsewhere", alone.restore_from_backup),
     Fault("F38", "SIGKILL in the middle of a migration", alone.kill_migration, On.ALONE),
+    Fault(
+        "F38b",
+        "SIGKILL in the middle of a migration of PostgreSQL",
+        alone.kill_migration_on_postgres,
+        On.ALONE,
+    ),
 )
 
 
@@ -128,7 +137,7 @@ def run_fault(fault: Fault, run: Run | None) -> Outcome:
     began = time.monotonic()
     try:
         text = fault.inject(run) if run is not None else fault.inject()  # type: ignore[call-arg]
-        broken = run.violations() if run is not None else []
+        broken = run.broken() if run is not None else []
     except Exception as error:  # noqa: BLE001 - one row that breaks must not end the table
         words = str(error) if isinstance(error, AssertionError) else repr(error)
         return Outcome(fault, False, words, time.monotonic() - began)
@@ -150,7 +159,7 @@ def running(on: On) -> Iterator[Run | None]:
         subprocess.run(mount, check=True)
     run = None
     try:
-        run = Run(Topology(uses_postgres=on is On.POSTGRES, data=disk))
+        run = Run(Topology(uses_postgres=on is On.POSTGRES, data=disk, has_canary=True))
         yield run
     finally:
         if run is not None:

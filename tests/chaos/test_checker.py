@@ -182,7 +182,10 @@ def _take_an_ending_back(story: Story) -> None:
 
 
 def _tell_another_score(story: Story) -> None:
-    story.history.note(Sighting(30.0, story.scored[0], "scored", 0.125))
+    seen = story.history.sightings[0]
+    assert seen.sheet is not None
+    sheet = {**seen.sheet, "macro_family": {"hcc": 0.125, "ur": 0.25}}
+    story.history.note(Sighting(30.0, story.scored[0], "scored", sheet))
 
 
 def _show_another_board(story: Story) -> None:

@@ -1,6 +1,5 @@
 """The real topology as processes: API, two reconcilers, workers, broker behind a proxy, database."""
 
-import gzip
 import json
 import os
 import shutil
@@ -21,6 +20,7 @@ from tests.chaos.postgres import Postgres
 from tests.chaos.processes import Process, Supervisor
 from tests.chaos.proxy import Proxy
 from tests.chaos.saboteur import ORDERS
+from tests.chaos.splits import multiply, plant_canary
 from tests.chaos.users import Users, as_user
 
 from exceptiondrive_records.database import Database
@@ -39,17 +39,19 @@ ROOT = Path(__file__).parents[2]
 PHASE = "chaos"
 TEAMS = ("alpha", "beta", "gamma", "delta")
 LEASE_S = 5.0
+MAX_ATTEMPTS = 5
+HEARTBEAT_TTL_S = 5.0
 SHORT = {
     "SOFT_TIME_LIMIT_S": "3.5",
     "TIME_LIMIT_S": "4",
     "LEASE_S": f"{LEASE_S:g}",
     "BOARD_LEASE_S": "4",
-    "MAX_ATTEMPTS": "5",
+    "MAX_ATTEMPTS": f"{MAX_ATTEMPTS}",
     "RETRY_BACKOFF_S": "0.2",
     "RECONCILE_EVERY_S": "0.3",
     "RING_AGAIN_AFTER_S": "1.5",
     "HEARTBEAT_EVERY_S": "1",
-    "HEARTBEAT_TTL_S": "5",
+    "HEARTBEAT_TTL_S": f"{HEARTBEAT_TTL_S:g}",
     "LEADER_LEASE_S": "2",
 }
 
@@ -96,6 +98,7 @@ class Topology:
         n_workers: int = 1,
         users: Users | None = None,
         split_copies: int = 1,
+        has_canary: bool = False,
         settings: Mapping[str, str] | None = None,
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
@@ -112,6 +115,7 @@ class Topology:
         self.url = f"http://127.0.0.1:{_free_port()}"
         self.environment = {**self._environment(), **(settings or {})}
         self._split_copies = split_copies
+        self._has_canary = has_canary
         if users is not None:
             self._raise_walls(users)
         self.database = Database(self.database_url)
@@ -289,7 +293,9 @@ class Topology:
             self._make_roles()
         split = write_sample_split(self.splits)
         if self._split_copies > 1:
-            _multiply(split, self._split_copies)
+            multiply(split, self._split_copies)
+        if self._has_canary:
+            plant_canary(split)
         if self.users is not None:
             for path in (split.parent, split):
                 os.chown(path, self.users.worker, self.users.group)
@@ -316,17 +322,6 @@ class Topology:
                 row = create_team(session, team, team.title(), actor="chaos")
                 tokens[team], _ = issue_token(session, row.id, "chaos", actor="chaos")
         return tokens
-
-
-def _multiply(path: Path, copies: int) -> None:
-    """Make a split as large as a real one: every sample so many times, under other ids."""
-    document = json.loads(gzip.decompress(path.read_bytes()))
-    document["samples"] = [
-        {**sample, "sample_id": f"{sample['sample_id']}-{copy}"}
-        for copy in range(copies)
-        for sample in document["samples"]
-    ]
-    path.write_bytes(gzip.compress(json.dumps(document).encode()))
 
 
 def _free_port() -> int:

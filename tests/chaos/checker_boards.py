@@ -1,0 +1,122 @@
+"""When nothing is left to do: the boards that stand, and the lines that tell how it came to them.
+
+Nothing of the product's own choice of entries is asked here: what should stand on a board is
+worked out anew.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+
+from pydantic import ValidationError
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+from tests.chaos.history import History
+
+from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.errors import Conflict
+from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.tables import AuditLine, BoardRow, Phase, ScoreSheetRow, Submission
+from exceptiondrive_records.violations import Violation
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.protocol import Protocol, ProtocolError
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+def boards_now(session: Session) -> Iterator[Violation]:
+    """Each phase shows its newest board, with the latest score of every method, the best first."""
+    for phase in session.scalars(select(Phase)):
+        if phase.life != PhaseLife():
+            continue  # what such a phase shows depends on the day
+        row, due = current_board(session, phase.id), _due(session, phase)
+        if row is None:
+            if due:
+                yield Violation("scores without a board", phase.id, f"{len(due)} entries are due")
+            continue
+        if row.number != _newest(session, phase):
+            yield Violation("not the newest board", phase.id, f"number {row.number} is shown")
+        try:
+            board = Board.model_validate_json(row.body)
+            protocol = find_protocol(session, phase.protocol_digest)
+        except (ValidationError, Conflict, ProtocolError):
+            continue  # which is a violation of its own, and named as such
+        yield from _entries(board, due)
+        yield from _order(board, protocol)
+
+
+def _due(session: Session, phase: Phase) -> set[str]:
+    """The latest scored submission of each method of each team."""
+    query = (
+        select(Submission)
+        .join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
+        .where(
+            Submission.phase_id == phase.id,
+            Submission.status == SubmissionStatus.SCORED,
+            ScoreSheetRow.protocol_digest == phase.protocol_digest,
+            ScoreSheetRow.split_revision == phase.split_revision,
+        )
+        .order_by(Submission.received_at, Submission.id)
+    )
+    latest = {(row.team_id, row.method): row.id for row in session.scalars(query)}
+    return set(latest.values())
+
+
+def _newest(session: Session, phase: Phase) -> int | None:
+    query = select(func.max(BoardRow.number)).where(
+        BoardRow.phase_id == phase.id,
+        BoardRow.protocol_digest == phase.protocol_digest,
+        BoardRow.split_revision == phase.split_revision,
+        BoardRow.view == "main",
+    )
+    return session.scalar(query)
+
+
+def _entries(board: Board, due: set[str]) -> Iterator[Violation]:
+    shown = Counter(entry.submission_id for entry in board.entries if entry.submission_id)
+    for submission_id in due - set(shown):
+        yield Violation("missing on the board", submission_id, f"of {board.phase}/{board.board}")
+    for submission_id, times in shown.items():
+        if submission_id not in due or times > 1:
+            text = f"{times} times on {board.phase}/{board.board}"
+            yield Violation("must not stand on the board", submission_id, text)
+
+
+def _order(board: Board, protocol: Protocol) -> Iterator[Violation]:
+    """A better value never has a worse rank, and equal ones share theirs."""
+    keys = protocol.ranking.order[board.challenge]
+
+    def worth(entry: BoardEntry) -> tuple[float, ...]:
+        values = [entry.metrics.get(key.metric) or 0.0 for key in keys]
+        return tuple(
+            -value if key.order == "descending" else value
+            for key, value in zip(keys, values, strict=True)
+        )
+
+    ranked = [(worth(entry), entry) for entry in board.entries if entry.rank is not None]
+    for mine, entry in ranked:
+        rank = 1 + sum(other < mine for other, _ in ranked)
+        if entry.rank != rank:
+            text = f"has rank {entry.rank}, its values give {rank}"
+            yield Violation("rank is not that of the values", str(entry.submission_id), text)
+
+
+def audited(session: Session, history: History) -> Iterator[Violation]:
+    """What was taken and shown has its line, and no line that was seen once is another now."""
+    wanted = {
+        "submission received": Counter(session.scalars(select(Submission.id))),
+        "board published": Counter(session.scalars(select(BoardRow.phase_id))),
+    }
+    for action, due in wanted.items():
+        query = select(AuditLine.subject).where(AuditLine.action == action)
+        lines = Counter(session.scalars(query))
+        for subject in sorted(due.keys() | lines.keys()):
+            if due[subject] != lines[subject]:
+                text = f"{due[subject]} of it, {lines[subject]} lines say {action!r}"
+                yield Violation("audit lines differ", subject, text)
+    for number, head in history.audit_heads.items():
+        line = session.get(AuditLine, number)
+        if line is None or line.hash != head:
+            yield Violation("audit chain rewritten", f"line {number}", "it had another hash before")
+    last = session.scalars(select(AuditLine).order_by(AuditLine.id.desc()).limit(1)).first()
+    if last is not None:
+        history.audit_heads.setdefault(last.id, last.hash)

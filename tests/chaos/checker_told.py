@@ -1,0 +1,64 @@
+"""What clients were told of endings, scores and boards stays true."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from tests.chaos.history import BoardSeen, History
+
+from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.violations import Violation
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+_FINAL = {status.value for status in SubmissionStatus if status.is_terminal}
+_SCORED, _WITHDRAWN = SubmissionStatus.SCORED.value, SubmissionStatus.WITHDRAWN.value
+SheetKey = tuple[str, str, str]
+
+
+def _may_follow(before: str | None, after: str) -> bool:
+    """An ending is for ever; but a score may be withdrawn."""
+    if before not in _FINAL or before == after:
+        return True
+    return (before, after) == (_SCORED, _WITHDRAWN)
+
+
+def endings_stay(history: History, rows: list[Submission]) -> Iterator[Violation]:
+    """Who was told an ending is never told another status, and the records say the same."""
+    told: dict[str, str] = {}
+    for seen in sorted(history.sightings, key=lambda seen: seen.at_s):
+        before = told.get(seen.submission_id)
+        if not _may_follow(before, seen.status):
+            yield Violation("ending changed", seen.submission_id, f"{before}, then {seen.status}")
+        told[seen.submission_id] = seen.status
+    for row in rows:
+        said = told.get(row.id)
+        if not _may_follow(said, row.status.value):
+            yield Violation("ending changed", row.id, f"{said} was told, records: {row.status}")
+
+
+def scores_stay(history: History, sheets: dict[SheetKey, dict[str, Any]]) -> Iterator[Violation]:
+    """Every sheet that was told is that of the records, to the last number."""
+    for seen in history.sightings:
+        if seen.sheet is None:
+            continue
+        protocol, revision = seen.sheet["protocol"]["digest"], seen.sheet["split"]["revision"]
+        kept = sheets.get((seen.submission_id, protocol, revision))
+        if kept != seen.sheet:
+            names = sorted(key for key in seen.sheet if (kept or {}).get(key) != seen.sheet[key])
+            yield Violation("score changed", seen.submission_id, f"told other {', '.join(names)}")
+
+
+def boards_seen(seen: list[BoardSeen], kept: set[str]) -> Iterator[Violation]:
+    """Every board that was shown is one of the records, byte for byte, and never went back."""
+    last: dict[str, int] = {}
+    bodies: dict[str, bytes] = {}
+    for board in sorted(seen, key=lambda board: board.at_s):
+        document = json.loads(board.body)
+        phase, number = document["phase"], document["board"]
+        if board.body.decode() not in kept:
+            yield Violation("board not on the records", phase, f"number {number} was shown")
+        if bodies.setdefault(board.etag, board.body) != board.body:
+            yield Violation("one tag, two boards", phase, board.etag)
+        if number < last.get(phase, 0):
+            yield Violation("board went back", phase, f"{last[phase]}, then {number}")
+        last[phase] = number

@@ -1,0 +1,134 @@
+"""Faults of disk, file store and split files."""
+
+import gzip
+import json
+import os
+import shutil
+import subprocess
+import time
+
+from tests.chaos.run import Run
+
+from exceptiondrive_records.tables import JobState
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+def full_disk(run: Run) -> str:
+    """The disk of the records fills up, then there is room again."""
+    ballast = run.topology.data / "ballast"
+    before = run.n_sheets()
+    with ballast.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(b"\0" * 4096)
+        except OSError:
+            pass
+    told = [run.clients.submit(run.clients.new_file(), "alpha", patient=False) for _ in range(4)]
+    ballast.unlink(missing_ok=True)
+    run.clients.stream(6)
+    run.settle()
+    statuses = [call.status for call in told]
+    refused = [call for call in told if call.status == 503]
+    assert refused, f"the disk was not full: {statuses}"
+    assert set(statuses) <= {202, 503}, statuses
+    assert all(call.retry_after for call in refused), "a 503 without Retry-After"
+    run.require_no_rows(refused)
+    assert run.n_sheets() >= before
+    return f"while full: {statuses}; earlier rows intact"
+
+
+def store_gone(run: Run) -> str:
+    """The folder of uploads is away, as an unmounted volume."""
+    aside, used = run.topology.folder / "uploads-aside", run.used_today("beta")
+    run.topology.uploads.rename(aside)
+    run.topology.uploads.write_text("not a folder")
+    told = [run.clients.submit(run.clients.new_file(), "beta", patient=False) for _ in range(3)]
+    ready = run.topology.readiness()
+    run.topology.uploads.unlink()
+    aside.rename(run.topology.uploads)
+    assert run.used_today("beta") == used, "it cost quota"
+    run.clients.stream(4)
+    run.settle()
+    assert all(call.status == 503 and call.retry_after for call in told), told
+    assert not ready.get("is_ready"), "ready without a store"
+    run.require_no_rows(told)
+    return "3 of 3 told 503 with Retry-After, not ready, no row, no quota used"
+
+
+def read_only_store(run: Run) -> str:
+    """The store's file system turns read-only."""
+    _mount(run, "-t", "tmpfs", "-o", "size=64m", "tmpfs")
+    try:
+        run.clients.stream(3)
+        run.settle()
+        _mount(run, "-o", "remount,ro")
+        used = run.used_today("beta")
+        told = [run.clients.submit(run.clients.new_file(), "beta", patient=False) for _ in range(3)]
+        _mount(run, "-o", "remount,rw")
+        assert run.used_today("beta") == used, "it cost quota"
+        run.clients.stream(3)
+        run.settle()
+        kept = run.topology.folder / "kept"
+        shutil.copytree(run.topology.uploads, kept)
+    finally:
+        subprocess.run(["umount", "-l", str(run.topology.uploads)], check=True)
+    shutil.copytree(kept, run.topology.uploads, dirs_exist_ok=True)
+    assert all(call.status == 503 and call.retry_after for call in told), told
+    run.require_no_rows(told)
+    return "3 of 3 told 503 with Retry-After, no row, no quota used"
+
+
+def flipped_bit(run: Run) -> str:
+    """A stored upload changes before it is scored."""
+    run.topology.worker.hold_down()
+    call = run.upload()
+    name = call.file_digest.removeprefix("sha256:")
+    path = run.topology.uploads / name[:2] / name
+    data = bytearray(path.read_bytes())
+    data[100] ^= 1
+    path.write_bytes(data)
+    run.topology.worker.start()
+    run.settle()
+    assert run.failure_of(call) == "upload_damaged"
+    assert run.n_scored(call) == 0
+    alarms = {found.rule for found in run.violations()}
+    assert alarms == {"upload damaged"}, f"the check of the records says {alarms}"
+    data[100] ^= 1
+    path.write_bytes(data)  # so that the checker may ask for every file
+    return "failed: upload_damaged, never scored; the check of the records names the file"
+
+
+def split_missing(run: Run) -> str:
+    """The split is away, then changed: nothing is scored until the registered one is back."""
+    path = run.topology.splits / "sample" / "split.json.gz"
+    whole = path.read_bytes()
+    run.topology.worker.hold_down()
+    path.unlink()
+    run.topology.worker.start()
+    calls = [run.upload(), run.upload("beta")]
+    time.sleep(2.5)
+    path.write_bytes(_changed_split(whole))
+    time.sleep(2.5)
+    assert all(run.job_of(call).attempts == 0 for call in calls), "an attempt was used up"
+    assert all(run.job_of(call).state is JobState.QUEUED for call in calls)
+    path.write_bytes(whole)
+    run.settle()
+    assert all(run.status_of(call) is SubmissionStatus.SCORED for call in calls)
+    return "stayed queued with 0 attempts; scored when the file was back"
+
+
+def _changed_split(whole: bytes) -> bytes:
+    document = json.loads(gzip.decompress(whole))
+    document["samples"][0]["region"][0][0] += 0.5
+    return gzip.compress(json.dumps(document).encode())
+
+
+def _mount(run: Run, *arguments: str) -> None:
+    subprocess.run(["mount", *arguments, str(run.topology.uploads)], check=True)
+
+
+def why_no_mount() -> str | None:
+    """Say why no small or read-only file system can be mounted, if so."""
+    if os.getuid() == 0 and shutil.which("mount") is not None:
+        return None
+    return "needs root and `mount`, for a file system of its own"

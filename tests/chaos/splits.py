@@ -1,0 +1,26 @@
+"""The split of a topology: as large as a real one, or with the canary in it."""
+
+import gzip
+import json
+from pathlib import Path
+
+from tests.canary.values import CANARY_M
+
+
+def multiply(path: Path, copies: int) -> None:
+    """Make a split as large as a real one: every sample so many times, under other ids."""
+    document = json.loads(gzip.decompress(path.read_bytes()))
+    document["samples"] = [
+        {**sample, "sample_id": f"{sample['sample_id']}-{copy}"}
+        for copy in range(copies)
+        for sample in document["samples"]
+    ]
+    path.write_bytes(gzip.compress(json.dumps(document).encode()))
+
+
+def plant_canary(path: Path) -> None:
+    """Let one region reach to the canary, far behind all that clients drive."""
+    document = json.loads(gzip.decompress(path.read_bytes()))
+    far = [[10.0, -1.0], [CANARY_M, -1.0], [CANARY_M, 1.0], [10.0, 1.0]]
+    document["samples"][0]["region"] = far
+    path.write_bytes(gzip.compress(json.dumps(document).encode()))
