@@ -1,5 +1,7 @@
 """An operator's second chance for what failed by our own fault."""
 
+from datetime import datetime
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -7,7 +9,9 @@ from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, NotFound
 from exceptiondrive_records.identifiers import checked_reason
-from exceptiondrive_records.tables import Job, JobState, Submission
+from exceptiondrive_records.rescoring.fan_out import score_waiting_under
+from exceptiondrive_records.rescoring.keys import key_of_phase
+from exceptiondrive_records.tables import Job, JobState, Phase, Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -15,6 +19,9 @@ def retry_submission(
     session: Session, submission_id: str, *, actor: str, reason: str | None = None
 ) -> Submission:
     """Queue a failed submission again, with all its attempts.
+
+    If the protocol was changed since, it is scored under the new one besides: else no board that
+    the phase shows would ever hold it.
 
     Args:
         session: Of a write transaction.
@@ -35,19 +42,26 @@ def retry_submission(
     if _same_bytes_since(session, submission):
         raise Conflict("The team has submitted the same file again since; that one counts.")
     now = database_now(session)
-    query = select(Job).where(Job.submission_id == submission_id, Job.is_first).with_for_update()
-    job = session.scalars(query).one()
+    ended = Job.state.in_((JobState.FAILED, JobState.DEAD))
+    query = select(Job).where(Job.submission_id == submission_id, ended).with_for_update()
+    for job in session.scalars(query):
+        _queue_again(job, now)
+    submission.status = SubmissionStatus.RECEIVED
+    submission.status_at = now
+    submission.failure_code = submission.failure_message = None
+    phase = session.get_one(Phase, submission.phase_id)
+    score_waiting_under(session, phase.id, key_of_phase(phase))
+    detail = {} if reason is None else {"reason": checked_reason(reason)}
+    audit(session, actor, "scoring retried by hand", submission_id, detail)
+    return submission
+
+
+def _queue_again(job: Job, now: datetime) -> None:
     job.state = JobState.QUEUED
     job.attempts = job.rings = 0
     job.fence += 1
     job.available_at = now
     job.rung_at = job.lease_until = job.finished_at = None
-    submission.status = SubmissionStatus.RECEIVED
-    submission.status_at = now
-    submission.failure_code = submission.failure_message = None
-    detail = {} if reason is None else {"reason": checked_reason(reason)}
-    audit(session, actor, "scoring retried by hand", submission_id, detail)
-    return submission
 
 
 def _same_bytes_since(session: Session, submission: Submission) -> bool:

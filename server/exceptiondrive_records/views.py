@@ -13,6 +13,7 @@ from exceptiondrive_records.final_entries import is_chosen
 from exceptiondrive_records.heartbeats import LiveWorkers, live_workers
 from exceptiondrive_records.phase_life import is_anonymous, is_late, pseudonym_of_team
 from exceptiondrive_records.published_forms import score_kept_back_since, shown_sheet
+from exceptiondrive_records.quotas import WAITING
 from exceptiondrive_records.tables import (
     Job,
     JobState,
@@ -27,7 +28,6 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import Failure, QueuePlace, SubmissionStatus, SubmissionView
 
-_WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 _RECENT = 20
 
 
@@ -97,7 +97,7 @@ def queue_place(
 
     None when it has ended.
     """
-    if submission.status not in _WAITING:
+    if submission.status not in WAITING:
         return None
     query = select(Job).where(Job.submission_id == submission.id, Job.is_first)
     job = session.scalars(query).first()

@@ -7,13 +7,16 @@ from typing import Any
 import pytest
 from sqlalchemy import delete, func, select
 
+from exceptiondrive_records import jobs
 from exceptiondrive_records.audit import verify_audit
 from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.board_rings import due_boards
+from exceptiondrive_records.claims import Claim
 from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.rescoring import flip
 from exceptiondrive_records.rescoring.compared import _compared
 from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.retries import retry_submission
 from exceptiondrive_records.tables import BoardFlip, Job, JobState, Phase, ScoreSheetRow
 from exceptiondrive_schemas.jobs import Lane
 
@@ -132,3 +135,42 @@ def test_a_sheet_whose_job_is_gone_is_not_made_again(
     stage.step("start", again)
     assert stage.work() == 0
     assert stage.view(again).state.value == "ready"
+
+
+def test_what_failed_before_an_update_stands_on_the_board_when_it_is_tried_again_after_it(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    failed = stage.submit(2.5, "Failing")
+    claim = _claimed(stage, failed)
+    with stage.doors.database.write() as session:
+        jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    stage.step("close", run_id)
+    with stage.database.write() as session:
+        retry_submission(session, failed, actor="test")
+    stage.work()
+    assert failed in stage.board()
+
+
+def test_what_is_scored_while_an_update_is_applied_and_closed_stands_on_the_board(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    slow = stage.submit(2.5, "Slow")
+    claim = _claimed(stage, slow)
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    stage.step("close", run_id)
+    with stage.doors.database.write() as session:
+        jobs.finish_failed(session, claim, "internal", "We failed.", retry=True, backoff_s=0)
+    stage.work()
+    assert slow in stage.board()
+
+
+def _claimed(stage: Stage, submission_id: str) -> Claim:
+    with stage.database.read() as session:
+        job_id = session.scalars(select(Job.id).where(Job.submission_id == submission_id)).one()
+    with stage.doors.database.write() as session:
+        claim = jobs.claim(session, job_id, 120, 4)
+    assert claim is not None
+    return claim

@@ -17,7 +17,12 @@ from exceptiondrive_records.rescoring.keys import (
     old_key,
     other_key,
 )
-from exceptiondrive_records.rescoring.pairs import count_pairs, missing_pairs, open_jobs
+from exceptiondrive_records.rescoring.pairs import (
+    count_pairs,
+    missing_pairs,
+    open_jobs,
+    waiting_elsewhere,
+)
 from exceptiondrive_records.submissions import new_job
 from exceptiondrive_records.tables import Job, JobState, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
@@ -71,12 +76,24 @@ def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int
     room = BATCH - open_jobs(session, run.phase_id, key)
     if room <= 0:
         return 0
+    return _make_jobs(session, missing_pairs(run.phase_id, key, room), key)
+
+
+def score_waiting_under(session: Session, phase_id: str, key: ScoringKey) -> int:
+    """Make jobs under what a phase shows for submissions that wait under another key alone.
+
+    No run will do it any more once it is closed: they would be scored, and stand on no board.
+    """
+    return _make_jobs(session, waiting_elsewhere(phase_id, key), key)
+
+
+def _make_jobs(session: Session, query: Select[Submission], key: ScoringKey) -> int:
     now = database_now(session)
-    missing = list(session.scalars(missing_pairs(run.phase_id, key, room)))
-    for submission in missing:
+    found = list(session.scalars(query))
+    for submission in found:
         digest, revision = key.protocol_digest, key.split_revision
         session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now))
-    return len(missing)
+    return len(found)
 
 
 def _missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:

@@ -10,6 +10,7 @@ from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.notices.inbox import tell_teams
 from exceptiondrive_records.phase_life import frozen_since
 from exceptiondrive_records.phases import lock_phase
+from exceptiondrive_records.quotas import WAITING
 from exceptiondrive_records.rescoring.compared import Compared, compare_rows
 from exceptiondrive_records.rescoring.draft_board import fresh_board
 from exceptiondrive_records.rescoring.failed import failed_words
@@ -29,12 +30,10 @@ from exceptiondrive_records.tables import BoardRow, Job, JobState, Phase, Submis
 from exceptiondrive_records.tables_rescoring import RescoringRun
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import RunState
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 _APPLICABLE = (RunState.SCORING, RunState.READY)
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 """States that cannot be applied, and say themselves what to do about it."""
-_WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 
 
 def comparison_of(session: Session, run: RescoringRun) -> Compared | None:
@@ -196,7 +195,7 @@ def _waiting_under(phase_id: str, key: ScoringKey) -> Select[str]:
         .join(Submission, Submission.id == Job.submission_id)
         .where(
             Submission.phase_id == phase_id,
-            Submission.status.in_(_WAITING),
+            Submission.status.in_(WAITING),
             Job.protocol_digest == key.protocol_digest,
             Job.split_revision == key.split_revision,
             Job.state == JobState.QUEUED,

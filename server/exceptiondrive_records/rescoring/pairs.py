@@ -7,6 +7,7 @@ from sqlalchemy import ColumnElement, Select, and_, exists, func, not_, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.quotas import WAITING
 from exceptiondrive_records.rescoring.keys import ScoringKey
 from exceptiondrive_records.tables import Job, JobState, ScoreSheetRow, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
@@ -50,6 +51,16 @@ def missing_pairs(phase_id: str, key: ScoringKey, limit: int) -> Select[Submissi
         .where(not_(_has_sheet(key)), not_(exists().where(_job_of(key))))
         .order_by(Submission.received_at, Submission.id)
         .limit(limit)
+    )
+
+
+def waiting_elsewhere(phase_id: str, key: ScoringKey) -> Select[Submission]:
+    """Select submissions that wait for their first score, and have no job under this key."""
+    return (
+        select(Submission)
+        .where(Submission.phase_id == phase_id, Submission.status.in_(WAITING))
+        .where(not_(exists().where(_job_of(key))))
+        .order_by(Submission.received_at, Submission.id)
     )
 
 

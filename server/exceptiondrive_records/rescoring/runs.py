@@ -9,7 +9,12 @@ from exceptiondrive_records.errors import Conflict, InvalidRecord
 from exceptiondrive_records.identifiers import checked_reason, random_id
 from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.rescoring.fan_out import cancel_jobs, hold_jobs, release_jobs
+from exceptiondrive_records.rescoring.fan_out import (
+    cancel_jobs,
+    hold_jobs,
+    release_jobs,
+    score_waiting_under,
+)
 from exceptiondrive_records.rescoring.keys import (
     OPEN,
     ScoringKey,
@@ -125,6 +130,7 @@ def close_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
     applied = (RunState.APPLIED,)
     run = move_run(session, run_id, applied, RunState.CLOSED, "closed", reason, actor)
     cancel_jobs(session, run, old_key(run))
+    score_waiting_under(session, run.phase_id, new_key(run))
     return run
 
 
