@@ -24,6 +24,11 @@ HERE = Path(__file__).parent
 SIZE: Any = {"width": 1180, "height": 900}
 LONGEST_S = 300
 MAX_BYTES = 150_000
+BOARD_WITHOUT_PAPER = """() => {
+  const card = document.querySelector("#board > .card").getBoundingClientRect();
+  const last = document.querySelector("#board-rows .blk-reference").getBoundingClientRect();
+  return {x: card.x, y: card.y, width: card.width, height: last.bottom - card.y};
+}"""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -40,7 +45,8 @@ def main() -> None:
             look: Any = {"color_scheme": scheme, "viewport": SIZE, "reduced_motion": "reduce"}
             page = browser.new_page(**look)
             page.goto(f"{address}/?phase=sample")
-            page.locator("#board > .card").screenshot(path=HERE / f"board-{scheme}.png")
+            part = page.evaluate(BOARD_WITHOUT_PAPER)
+            page.screenshot(path=HERE / f"board-{scheme}.png", full_page=True, clip=part)
         browser.close()
     for picture in sorted(HERE.glob("*.png")):
         size = picture.stat().st_size

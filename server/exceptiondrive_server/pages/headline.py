@@ -58,7 +58,8 @@ def _entries_fact(label: str, ranked: Sequence[BoardEntry], reported: Sequence[B
     if ranked:
         note = "ranked" + (f", {len(reported)} reported" if reported else "")
         return Fact(label, grouped(len(ranked)), note)
-    return Fact(label, grouped(len(reported)), "reported, none scored yet")
+    note = "reported, none scored yet" if reported else "none scored yet"
+    return Fact(label, grouped(len(reported)), note)
 
 
 def _best(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:
