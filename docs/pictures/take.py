@@ -21,7 +21,7 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 HERE = Path(__file__).parent
-SIZE: Any = {"width": 1180, "height": 900}
+SIZE: Any = {"width": 1240, "height": 900}
 LONGEST_S = 300
 MAX_BYTES = 150_000
 BOARD_WITHOUT_PAPER = """() => {
