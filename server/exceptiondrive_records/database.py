@@ -11,6 +11,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from exceptiondrive_records.audit import seal_audit_lines
@@ -20,6 +21,7 @@ __all__ = ["Database", "database_now"]
 
 _WRITES = "exceptiondrive_writes"
 BUSY_TIMEOUT_MS = 15_000
+_INSUFFICIENT_PRIVILEGE = "42501"
 
 
 class Database:
@@ -48,6 +50,20 @@ class Database:
     def dispose(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+
+
+def sentence_of(error: DBAPIError) -> str:
+    """Return what a database said and what an operator does about it, without what was asked.
+
+    Raises:
+        DBAPIError: The error itself, where it is neither an outage nor a missing right.
+    """
+    said = str(error.orig).partition("\n")[0]
+    if getattr(error.orig, "sqlstate", None) == _INSUFFICIENT_PRIVILEGE:
+        return f"{said}; its owner gives the rights: exceptiondrive-server migrate --grant-to FILE"
+    if isinstance(error, OperationalError):
+        return f"the database does not answer: {said}"
+    raise error
 
 
 def _engine(url: str) -> Engine:

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 from sqlalchemy import make_url
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DBAPIError
 
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.database import Database, sentence_of
 from exceptiondrive_records.migrations import is_usable
 from exceptiondrive_records.settings import PREFIX, RecordsSettings, SettingsError, load_settings
 from exceptiondrive_server.launcher.layout import Layout
@@ -61,7 +61,7 @@ def opened(settings: RecordsSettings) -> Iterator[Database]:
         if not is_usable(database):
             raise SettingsError("the records are not up to date: run exceptiondrive-server migrate")
         yield database
-    except OperationalError as error:
-        raise SettingsError(f"the database does not answer: {error.orig}") from None
+    except DBAPIError as error:
+        raise SettingsError(sentence_of(error)) from None
     finally:
         database.dispose()

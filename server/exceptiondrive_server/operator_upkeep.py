@@ -37,6 +37,8 @@ def restore(file: File, data: DataOption = None) -> None:
     settings = records_settings(data)
     head = restore_backup(file, settings.database_url, FileStore(settings.file_store_url))
     say(f"restored as of {head.created_at}: {head.n_files} files, audit chain whole")
+    if settings.database_url.startswith("postgresql"):
+        say("next: exceptiondrive-server migrate --grant-to, which gives each service its rights")
     say("next: register the splits again with exceptiondrive-worker, then start everything")
 
 

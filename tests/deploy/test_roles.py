@@ -1,5 +1,6 @@
 """Least privilege: each service may do what its row says, and is refused what it must not do."""
 
+import importlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,6 +15,7 @@ from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_records.role_grants import grant_to_files
 from exceptiondrive_records.roles import RIGHTS, Role, rights_of
 from exceptiondrive_records.tables import Base
+from exceptiondrive_worker.sample.files import write_sample_split
 
 pytestmark = pytest.mark.postgres
 Ask = Callable[[Role, str], object]
@@ -123,6 +125,38 @@ def test_the_owner_and_strangers_are_no_roles(
     address.write_text(url.render_as_string(hide_password=False))
     with pytest.raises(InvalidRecord, match="exceptiondrive_api"):
         grant_to_files(records_url, [address])
+
+
+@pytest.mark.parametrize(
+    ("program", "command"),
+    [
+        ("exceptiondrive_worker", "register-splits"),
+        ("exceptiondrive_server", "list-teams"),
+    ],
+)
+def test_a_service_without_its_rights_is_told_who_gives_them(
+    records_url: str,
+    program: str,
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """So it is after a restore: the tables are new, and nobody's but the owner's."""
+    with psycopg.connect(records_url.replace("+psycopg", ""), autocommit=True) as connection:
+        connection.execute("REVOKE ALL ON splits, teams FROM exceptiondrive_worker")
+    write_sample_split(tmp_path)
+    monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", as_role(records_url, Role.WORKER))
+    monkeypatch.setenv("EXCEPTIONDRIVE_SPLITS_DIR", str(tmp_path))
+    monkeypatch.setattr("sys.argv", [program, command])
+    monkeypatch.setattr("exceptiondrive_worker.operator_cli.configure_logging", lambda: None)
+    main = importlib.import_module(f"{program}.operator_cli").main
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert "permission denied for table" in said
+    assert said.rstrip().endswith("exceptiondrive-server migrate --grant-to FILE")
 
 
 def test_sqlite_knows_no_roles(sqlite_url: str) -> None:

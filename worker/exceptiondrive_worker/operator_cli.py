@@ -1,12 +1,15 @@
 """`exceptiondrive-worker`: run workers, and handle the splits that only workers may see."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
+from sqlalchemy.exc import DBAPIError
 
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.database import Database, sentence_of
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.settings import SettingsError, load_settings
@@ -62,9 +65,8 @@ def run(
 ) -> None:
     """Score submissions and build boards until stopped."""
     settings = load_settings(WorkerSettings)
-    database = Database(settings.database_url)
-    refuse_if_older(database)
-    database.dispose()  # its connections must not be shared with the processes that score
+    with _records(settings) as database:  # its connections must not reach the processes that score
+        refuse_if_older(database)
     run_worker(settings, _lanes(lanes), concurrency)
 
 
@@ -73,7 +75,8 @@ def heartbeat_age(
     max_s: Annotated[float, typer.Option(help="Older than this is exit code 1.")] = 60.0,
 ) -> None:
     """Say how old the last sign of life of a worker on this machine is: for health checks."""
-    age_s = youngest_heartbeat_age_s(Database(load_settings(WorkerSettings).database_url))
+    with _records(load_settings(WorkerSettings)) as database:
+        age_s = youngest_heartbeat_age_s(database)
     typer.echo("no sign of life" if age_s is None else f"{age_s:.1f} s")
     if age_s is None or age_s > max_s:
         raise typer.Exit(1)
@@ -90,8 +93,10 @@ def check_split(file: Path, protocol: ProtocolOption = None) -> None:
 def register_splits(protocol: ProtocolOption = None) -> None:
     """Record the manifest of every split file: names, revisions and sample ids, nothing else."""
     settings = load_settings(WorkerSettings)
-    splits, database = SplitStore(settings.splits_dir), Database(settings.database_url)
-    for registered in register_all_splits(database, splits, _protocol(protocol)):
+    splits = SplitStore(settings.splits_dir)
+    with _records(settings) as database:
+        found = register_all_splits(database, splits, _protocol(protocol))
+    for registered in found:
         manifest = registered.manifest
         typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")
 
@@ -100,13 +105,9 @@ def register_splits(protocol: ProtocolOption = None) -> None:
 def publish_split(name: str, protocol: ProtocolOption = None) -> None:
     """Make a development split public, regions and all. This cannot be taken back."""
     settings = load_settings(WorkerSettings)
-    registered = publish_split_file(
-        Database(settings.database_url),
-        FileStore(settings.file_store_url),
-        SplitStore(settings.splits_dir),
-        name,
-        _protocol(protocol),
-    )
+    files, splits = FileStore(settings.file_store_url), SplitStore(settings.splits_dir)
+    with _records(settings) as database:
+        registered = publish_split_file(database, files, splits, name, _protocol(protocol))
     typer.echo(f"{name} is public now, at {registered.manifest.revision}")
 
 
@@ -135,9 +136,24 @@ def main() -> None:
     configure_logging()
     try:
         app()
+    except DBAPIError as error:
+        _end(sentence_of(error))
     except _KNOWN_ERRORS as error:
-        typer.echo(f"exceptiondrive-worker: {error}", err=True)
-        sys.exit(2)
+        _end(str(error))
+
+
+def _end(sentence: str) -> NoReturn:
+    typer.echo(f"exceptiondrive-worker: {sentence}", err=True)
+    sys.exit(2)
+
+
+@contextmanager
+def _records(settings: WorkerSettings) -> Iterator[Database]:
+    database = Database(settings.database_url)
+    try:
+        yield database
+    finally:
+        database.dispose()
 
 
 def _lanes(text: str) -> list[Lane]:
