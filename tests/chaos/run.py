@@ -202,6 +202,14 @@ class Run:
         with self.topology.database.read() as session:
             return session.scalar(select(func.count()).where(Job.attempts > 1)) or 0
 
+    def n_lost_leases(self) -> int:
+        """How often a job was begun again without its worker having said why."""
+        with self.topology.database.read() as session:
+            query = select(func.sum(Job.attempts - 1)).where(Job.attempts > 1)
+            return (session.scalar(query) or 0) - count_audit_lines(
+                session, "scoring to be retried"
+            )
+
     def settle(self, timeout_s: float = 120.0) -> float:
         """Wait until every job has ended and every board is built."""
         self.clients.join()
