@@ -7,7 +7,7 @@ import os
 import platform
 import sqlite3
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -52,9 +52,6 @@ class Finding:
     severity: Severity
     what: str
     do: str = ""
-
-
-Examination = Callable[[], Iterator[Finding]]
 
 
 def examine(settings: RecordsSettings, withheld: tuple[Path, ...] = ()) -> list[Finding]:

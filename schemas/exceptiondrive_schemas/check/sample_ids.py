@@ -55,11 +55,6 @@ class SampleIds:
         if is_complete:
             self._report_missing(missing, NearestId(text for _, text in self._unknown))
 
-    @property
-    def n_admitted(self) -> int:
-        """Number of different usable ids."""
-        return len(self._first_at)
-
     def _once(self, value: str, index: int) -> str | None:
         first = self._first_at.setdefault(value, index)
         if first == index:

@@ -11,18 +11,9 @@ from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.pages.problem_help import PROBLEM_HELP, steps_in_browser
 from exceptiondrive_server.pages.site import site_of
 from exceptiondrive_server.pages.templating import render
+from exceptiondrive_server.security_headers import HEADERS
 
-CONTENT_SECURITY_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-    "font-src 'self'; connect-src 'self'; form-action 'self'; base-uri 'none'; "
-    "frame-ancestors 'none'"
-)
-SECURITY_HEADERS = {
-    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "strict-origin-when-cross-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-}
+SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
 PROXY_KEEPS_S = 5
 """How long the proxy may show a public page to everybody; no browser sees this header."""
 _STATUS = {ProblemCode.NOT_FOUND: 404, ProblemCode.CONFLICT: 409, ProblemCode.BAD_REQUEST: 400}
