@@ -1,12 +1,15 @@
 """The operator's commands about keys: the first secrets of a server, the key that signs receipts."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from exceptiondrive_records.settings import PREFIX, load_settings
+from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.operator_session import DataOption, say
 from exceptiondrive_server.settings import ServerSettings
@@ -25,7 +28,8 @@ def new_receipt_key(data: DataOption = None) -> None:
     chosen = {} if data is None else Layout(data).environment(os.environ)
     given = {name.removeprefix(PREFIX).lower(): value for name, value in chosen.items()}
     path = load_settings(ServerSettings, **given).receipt_key_file
-    write_new_key(path, replace=True)
+    with _writing(path):
+        write_new_key(path, replace=True)
     say(f"a new key is in {path}; restart the server to use it")
 
 
@@ -39,6 +43,20 @@ def init_secrets(
     """Write every secret that compose.yaml names into DIR, with passwords of its own."""
     from exceptiondrive_server.first_secrets import write_first_secrets  # see above
 
-    written = write_first_secrets(folder, host)
+    with _writing(folder):
+        written = write_first_secrets(folder, host)
     say(f"{len(written)} files are in {folder}; keep a copy where backups are kept")
     say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Say in one sentence what cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise LaunchError(
+            f"{path} cannot be written: {reason}. A file that is mounted as a secret is replaced "
+            "where it comes from: `rotate keys` in docs/operating.md."
+        ) from None

@@ -143,3 +143,17 @@ def test_the_broker_starts_with_composes_own_words_and_takes_the_password(
                 stranger.ping()
         finally:
             broker.kill()
+
+
+@pytest.mark.parametrize("command", ["init-secrets", "new-receipt-key"])
+def test_where_nothing_can_be_written_one_sentence_says_so(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    place = tmp_path / "file" / "below"
+    monkeypatch.setenv("EXCEPTIONDRIVE_RECEIPT_KEY_FILE", str(place / "key.pem"))
+    arguments = [command, str(place)] if command == "init-secrets" else [command]
+    done = CliRunner().invoke(app, arguments)
+    assert isinstance(done.exception, LaunchError)
+    assert f"{place}" in str(done.exception)
+    assert "cannot be written: Not a directory. A file that" in str(done.exception)
