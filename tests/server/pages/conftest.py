@@ -13,7 +13,14 @@ from tests.server.pages.invented_board import (
     lively_entries,
     reported,
 )
-from tests.server.pages.page_site import Site, fill, open_site, real_drawings, sheet_of
+from tests.server.pages.page_site import (
+    Site,
+    fill,
+    open_site,
+    publish_late_view,
+    real_drawings,
+    sheet_of,
+)
 
 from exceptiondrive_schemas.board import (
     Board,
@@ -96,6 +103,7 @@ def shown_site(
     site.publish(empty_board.model_copy(update={"phase": "empty"}))
     site.create_phase("strategy", "strategy")
     site.publish(strategy_board)
+    publish_late_view(site, lively_board)
     yield site
     site.database.dispose()
 

@@ -36,6 +36,7 @@ PATHS = (
     "/entries/s0000000kq/samples/middle-road_surface_hazard",
     "/entries/a0000000kq?phase=strategy",
     "/entries/reported-st-p3?phase=sample",
+    "/entries/l0000000kq",
     "/compare",
     "/protocols/1.0",
     "/submit",
@@ -317,3 +318,20 @@ def test_addresses_in_the_page_lead_somewhere(visit: Visit) -> None:
         if path and not re.match(r"/api/", path):
             answer = page.request.get(visit.address + path)
             assert answer.status == 200, path
+
+
+@pytest.mark.parametrize("width", [320, 820])
+def test_the_menu_of_columns_stays_on_the_screen(visit: Visit, width: int) -> None:
+    page = visit.open("/", width=width)
+    page.click("details.more summary")
+    box = page.locator(".pop").bounding_box()
+    assert box is not None
+    assert 0 <= box["x"]
+    assert box["x"] + box["width"] <= width
+
+
+def test_on_a_phone_the_scores_of_every_task_can_be_seen_without_scrolling(visit: Visit) -> None:
+    page = visit.open("/entries/s0000000kq", width=360)
+    edges = page.evaluate(RIGHT_EDGES, ".tasks-table tbody tr:nth-child(2)")
+    assert len(edges) == 5  # name, samples, bar, and the two metrics that rank
+    assert max(edges) <= 360
