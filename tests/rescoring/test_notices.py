@@ -20,6 +20,7 @@ from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_records.notices import webhooks
 from exceptiondrive_records.notices.contacts import _require_webhook, add_contact, remove_contact
 from exceptiondrive_records.notices.outbox import send_next
+from exceptiondrive_records.notices.public_address import is_public
 from exceptiondrive_records.notices.settings import NoticeSettings
 from exceptiondrive_records.notices.webhooks import NotDelivered, allowed_address, send_webhook
 from exceptiondrive_records.tables_rescoring import (
@@ -222,11 +223,21 @@ def test_a_receiver_that_answers_letter_by_letter_is_left(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    "host", ["127.0.0.1", "10.0.0.1", "169.254.169.254", "::1", "::ffff:10.0.0.1", "localhost"]
+    "host",
+    [
+        *("127.0.0.1", "10.0.0.1", "169.254.169.254", "localhost"),
+        *("::1", "::ffff:10.0.0.1", "::10.0.0.1", "::ffff:0:10.0.0.1", "2002:a00:1::"),
+        *("64:ff9b::10.0.0.1", "64:ff9b:1::8.8.8.8", "fec0::1"),
+    ],
 )
 def test_no_webhook_reaches_our_own_network(host: str) -> None:
     with pytest.raises(NotDelivered, match="not public"):
         allowed_address(host, 443, may_be_private=False)
+
+
+@pytest.mark.parametrize("address", ["8.8.8.8", "2606:4700::1", "64:ff9b::8.8.8.8"])
+def test_public_addresses_are_public(address: str) -> None:
+    assert is_public(address)
 
 
 def test_no_webhook_goes_out_in_clear() -> None:
