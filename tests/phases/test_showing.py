@@ -140,6 +140,9 @@ def test_late_entries_rank_on_their_own_view_and_move_no_rank(life: "Life") -> N
     by_id = {entry["submission_id"]: entry for entry in view["entries"]}
     assert set(by_id) == {in_time, other, late, again}
     assert by_id[late]["rank"] == 1
+    shown = life.json(f"/api/v1/entries/{late}")
+    assert (shown["entry"]["is_late"], shown["entry"]["submission_id"]) == (True, late)
+    assert life.get(f"/api/v1/entries/{late}/receipt").status_code == 200
     assert [by_id[key].get("is_late", False) for key in (in_time, late)] == [False, True]
     assert "Gamma Works" not in life.get("/?phase=test").text
     page = life.get("/?phase=test&view=late")
