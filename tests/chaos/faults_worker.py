@@ -5,6 +5,7 @@ import signal
 import time
 
 from tests.chaos.history import Call
+from tests.chaos.processes import Process
 from tests.chaos.run import Hit, Run
 from tests.chaos.saboteur import VISIBILITY_S
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS
@@ -106,7 +107,8 @@ def freeze_past_the_lease(run: Run) -> str:
     run.clients.stream(4, every_s=0.02)
     run.wait_for_lease()
     frozen = run.topology.worker
-    frozen.send_group(signal.SIGSTOP)
+    _freeze_outside_a_write(run, frozen)
+    assert run.held().jobs, "it was frozen too late"
     other = run.topology.add_worker()
     time.sleep(LEASE_S + 2)
     run.at_full_speed()
@@ -123,6 +125,17 @@ def freeze_past_the_lease(run: Run) -> str:
     refused = run.lines("stale fence rejected") - stale
     assert run.n_sheets() == n_sheets, "a late worker wrote a score"
     return f"{refused} late writes refused by the fence, and audited"
+
+
+def _freeze_outside_a_write(run: Run, worker: Process) -> None:
+    """On SQLite, who is frozen in the middle of a write keeps everybody from writing till the end."""
+    for _ in range(50):
+        worker.send_group(signal.SIGSTOP)
+        if run.topology.takes_writes():
+            return
+        worker.send_group(signal.SIGCONT)
+        time.sleep(0.05)
+    raise AssertionError("the worker wrote without a pause")
 
 
 def poison(run: Run) -> str:

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import socket
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -11,6 +12,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +180,16 @@ class Topology:
                 return found
         except (urllib.error.URLError, TimeoutError, ConnectionError):
             return {}
+
+    def takes_writes(self) -> bool:
+        """Whether nobody holds the lock of the records on SQLite for longer than a moment."""
+        path = self.data / "records.sqlite3"
+        with closing(sqlite3.connect(path, timeout=1, isolation_level=None)) as connection:
+            try:
+                connection.execute("BEGIN IMMEDIATE")
+            except sqlite3.OperationalError:
+                return False
+        return True
 
     def wait_until(
         self, question: Callable[[], object], what: str, timeout_s: float = 90.0
