@@ -28,6 +28,8 @@ def test_an_update_goes_from_document_to_rollback_over_the_api(
     assert api("POST", f"{path}/start", json=REASON).json()["state"] == "scoring"
     stage.work()
     before = api("GET", "/leaderboard?phase=dev", "nobody")
+    address = {"channel": "email", "address": "alpha@example.org"}
+    assert api("POST", "/contacts", "alpha", json=address).json()["last_message"] is None
     preview = api("GET", f"{path}/preview").json()
     csv = api("GET", f"{path}/preview.csv").text.splitlines()
     assert len(csv) == 1 + preview["comparison"]["n_entries"]
@@ -38,6 +40,8 @@ def test_an_update_goes_from_document_to_rollback_over_the_api(
     public = api("GET", f"/rescoring/{drafted.json()['id']}", "nobody").json()
     assert public["comparison"] == preview["comparison"]
     assert "reason" not in public
+    last = api("GET", "/contacts", "alpha").json()[0]["last_message"]
+    assert last == {"state": "waiting", "attempts": 0, "sent_at": None}
     (told,) = api("GET", "/notifications?unread=true", "alpha").json()
     assert api("POST", f"/notifications/{told['id']}/read", "alpha").json()["read_at"]
     assert api("GET", "/notifications?unread=true", "alpha").json() == []

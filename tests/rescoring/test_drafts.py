@@ -10,6 +10,7 @@ from sqlalchemy import select
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.jobs import claim, finish_failed
 from exceptiondrive_records.phase_changes import freeze_phase
+from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.tables import Job, JobState
 
 Stage = Any
@@ -97,7 +98,12 @@ def test_each_refusal_says_the_state_and_what_is_possible(
         "The run is a draft; it can be rolled back only while it is applied."
     )
     stage.step("start", run_id)
+    stage.work(most=3)
+    tend_runs(stage.reconciler)
+    stage._build_boards()
     stage.step("pause", run_id)
+    assert stage.view(run_id).blockers == ("The run is paused: resume it.",)
+    assert not stage.preview(run_id).is_stale
     assert "only while it is applied" in refused(lambda: stage.rollback(run_id))
     assert "The run is paused: resume it." in refused(lambda: stage.apply(run_id, "x"))
     stage.step("cancel", run_id)
@@ -105,6 +111,7 @@ def test_each_refusal_says_the_state_and_what_is_possible(
         "The run is cancelled already; it can be cancelled only while it is a draft, scoring, "
         "paused or ready."
     )
+    assert not stage.preview(run_id).is_stale  # nothing newer will come
 
 
 def test_a_frozen_board_is_neither_applied_nor_rolled_back(

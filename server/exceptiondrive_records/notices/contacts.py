@@ -12,7 +12,7 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.identifiers import random_id
 from exceptiondrive_records.notices.public_address import is_known_private
-from exceptiondrive_records.tables_rescoring import Channel, ContactPoint
+from exceptiondrive_records.tables_rescoring import Channel, ContactPoint, Delivery, Notification
 
 MAX_CONTACTS = 5
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
@@ -72,6 +72,18 @@ def list_contacts(session: Session, team_id: int) -> list[ContactPoint]:
         ContactPoint.team_id == team_id, ContactPoint.removed_at.is_(None)
     )
     return list(session.scalars(query.order_by(ContactPoint.created_at, ContactPoint.id)))
+
+
+def newest_delivery(session: Session, contact_id: str) -> Delivery | None:
+    """Return what became of the newest message to an address; None: there was none yet."""
+    query = (
+        select(Delivery)
+        .join(Notification, Notification.id == Delivery.notification_id)
+        .where(Delivery.contact_id == contact_id)
+        .order_by(Notification.created_at.desc(), Delivery.id)
+        .limit(1)
+    )
+    return session.scalars(query).first()
 
 
 def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: str) -> ContactPoint:

@@ -75,7 +75,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
         found.append(failed_words(session, run, key, counts.failed))
     if run.state is RunState.PAUSED:
         found.append("The run is paused: resume it.")
-    if not counts.missing and fresh_board(session, run.phase_id, key) is None:
+    elif not counts.missing and fresh_board(session, run.phase_id, key) is None:
         found.append("The board is being built from the newest sheets; try again in a moment.")
     found += reveal_blockers(session, run)
     return tuple(found)

@@ -25,7 +25,7 @@ from exceptiondrive_schemas.rescoring import (
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
-_PREVIEWED = (RunState.SCORING, RunState.READY, RunState.APPLIED)
+_PREVIEWED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
 
 
 def run_view(session: Session, run: RescoringRun) -> RunView:
@@ -101,7 +101,7 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     run = find_run(session, run_id)
     blockers = blockers_of(session, run)
     compared = comparison_of(session, run) if run.state in _PREVIEWED else _applied(run)
-    is_behind = compared is None
+    is_behind = compared is None and not run.state.is_final
     if compared is None:
         compared = _unfinished_comparison(session, run)
     if compared is None:

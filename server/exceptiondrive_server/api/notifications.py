@@ -5,10 +5,16 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query
 from pydantic import BaseModel, Field
+from sqlalchemy.orm import Session
 
-from exceptiondrive_records.notices.contacts import add_contact, list_contacts, remove_contact
+from exceptiondrive_records.notices.contacts import (
+    add_contact,
+    list_contacts,
+    newest_delivery,
+    remove_contact,
+)
 from exceptiondrive_records.notices.inbox import list_notifications, mark_read
-from exceptiondrive_records.tables_rescoring import Channel, ContactPoint
+from exceptiondrive_records.tables_rescoring import Channel, ContactPoint, DeliveryState
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_server.api.organizer_forms import Form
@@ -33,6 +39,14 @@ class NewContact(Form):
     address: Annotated[str, Field(min_length=3, max_length=500)]
 
 
+class LastMessage(BaseModel):
+    """What became of the newest message to an address; why it failed stays with the operators."""
+
+    state: DeliveryState
+    attempts: int
+    sent_at: datetime | None
+
+
 class ContactView(BaseModel):
     """An address that a team is told at; the secret is shown when it is added, and never again."""
 
@@ -41,6 +55,7 @@ class ContactView(BaseModel):
     address: str
     created_at: datetime
     secret: str | None = None
+    last_message: LastMessage | None = None
 
 
 @router.get("/notifications", operation_id="listNotifications")
@@ -68,7 +83,8 @@ def post_read(
 def get_contacts(services: ServicesOf, reader: Reader) -> list[ContactView]:
     """List where the team is told besides its inbox."""
     with services.database.read() as session:
-        return [_view(contact) for contact in list_contacts(session, team_of(reader))]
+        contacts = list_contacts(session, team_of(reader))
+        return [_with_last_message(session, contact) for contact in contacts]
 
 
 @router.post("/contacts", operation_id="addContact", status_code=201)
@@ -93,6 +109,14 @@ def post_remove(
     """Be told no longer at an address."""
     with services.database.write() as session:
         return _view(remove_contact(session, team_of(submitter), contact_id, actor=submitter.actor))
+
+
+def _with_last_message(session: Session, contact: ContactPoint) -> ContactView:
+    found = newest_delivery(session, contact.id)
+    if found is None:
+        return _view(contact)
+    last = LastMessage(state=found.state, attempts=found.attempts, sent_at=found.sent_at)
+    return _view(contact).model_copy(update={"last_message": last})
 
 
 def _view(contact: ContactPoint) -> ContactView:
