@@ -9,8 +9,11 @@ import httpx
 from tests.chaos.topology import PHASE, Topology
 
 
+_CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
+
+
 class HeldUpload:
-    """An upload of which the last bytes are kept back."""
+    """An upload of which the last bytes are kept back; the server has begun to read it."""
 
     def __init__(self, topology: Topology, data: bytes, method: str) -> None:
         request = httpx.Request(
@@ -18,16 +21,21 @@ class HeldUpload:
             f"{topology.url}/api/v1/submissions",
             data={"phase": PHASE, "method": method},
             files={"file": ("f.json", data)},
-            headers={"Authorization": f"Bearer {topology.tokens['alpha']}", "Connection": "close"},
+            headers={
+                "Authorization": f"Bearer {topology.tokens['alpha']}",
+                "Connection": "close",
+                "Expect": "100-continue",
+            },
         )
         body = request.read()
         head = "".join(f"{name}: {value}\r\n" for name, value in request.headers.items())
         address = urlsplit(topology.url)
         self._rest = body[-100:]
         self._socket = socket.create_connection((address.hostname, address.port), timeout=60)
-        self._socket.sendall(
-            f"POST /api/v1/submissions HTTP/1.1\r\n{head}\r\n".encode() + body[:-100]
-        )
+        self._socket.sendall(f"POST /api/v1/submissions HTTP/1.1\r\n{head}\r\n".encode())
+        said = self._socket.recv(len(_CONTINUE), socket.MSG_WAITALL)
+        assert said == _CONTINUE, said
+        self._socket.sendall(body[:-100])
 
     def finish(self) -> tuple[int, dict[str, Any]]:
         """Send the rest; return status and document of the answer."""
