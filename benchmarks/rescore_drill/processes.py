@@ -21,9 +21,8 @@ from exceptiondrive_server.launcher.broker import (
 )
 
 BIN = Path(sys.executable).parent
-LANES = ("live", "rescore")
-SLOTS = 2
-"""One worker for each lane, with two slots: what compose.yaml starts."""
+WORKERS = (("live", 2), ("rescore", 1))
+"""Lane and slots of each worker: what compose.yaml starts."""
 SHORT_LEASE = {
     "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S": "10",
     "EXCEPTIONDRIVE_TIME_LIMIT_S": "11",
@@ -71,7 +70,7 @@ class Deployment:
         server = str(BIN / "exceptiondrive-server")
         self._others.append(self._run([server, "serve", "--port", str(self._port)], "server"))
         self._others.append(self._run([server, "reconcile"], "reconciler"))
-        self._workers = [self._worker(number) for number in range(len(LANES))]
+        self._workers = [self._worker(number) for number in range(len(WORKERS))]
         while not self._answers():
             time.sleep(0.1)
 
@@ -102,8 +101,9 @@ class Deployment:
             )
 
     def _worker(self, number: int) -> subprocess.Popen[bytes]:
-        worker = [str(BIN / "exceptiondrive-worker"), "run", "--lanes", LANES[number]]
-        return self._run([*worker, "--concurrency", str(SLOTS)], f"worker-{number}")
+        lane, slots = WORKERS[number]
+        worker = [str(BIN / "exceptiondrive-worker"), "run", "--lanes", lane]
+        return self._run([*worker, "--concurrency", str(slots)], f"worker-{number}")
 
     def _answers(self) -> bool:
         try:

@@ -89,6 +89,15 @@ def live_job_waits(session: Session) -> bool:
     return session.scalars(query.limit(1)).first() is not None
 
 
+def is_live_work_open(session: Session) -> bool:
+    """Whether a live job waits for a worker now, or is being scored under a lease that holds."""
+    now = database_now(session)
+    waits = and_(Job.state == JobState.QUEUED, Job.available_at <= now)
+    runs = and_(Job.state == JobState.LEASED, Job.lease_until >= now)
+    query = select(Job.id).where(Job.lane == Lane.LIVE, or_(waits, runs))
+    return session.scalars(query.limit(1)).first() is not None
+
+
 def team_queues(
     session: Session,
     *,

@@ -8,7 +8,6 @@ from urllib.parse import urlsplit
 import httpx
 from tests.chaos.topology import PHASE, Topology
 
-
 _CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
 
 

@@ -1,6 +1,8 @@
 """What the transaction of a flip does, and what it leaves to others."""
 
+import threading
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,6 +21,7 @@ from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.retries import retry_submission
 from exceptiondrive_records.tables import BoardFlip, Job, JobState, Phase, ScoreSheetRow
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_worker import scoring_run
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
@@ -107,6 +110,21 @@ def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
     lanes = {(job.submission_id, job.is_first): job.lane for job in waiting}
     assert lanes.pop((fresh, True)) is Lane.LIVE
     assert lanes == {(key, False): Lane.RESCORE for key in stage.submitted}
+
+
+def test_the_background_waits_while_other_workers_have_live_work(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scoring_run, "_MOST_PATIENCE_S", 60.0)
+    stage.submit(3.0, "fresh")
+    scoring_run.let_live_work_pass(stage.doors)  # serves the live lane itself: does not wait
+    background = replace(stage.doors, serves_live=False)
+    waiting = threading.Thread(target=scoring_run.let_live_work_pass, args=(background,))
+    waiting.start()
+    waiting.join(0.3)
+    assert waiting.is_alive()
+    stage.work()
+    waiting.join()
 
 
 def test_a_lost_job_of_the_earlier_protocol_is_made_again_after_apply(

@@ -1,5 +1,6 @@
 """The doors of a worker process: everything outside it that a job may touch."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from exceptiondrive_records.database import Database
@@ -7,6 +8,7 @@ from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
@@ -28,6 +30,8 @@ class Doors:
     private: PrivateStore
     doorbell: Doorbell
     stages: Stages
+    serves_live: bool = True
+    """Whether live jobs may wait for this process."""
 
     def close(self) -> None:
         """Close all connections."""
@@ -35,8 +39,8 @@ class Doors:
         self.database.dispose()
 
 
-def open_doors(settings: WorkerSettings) -> Doors:
-    """Open all doors that the settings name."""
+def open_doors(settings: WorkerSettings, lanes: Collection[Lane] = tuple(Lane)) -> Doors:
+    """Open all doors that the settings name, for a process that serves these lanes."""
     files = FileStore(settings.file_store_url)
     private = PrivateStore(settings.private_dir)
     return Doors(
@@ -47,6 +51,7 @@ def open_doors(settings: WorkerSettings) -> Doors:
         private=private,
         doorbell=Doorbell(settings.broker_url),
         stages=stages_over(settings, files, private),
+        serves_live=Lane.LIVE in lanes,
     )
 
 

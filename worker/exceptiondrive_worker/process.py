@@ -41,7 +41,7 @@ class WorkerProcess:
 
     def begin(self, **_: Any) -> None:
         """Open the doors, start the heartbeat, then limit memory."""
-        self._doors = open_doors(self._settings)
+        self._doors = open_doors(self._settings, self._lanes)
         self._heartbeat = Heartbeat(
             self._doors.database, self._lanes, self._settings.heartbeat_every_s
         )

@@ -1,5 +1,6 @@
 """The scoring run: claim a job, score its upload, record sheet and status in one step."""
 
+import time
 from dataclasses import dataclass
 
 import structlog
@@ -11,7 +12,7 @@ from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.rescoring.reading import accepted_under
 from exceptiondrive_records.ringing import hand_ring_over, ring_due_jobs
 from exceptiondrive_records.tables import Job, Phase, Submission
-from exceptiondrive_records.turns import NextJob, next_in_turn
+from exceptiondrive_records.turns import NextJob, is_live_work_open, next_in_turn
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import Protocol
@@ -23,6 +24,9 @@ from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
+_MOST_PATIENCE_S = 1.0
+"""In a rush of live work a run goes on, at this pace."""
+_LOOK_AGAIN_S = 0.02
 _MOST_LOOKS = 100
 """Each look but the last found a job that another worker took first, or a missing split."""
 
@@ -55,8 +59,23 @@ def answer_ring(doors: Doors, job_id: str) -> None:
     if job.lane is Lane.LIVE:
         score_next(doors)
     else:
+        let_live_work_pass(doors)
         score_submission(doors, job_id)
     ring_on(doors, job.lane)
+
+
+def let_live_work_pass(doors: Doors) -> None:
+    """Wait a moment before a job of the background, while other workers have live work.
+
+    All of them write to one database, one after the other. A worker that serves the live lane too
+    does not wait: the live work may be waiting for it.
+    """
+    until = time.monotonic() + (0 if doors.serves_live else _MOST_PATIENCE_S)
+    while time.monotonic() < until:
+        with doors.database.read() as session:
+            if not is_live_work_open(session):
+                return
+        time.sleep(_LOOK_AGAIN_S)
 
 
 def ring_on(doors: Doors, lane: Lane = Lane.LIVE) -> None:
