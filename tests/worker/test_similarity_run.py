@@ -20,6 +20,7 @@ from exceptiondrive_scoring import similarity
 from exceptiondrive_worker import similarity_run
 from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.scoring_run import score_submission
 
 World = Any
 N_SAMPLES = 120
@@ -86,6 +87,16 @@ def test_what_is_found_does_not_depend_on_when_it_is_compared(crowd: World) -> N
     crowd.reopen_doors()
     again = report(crowd)
     assert again == first
+
+
+def test_comparing_waits_for_nobodys_score(crowd: World) -> None:
+    crowd.score(upload(1), team="alpha")
+    crowd.score(upload(1) + b" ", team="beta")
+    _, waiting = crowd.submit(upload(2), team="gamma")
+    kept_back = report(crowd)
+    assert (kept_back.n_compared, kept_back.n_waiting) == (0, 2)
+    score_submission(crowd.doors, waiting)
+    assert report(crowd).n_compared == 3
 
 
 def test_equal_files_are_told_before_any_worker_compares(crowd: World) -> None:

@@ -12,6 +12,7 @@ import structlog
 from numpy.typing import NDArray
 
 from exceptiondrive_records.similarity import ScoredFile, keep_alike, scored_files
+from exceptiondrive_records.turns import live_job_waits
 from exceptiondrive_schemas.similarity import AlikeSubmission
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.similarity import (
@@ -40,6 +41,8 @@ _log = structlog.get_logger("exceptiondrive.worker")
 def compare_submissions(doors: Doors, phase_id: str, like: Target) -> int:
     """Compare what was not compared yet; return how many submissions that were.
 
+    Gives way as soon as a live job waits: the rest follow with the next board.
+
     Args:
         doors: Of this process.
         phase_id: The phase.
@@ -48,21 +51,30 @@ def compare_submissions(doors: Doors, phase_id: str, like: Target) -> int:
     with doors.database.read() as session:
         files = scored_files(session, phase_id)
     fresh = [file for file in files if not file.is_compared][:COMPARED_AT_ONCE]
-    if not fresh:
+    if not fresh or _live_job_waits(doors):
         return 0
     comparing = _Comparing(doors, like)
     compared = _Crowd()
     for file in files:
         if file.is_compared:
             compared.add(file, comparing.sketch(file))
+    n_compared = 0
     for file in fresh:
+        if _live_job_waits(doors):
+            break
         sketch = comparing.sketch(file)
         alike = [] if sketch is None else comparing.alike(file, sketch, compared)
         with doors.database.write() as session:
             keep_alike(session, file.submission_id, alike)
         compared.add(file, sketch)
-    _log.info("submissions compared", phase=phase_id, number=len(fresh))
-    return len(fresh)
+        n_compared += 1
+    _log.info("submissions compared", phase=phase_id, number=n_compared)
+    return n_compared
+
+
+def _live_job_waits(doors: Doors) -> bool:
+    with doors.database.read() as session:
+        return live_job_waits(session)
 
 
 class _Crowd:
