@@ -43,7 +43,7 @@ _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 def raise_problem(response: "httpx.Response") -> NoReturn:
     """Raise the error that this answer stands for."""
     try:
-        problem = Problem.model_validate_json(response.content)
+        problem = Problem.read(response.content)
     except ValidationError:
         raise _unknown_answer(response) from None
     raise error_of(problem, retry_after_s(response))

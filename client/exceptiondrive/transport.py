@@ -123,6 +123,6 @@ def _is_too_fast(response: "httpx.Response") -> bool:
     if response.status_code != 429:
         return False
     try:
-        return Problem.model_validate_json(response.content).code is ProblemCode.TOO_MANY_REQUESTS
+        return Problem.read(response.content).code is ProblemCode.TOO_MANY_REQUESTS
     except ValidationError:
         return True
