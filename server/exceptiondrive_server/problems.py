@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 
 from exceptiondrive_records.errors import (
     ConcurrentQuotaExceeded,
+    InvalidRecord,
     QuotaExceeded,
     RecordsError,
     RejectedCapExceeded,
@@ -127,7 +128,8 @@ async def _records_error(request: Request, error: Exception) -> Response:
 
 def problem_of_records(error: RecordsError) -> ApiProblem:
     """Return what the records refused, as a problem."""
-    problem = ApiProblem(error.code, str(error))
+    fields = error.fields if isinstance(error, InvalidRecord) else None
+    problem = ApiProblem(error.code, str(error), fields=fields)
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
     if isinstance(error, TooManyAttempts):
