@@ -100,7 +100,7 @@ _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 def raise_problem(response: httpx.Response) -> NoReturn:
     """Raise the error that this answer stands for."""
     try:
-        problem = Problem.model_validate_json(response.content)
+        problem = Problem.read(response.content)
     except ValidationError:
         raise _unknown_answer(response) from None
     raise error_of(problem, retry_after_s(response))
@@ -288,7 +288,7 @@ def _is_too_fast(response: httpx.Response) -> bool:
     if response.status_code != 429:
         return False
     try:
-        return Problem.model_validate_json(response.content).code is ProblemCode.TOO_MANY_REQUESTS
+        return Problem.read(response.content).code is ProblemCode.TOO_MANY_REQUESTS
     except ValidationError:
         return True
 

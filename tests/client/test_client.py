@@ -195,7 +195,7 @@ def test_the_bare_page_of_a_proxy_is_understood(
 
 
 def test_a_form_that_is_not_known_asks_for_a_newer_client(canned_server: "CannedServer") -> None:
-    canned_server.answer("GET /me", 200, {**ME, "colour": "red"})
+    canned_server.answer("GET /me", 200, {**ME, "scopes": {"submit": True}})
     with Client(canned_server.url) as client, pytest.raises(ServerError) as caught:
         client.me()
     assert "--upgrade" in caught.value.advice

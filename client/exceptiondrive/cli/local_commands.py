@@ -87,7 +87,7 @@ def _manifest(split: Path | None, manifest: Path | None, protocol: Protocol) -> 
     if manifest is None:
         return None
     try:
-        return Manifest.model_validate_json(read_file(manifest))
+        return Manifest.read(read_file(manifest))
     except ValidationError:
         raise InvalidArgumentError(
             "wrong_manifest",
