@@ -57,7 +57,9 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
     """Return the answer that states a problem."""
     status = STATUS_OF[problem.code]
     if wants_page(request):
-        answer = pages.problem_page(request, status, problem.code, problem.detail)
+        fields = (f"{name}: {words}." for name, words in problem.fields.items())
+        detail = " ".join([problem.detail, *fields])
+        answer = pages.problem_page(request, status, problem.code, detail)
         if problem.retry_after_s is not None:
             answer.headers["Retry-After"] = str(problem.retry_after_s)
         return answer

@@ -6,17 +6,17 @@ understood, or a pair that contradicts itself, is refused in the same words ever
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime, time
-from typing import Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 from urllib.parse import urlencode
 
+from fastapi import Depends, Request
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.datetimes import Moment
 from exceptiondrive_schemas.phase_life import BoardView
-from exceptiondrive_server.pages.numbers import iso
-from exceptiondrive_server.times import Moment
 
 Average = Literal["macro_family", "micro"]
 SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")
@@ -118,7 +118,7 @@ class BoardQuery(BaseModel):
     def as_of_text(self) -> str:
         """The date or time that is asked for, as an address has it."""
         if isinstance(self.as_of, datetime):
-            return iso(self.as_of)
+            return self.as_of.isoformat().replace("+00:00", "Z")
         return self.as_of.isoformat() if isinstance(self.as_of, date) else ""
 
     @property
@@ -149,6 +149,14 @@ class BoardQuery(BaseModel):
         changed = self.model_copy(update={"page": 1, **changes}) if changes else self
         query = urlencode(changed.pairs(), safe=",")
         return f"{path}{'?' + query if query else ''}{'#' + anchor if anchor else ''}"
+
+
+def _asked(request: Request) -> BoardQuery:
+    return BoardQuery.parse(request.query_params.multi_items())
+
+
+AskedBoard = Annotated[BoardQuery, Depends(_asked)]
+"""The board that the address of a request asks for."""
 
 
 def documented() -> dict[str, Any]:
