@@ -6,7 +6,7 @@ from enum import StrEnum
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.phase_life import PhaseLife, PhaseNow
+from exceptiondrive_schemas.phase_settings import PhasePolicy, PhaseNow
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
@@ -135,7 +135,7 @@ class PhaseView(Document):
     quota_total: int | None
     quota_concurrent: int | None = None
     max_upload_bytes: int
-    life: PhaseLife = PhaseLife()
+    life: PhasePolicy = PhasePolicy()
     now: PhaseNow | None = None
     quota: Quota | None = None
     """The asking team's own, when a token was sent."""

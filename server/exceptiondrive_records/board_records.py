@@ -16,7 +16,7 @@ from exceptiondrive_records.phase_life import (
 )
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.board import Links
-from exceptiondrive_schemas.phase_life import BoardView
+from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 

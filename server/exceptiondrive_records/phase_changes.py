@@ -18,7 +18,7 @@ from exceptiondrive_records.phase_rules import check_phase
 from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.splits import live_revision
 from exceptiondrive_records.tables import Phase, Submission
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 
 PLAIN = (
     "title",
@@ -44,7 +44,7 @@ def update_phase(
     phase_id: str,
     *,
     changes: Mapping[str, Any],
-    life: PhaseLife | None = None,
+    life: PhasePolicy | None = None,
     actor: str,
 ) -> Phase:
     """Change settings of a phase.
@@ -150,7 +150,7 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
     return phase
 
 
-def _set_life(session: Session, phase: Phase, life: PhaseLife, now: datetime) -> None:
+def _set_life(session: Session, phase: Phase, life: PhasePolicy, now: datetime) -> None:
     old = phase.life
     _keep_promises(session, phase, old, life)
     if life.freezes_at != old.freezes_at:
@@ -173,7 +173,7 @@ def _set_life(session: Session, phase: Phase, life: PhaseLife, now: datetime) ->
         phase.pseudonym_salt = new_salt()
 
 
-def _keep_promises(session: Session, phase: Phase, old: PhaseLife, new: PhaseLife) -> None:
+def _keep_promises(session: Session, phase: Phase, old: PhasePolicy, new: PhasePolicy) -> None:
     broken = [what for key, what in _PROMISED.items() if getattr(old, key) != getattr(new, key)]
     if broken and session.scalar(select(exists().where(Submission.phase_id == phase.id))):
         raise Conflict(
@@ -182,7 +182,7 @@ def _keep_promises(session: Session, phase: Phase, old: PhaseLife, new: PhaseLif
         )
 
 
-def _hides_families(life: PhaseLife, now: datetime) -> bool:
+def _hides_families(life: PhasePolicy, now: datetime) -> bool:
     return life.families_from is not None and life.families_from > now
 
 

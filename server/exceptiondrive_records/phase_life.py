@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.splits import find_split
 from exceptiondrive_records.tables import Phase, SplitRow, Submission
-from exceptiondrive_schemas.phase_life import PhaseNow, SplitPart
+from exceptiondrive_schemas.phase_settings import PhaseNow, SplitPart
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 """No two that look alike."""

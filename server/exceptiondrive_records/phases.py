@@ -17,7 +17,7 @@ from exceptiondrive_records.quotas import quota_of
 from exceptiondrive_records.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.submission import PhaseView
 
 
@@ -38,7 +38,7 @@ def create_phase(
     quota_concurrent: int | None = None,
     rejected_per_day: int = 20,
     shows_reported: bool = False,
-    life: PhaseLife = PhaseLife(),  # noqa: B008 - immutable
+    life: PhasePolicy = PhasePolicy(),  # noqa: B008 - immutable
     actor: str,
 ) -> Phase:
     """Create a phase, and ask for its first, empty board.
@@ -92,7 +92,7 @@ def create_phase(
         current_board_id=None,
         shows_reported=shows_reported,
         created_at=database_now(session),
-        life=life,
+        policy=life,
         pseudonym_salt=new_salt() if life.anonymous else None,
     )
     check_phase(phase)
@@ -170,7 +170,7 @@ def phase_view(
         quota_total=phase.quota_total,
         quota_concurrent=phase.quota_concurrent,
         max_upload_bytes=max_upload_bytes,
-        life=phase.life,
+        policy=phase.life,
         now=phase_now(session, phase),
         quota=None if team_id is None else quota_of(session, team_id, phase),
     )

@@ -13,7 +13,7 @@ from exceptiondrive import Client, NotAllowedError
 from exceptiondrive.cli import app, phase_commands
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.phases import find_phase
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running
@@ -25,7 +25,7 @@ REASON = ("--reason", "as announced")
 
 
 def test_every_setting_of_a_phases_life_can_be_set() -> None:
-    assert phase_commands.LIFE == tuple(PhaseLife.model_fields)
+    assert phase_commands.LIFE == tuple(PhasePolicy.model_fields)
 
 
 def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
@@ -77,7 +77,7 @@ def board_shows(server: "Running", *ids: str) -> None:
 def test_a_phase_is_made_with_settings_shown_and_changed(running: "Running") -> None:
     make_phase(running, CLOSES, "anonymous=true", "late_entries=own_view", "description=For papers")
     phase = shown(running)
-    assert (phase["life"]["anonymous"], phase["life"]["late_entries"]) == (True, "own_view")
+    assert (phase["policy"]["anonymous"], phase["policy"]["late_entries"]) == (True, "own_view")
     assert phase["description"] == "For papers"
     settings = ("--set", "freezes_at=2030-01-01T00:00:00Z", "--set", "quota_total=50")
     changed = organize(running, "update", "test", *settings)
@@ -88,7 +88,7 @@ def test_a_phase_is_made_with_settings_shown_and_changed(running: "Running") -> 
     assert (lines["quota_total"], lines["anonymous"]) == ("50", "true")
     assert lines["freezes_at"].startswith("2030-01-01T00:00:00")
     assert organize(running, "update", "test", "--set", "freezes_at=none").exit_code == 0
-    assert shown(running)["life"]["freezes_at"] is None
+    assert shown(running)["policy"]["freezes_at"] is None
 
 
 @pytest.mark.parametrize(

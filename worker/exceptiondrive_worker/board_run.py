@@ -19,7 +19,7 @@ from exceptiondrive_records.splits import find_split
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
-from exceptiondrive_schemas.phase_life import BoardView
+from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef

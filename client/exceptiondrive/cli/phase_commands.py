@@ -23,7 +23,7 @@ LIFE = (
     "anonymous",
     "entries_private",
 )
-"""The fields of `PhaseLife`, named here so that `--help` needs no models; a test compares."""
+"""The fields of `PhasePolicy`, named here so that `--help` needs no models; a test compares."""
 PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
 ReasonOption = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
@@ -114,7 +114,7 @@ def settings_of(given: Sequence[str]) -> dict[str, Any]:
             raise InvalidArgumentError(
                 "unknown_setting", f"{text!r} is no setting; known: {', '.join(KNOWN)}."
             )
-        target = document.setdefault("life", {}) if name in LIFE else document
+        target = document.setdefault("policy", {}) if name in LIFE else document
         target[name] = _value(name, value)
     return document
 
@@ -145,7 +145,7 @@ def _show(phase: dict[str, Any], json: bool) -> None:
         show_json(phase)
         return
     lines = {key: phase[key] for key in ("id", "title", *KNOWN) if key in phase}
-    lines |= {**phase["life"], **{f"now: {key}": value for key, value in phase["now"].items()}}
+    lines |= {**phase["policy"], **{f"now: {key}": value for key, value in phase["now"].items()}}
     width = max(len(key) for key in lines)
     show(*(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
 

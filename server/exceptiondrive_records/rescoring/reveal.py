@@ -12,7 +12,7 @@ from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.splits import find_split, part_revision
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_schemas.phase_life import SplitPart
+from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.rescoring import RunState
 
 

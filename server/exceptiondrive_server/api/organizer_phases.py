@@ -23,7 +23,7 @@ from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.phase_life import PhaseLife, SplitPart
+from exceptiondrive_schemas.phase_settings import PhasePolicy, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.auth import Organizer, ServicesOf
@@ -45,7 +45,7 @@ class PhaseSettings(Form):
     quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
     rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
     shows_reported: StrictBool = False
-    life: PhaseLife = PhaseLife()
+    life: PhasePolicy = PhasePolicy()
 
 
 class NewPhase(PhaseSettings):
@@ -137,7 +137,7 @@ def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> P
             quota_concurrent=phase.quota_concurrent,
             rejected_per_day=phase.rejected_per_day,
             shows_reported=phase.shows_reported,
-            life=phase.life,
+            policy=phase.life,
             actor=organizer.actor,
         )
         return _view(session, services, made)
@@ -148,13 +148,13 @@ def patch_phase(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, change: PhaseChange
 ) -> PhaseView:
     """Change settings of a phase; what would take back a promise is refused."""
-    sent = change.model_fields_set - {"life"}
+    sent = change.model_fields_set - {"policy"}
     with services.database.write() as session:
         phase = update_phase(
             session,
             phase_id,
             changes={key: getattr(change, key) for key in sorted(sent)},
-            life=change.life if "life" in change.model_fields_set else None,
+            policy=change.life if "policy" in change.model_fields_set else None,
             actor=organizer.actor,
         )
         return _view(session, services, phase)

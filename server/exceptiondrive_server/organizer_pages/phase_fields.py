@@ -1,6 +1,6 @@
 """The settings of a phase as fields of a form.
 
-What `PhaseLife` holds becomes a field by itself, from its title, sentence and type; another column
+What `PhasePolicy` holds becomes a field by itself, from its title, sentence and type; another column
 is one line in `PLAIN_FIELDS`.
 """
 
@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 
 from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_records.tables import Phase
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_server.organizer_pages.forms import Field, Kind, text_of
 
 PLAIN_FIELDS = (
@@ -36,8 +36,8 @@ _LIFE = "life_"
 
 
 def life_fields() -> tuple[Field, ...]:
-    """Return a field for each setting of `PhaseLife`."""
-    return tuple(_life_field(name, info) for name, info in PhaseLife.model_fields.items())
+    """Return a field for each setting of `PhasePolicy`."""
+    return tuple(_life_field(name, info) for name, info in PhasePolicy.model_fields.items())
 
 
 def texts_of_phase(phase: Phase) -> dict[str, str]:
@@ -46,9 +46,9 @@ def texts_of_phase(phase: Phase) -> dict[str, str]:
     return plain | texts_of_life(phase.life)
 
 
-def texts_of_life(life: PhaseLife) -> dict[str, str]:
+def texts_of_life(life: PhasePolicy) -> dict[str, str]:
     """Return what the fields of a phase's life show."""
-    return {f"{_LIFE}{name}": text_of(getattr(life, name)) for name in PhaseLife.model_fields}
+    return {f"{_LIFE}{name}": text_of(getattr(life, name)) for name in PhasePolicy.model_fields}
 
 
 def plain_changes(phase: Phase, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -57,31 +57,31 @@ def plain_changes(phase: Phase, values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in wanted.items() if not _is_same(getattr(phase, key), value)}
 
 
-def life_changes(life: PhaseLife, values: Mapping[str, Any]) -> PhaseLife | None:
+def life_changes(life: PhasePolicy, values: Mapping[str, Any]) -> PhasePolicy | None:
     """Return the settings that differ, set explicitly and no others; None: none does.
 
     Raises:
         InvalidRecord: A value cannot be used.
     """
-    wanted = {name: values[f"{_LIFE}{name}"] for name in PhaseLife.model_fields}
+    wanted = {name: values[f"{_LIFE}{name}"] for name in PhasePolicy.model_fields}
     changed = {
         key: value for key, value in wanted.items() if not _is_same(getattr(life, key), value)
     }
     return _life(changed) if changed else None
 
 
-def new_life(values: Mapping[str, Any]) -> PhaseLife:
+def new_life(values: Mapping[str, Any]) -> PhasePolicy:
     """Return the life of a new phase.
 
     Raises:
         InvalidRecord: A value cannot be used.
     """
-    return _life({name: values[f"{_LIFE}{name}"] for name in PhaseLife.model_fields})
+    return _life({name: values[f"{_LIFE}{name}"] for name in PhasePolicy.model_fields})
 
 
-def _life(values: Mapping[str, Any]) -> PhaseLife:
+def _life(values: Mapping[str, Any]) -> PhasePolicy:
     try:
-        return PhaseLife.model_validate(values)
+        return PhasePolicy.model_validate(values)
     except ValidationError as error:
         found = error.errors(include_url=False, include_input=False)
         words = [f"{'.'.join(map(str, item['loc']))}: {item['msg']}." for item in found]

@@ -16,7 +16,7 @@ from exceptiondrive_records.protocols import list_protocols
 from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tokens import names_of_actors
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.organizer_pages.audit_view import history_lines
@@ -64,7 +64,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
 @router.get("/new")
 def show_new(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """Show an empty form with what is usual."""
-    return _new(request, services, browser, NEW_DEFAULTS | texts_of_life(PhaseLife()))
+    return _new(request, services, browser, NEW_DEFAULTS | texts_of_life(PhasePolicy()))
 
 
 @router.post("/new")
@@ -84,7 +84,7 @@ def post_new(
                 challenge=values["challenge"],
                 split_name=values["split"],
                 protocol=values["protocol"],
-                life=new_life(values),
+                policy=new_life(values),
                 actor=browser.principal.actor,
                 **plain,
             )
@@ -120,7 +120,7 @@ def post_phase(
                 session,
                 phase_id,
                 changes=plain_changes(phase, values),
-                life=life_changes(phase.life, values),
+                policy=life_changes(phase.life, values),
                 actor=browser.principal.actor,
             )
     except NotFound:
@@ -226,7 +226,7 @@ def _page(
         "phases",
         status=200 if refusal is None else status_of(refusal),
         plain=filled(PLAIN_FIELDS, texts),
-        life=filled(life_fields(), texts),
+        policy=filled(life_fields(), texts),
         refusal=None if refusal is None else str(refusal),
         **values,
     )

@@ -1,6 +1,6 @@
 """The life of a phase: what is shown when, and to whom.
 
-One document, so that a form can be built from it: `PhaseLife.model_json_schema()` gives each field
+One document, so that a form can be built from it: `PhasePolicy.model_json_schema()` gives each field
 with its title, a sentence, its choices and its default.
 """
 
@@ -43,7 +43,7 @@ Moment = Annotated[
 """A time with its zone, kept in UTC; text in every form of JSON."""
 
 
-class PhaseLife(Document):
+class PhasePolicy(Document):
     """What is shown of a phase, when, and to whom. The defaults show everything at once."""
 
     live_part: LivePart = Field(
