@@ -1,15 +1,19 @@
-"""The life of a phase: what is shown when, and to whom.
+"""What organizers settle of a phase: dates, limits, and what is shown when and to whom.
 
-One document, so that a form can be built from it: `PhasePolicy.model_json_schema()` gives each field
-with its title, a sentence, its choices and its default.
+Each setting is one field here, with its title, a sentence, its bounds and its default. API, form,
+command line and the table in `docs/phases.md` are made from these models; the records refuse what
+does not fit together. A further setting is a field of `PhasePolicy`, which is kept as one document,
+and the place that heeds it. The fields of `PhaseSettings` are columns, since queries read them.
 """
 
+import re
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import ChallengeId
 
 SplitPart = Literal["public", "private"]
 LivePart = Literal["public", "whole"]
@@ -18,11 +22,13 @@ LateEntries = Literal["refused", "own_view"]
 FrozenScores = Literal["shown", "hidden"]
 EntriesShown = Literal["all", "chosen"]
 BoardView = Literal["main", "late"]
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 
 
 def _time_or_text(value: Any) -> Any:
-    """A number would be read as seconds since 1970: refuse it."""
-    if value is None or isinstance(value, str | datetime):
+    """A number, or digits alone, would be read as seconds since 1970: refuse them."""
+    is_text = isinstance(value, str) and _DATE.match(value) is not None
+    if value is None or is_text or isinstance(value, datetime):
         return value
     raise ValueError("must be text such as 2026-11-21T12:00:00Z")
 
@@ -41,6 +47,7 @@ Moment = Annotated[
     AfterValidator(_in_utc),
 ]
 """A time with its zone, kept in UTC; text in every form of JSON."""
+Title = Annotated[str, Field(min_length=1, max_length=120)]
 
 
 class PhasePolicy(Document):
@@ -76,7 +83,7 @@ class PhasePolicy(Document):
     families_from: Moment | None = Field(
         default=None,
         title="Families shown from",
-        description="Until then no family or task is shown anywhere; empty: always shown.",
+        description="Until then no family or task is shown anywhere; without it they are shown.",
     )
     entries_shown: EntriesShown = Field(
         default="all",
@@ -95,6 +102,78 @@ class PhasePolicy(Document):
         description="An entry stands on the board when its team publishes it. Fixed once there "
         "are submissions.",
     )
+
+
+class PhaseSettings(Document):
+    """What organizers settle of a phase, when they make it or later."""
+
+    title: Title = Field(title="Title", description="Shown to readers.")
+    description: str = Field(
+        default="", max_length=4000, title="Description", description="Shown to readers."
+    )
+    opens_at: Moment | None = Field(
+        default=None, title="Opens at", description="Without it the phase is open from the start."
+    )
+    closes_at: Moment | None = Field(
+        default=None,
+        title="Closes at",
+        description="The deadline; without it the phase never closes.",
+    )
+    quota_per_day: int = Field(
+        default=3,
+        ge=1,
+        le=10_000,
+        title="Submissions a day",
+        description="Of a team, per UTC day.",
+    )
+    quota_total: int | None = Field(
+        default=None,
+        ge=1,
+        le=1_000_000,
+        title="Submissions in all",
+        description="Of a team; without it there is no limit.",
+    )
+    quota_concurrent: int | None = Field(
+        default=None,
+        ge=1,
+        le=10_000,
+        title="Waiting at once",
+        description="Submissions of a team that wait for a score; without it there is no limit.",
+    )
+    rejected_per_day: int = Field(
+        default=20,
+        ge=1,
+        le=10_000,
+        title="Wrong files a day",
+        description="Of a team, per UTC day.",
+    )
+    shows_reported: bool = Field(
+        default=False,
+        title="Show the paper's rows",
+        description="Whether the board shows the paper's rows beside the scored entries.",
+    )
+    policy: PhasePolicy = PhasePolicy()
+
+
+class PhaseChange(PhaseSettings):
+    """Settings to be changed: what is left out stays, null takes a limit or date away.
+
+    Of the fields of `policy`, too, only those that are sent are changed.
+    """
+
+    title: Title = Field(default="", title="Title", description="Shown to readers.")
+
+
+class NewPhase(PhaseSettings):
+    """A phase to be made: its settings, and what it is made of for good."""
+
+    id: str = Field(max_length=64, description="Stands in addresses.")
+    challenge: ChallengeId = Field(strict=False)
+    split: str = Field(max_length=64, description="Name of a registered split.")
+    split_revision: str | None = Field(
+        default=None, max_length=100, description="By default the one registered last."
+    )
+    protocol: str = Field(max_length=100, description="Version or digest.")
 
 
 class PhaseNow(Document):

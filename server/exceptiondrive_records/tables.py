@@ -137,7 +137,7 @@ class Phase(Base):
     current_board_id: Mapped[int | None]
     shows_reported: Mapped[bool]
     created_at: Mapped[datetime]
-    life: Mapped[PhasePolicy] = mapped_column(DocumentText(PhasePolicy), default=PhasePolicy())
+    policy: Mapped[PhasePolicy] = mapped_column(DocumentText(PhasePolicy), default=PhasePolicy())
     unfrozen_at: Mapped[datetime | None]
     names_revealed_at: Mapped[datetime | None]
     pseudonym_salt: Mapped[str | None] = mapped_column(deferred=True)

@@ -26,7 +26,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 def boards_now(session: Session) -> Iterator[Violation]:
     """Each phase shows its newest board, with the latest score of every method, the best first."""
     for phase in session.scalars(select(Phase)):
-        if phase.life != PhasePolicy():
+        if phase.policy != PhasePolicy():
             continue  # what such a phase shows depends on the day
         row, due = current_board(session, phase.id), _due(session, phase)
         if row is None:

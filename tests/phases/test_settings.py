@@ -52,7 +52,10 @@ def test_a_change_touches_what_is_sent_and_leaves_an_audit_line(life: "Life") ->
     ("change", "words"),
     [
         ({"policy": {"freezes_at": LATER_STILL}}, "freezes_at must lie before closes_at"),
-        ({"policy": {"freezes_at": "2001-01-01T00:00:00Z"}}, "To freeze now, use the action freeze"),
+        (
+            {"policy": {"freezes_at": "2001-01-01T00:00:00Z"}},
+            "To freeze now, use the action freeze",
+        ),
         ({"closes_at": None, "policy": {"late_entries": "own_view"}}, "set closes_at"),
         ({"closes_at": "2001-01-01T00:00:00Z"}, "would become late"),
         ({"opens_at": LATER_STILL}, "must close after it opens"),

@@ -93,7 +93,7 @@ def _late_board(doors: Doors, claimed: BoardClaim) -> Board | None:
     """The board of the late view; None where the phase has none, or nothing came late."""
     with doors.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
-        if phase.life.late_entries != "own_view":
+        if phase.policy.late_entries != "own_view":
             return None
         records = entries_for_board(
             session, phase.id, claimed.protocol_digest, claimed.split_revision, "late"

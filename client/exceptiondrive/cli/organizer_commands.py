@@ -1,10 +1,12 @@
 """Commands for organizers, all over the API with an organizer's token."""
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+from typer.core import TyperGroup
 
 from exceptiondrive.cli import options, phase_commands, protocol_commands, rescore_commands
 from exceptiondrive.cli.output import show, show_json
@@ -107,65 +109,6 @@ def revoke_token(
     _show_record(token, f"token {token['id']} revoked", json)
 
 
-def create_phase(
-    phase_id: Annotated[str, typer.Argument(metavar="ID", help="Stands in addresses.")],
-    title: Annotated[str, typer.Option("--title", metavar="TEXT", help="Shown to readers.")],
-    split: Annotated[
-        str, typer.Option("--split", metavar="NAME", help="A registered split: see `splits list`.")
-    ],
-    challenge: Annotated[
-        str, typer.Option("--challenge", metavar="C", help="planning or strategy.")
-    ] = "planning",
-    protocol: Annotated[
-        str, typer.Option("--protocol", metavar="V", help="Version or digest.")
-    ] = "1.0",
-    description: Annotated[
-        str, typer.Option("--description", metavar="TEXT", help="Shown to readers.")
-    ] = "",
-    opens_at: Annotated[
-        str | None, typer.Option("--opens-at", metavar="TIME", help="Else it is open at once.")
-    ] = None,
-    closes_at: Annotated[
-        str | None, typer.Option("--closes-at", metavar="TIME", help="Else it stays open.")
-    ] = None,
-    quota_per_day: Annotated[
-        int, typer.Option("--quota-per-day", metavar="N", min=0, help="Per team and UTC day.")
-    ] = 3,
-    quota_total: Annotated[
-        int | None, typer.Option("--quota-total", metavar="N", min=0, help="Per team; else none.")
-    ] = None,
-    quota_concurrent: Annotated[
-        int | None,
-        typer.Option("--quota-concurrent", metavar="N", min=1, help="Waiting at once; else any."),
-    ] = None,
-    shows_reported: Annotated[
-        bool, typer.Option("--shows-reported", help="Show the paper's rows beside the entries.")
-    ] = False,
-    settings: phase_commands.SetOption = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """Make a phase."""
-    wanted = {
-        "id": phase_id,
-        "title": title,
-        "split": split,
-        "challenge": challenge,
-        "protocol": protocol,
-        "description": description,
-        "opens_at": opens_at,
-        "closes_at": closes_at,
-        "quota_per_day": quota_per_day,
-        "quota_total": quota_total,
-        "quota_concurrent": quota_concurrent,
-        "shows_reported": shows_reported,
-        **phase_commands.settings_of(settings or ()),
-    }
-    with _organizer(server) as organizer:
-        phase = organizer.create_phase(wanted)
-    _show_record(phase, f"phase {phase['id']} made, {phase['n_samples']} samples", json)
-
-
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
     """List all protocols, oldest first."""
     with _organizer(server) as organizer:
@@ -256,48 +199,70 @@ def _show_record(record: dict[str, Any], words: str, json: bool) -> None:
         show(words)
 
 
-GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
-    "teams": (
-        "Teams and their tokens.",
-        {
-            "list": list_teams,
-            "create": create_team,
-            "approve": approve_team,
-            "refuse": refuse_team,
-            "tokens": list_tokens,
-            "issue-token": issue_token,
-            "revoke-token": revoke_token,
-        },
-    ),
-    "phases": (
-        "Phases; everyone lists them with `exceptiondrive phases`.",
-        {"create": create_phase, **phase_commands.COMMANDS},
-    ),
-    "protocols": (
-        "Protocol documents.",
-        {"list": list_protocols, "add": add_protocol, **protocol_commands.COMMANDS},
-    ),
-    "rescore": (
-        "Protocol updates: score in the background, compare, apply.",
-        rescore_commands.COMMANDS,
-    ),
-    "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
-    "splits": ("Registered splits.", {"list": list_splits}),
-    "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
-}
+def _groups() -> dict[str, tuple[str, dict[str, Callable[..., None]]]]:
+    return {
+        "teams": (
+            "Teams and their tokens.",
+            {
+                "list": list_teams,
+                "create": create_team,
+                "approve": approve_team,
+                "refuse": refuse_team,
+                "tokens": list_tokens,
+                "issue-token": issue_token,
+                "revoke-token": revoke_token,
+            },
+        ),
+        "phases": (
+            "Phases; everyone lists them with `exceptiondrive phases`.",
+            phase_commands.commands(),
+        ),
+        "protocols": (
+            "Protocol documents.",
+            {"list": list_protocols, "add": add_protocol, **protocol_commands.COMMANDS},
+        ),
+        "rescore": (
+            "Protocol updates: score in the background, compare, apply.",
+            rescore_commands.COMMANDS,
+        ),
+        "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
+        "splits": ("Registered splits.", {"list": list_splits}),
+        "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
+    }
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    organizer = typer.Typer(
-        help="For organizers, with an organizer's token.",
-        no_args_is_help=True,
-        rich_markup_mode=None,
-    )
-    for name, (help_text, commands) in GROUPS.items():
+class _WhenNamed(TyperGroup):
+    """The commands of organizers, made when one is named: they need the models of settings."""
+
+    @property
+    def commands(self) -> dict[str, Any]:  # type: ignore[override]
+        """Groups and commands by name."""
+        return _commands()
+
+    @commands.setter
+    def commands(self, _: Any) -> None:
+        """Keep none: Typer sets an empty dictionary."""
+
+
+@cache
+def _commands() -> dict[str, Any]:
+    organizer = typer.Typer(rich_markup_mode=None)
+    for name, (help_text, commands) in _groups().items():
         group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
         for command_name, command in commands.items():
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
     organizer.command("similar")(similar)
+    return dict(cast("TyperGroup", typer.main.get_command(organizer)).commands)
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    organizer = typer.Typer(
+        cls=_WhenNamed,
+        help="For organizers, with an organizer's token.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+    )
+    organizer.callback()(lambda: None)
     app.add_typer(organizer, name="organizer")

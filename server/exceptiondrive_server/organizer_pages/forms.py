@@ -3,35 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any, TypeVar
 
+from pydantic import BaseModel, ValidationError
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_schemas.form_fields import FormField as Field
+from exceptiondrive_schemas.form_fields import Kind, document_of
 from exceptiondrive_server.times import in_utc
 
-Kind = Literal["text", "lines", "whole", "moment", "yes", "choice"]
-"""A line, several lines, a whole number, a time in UTC, a tick, or one of a list."""
 MAX_DIGITS = 9
-Option = tuple[str, str]
-"""Value and title of a choice."""
-
-
-@dataclass(frozen=True)
-class Field:
-    """One field of a form."""
-
-    name: str
-    label: str
-    kind: Kind = "text"
-    hint: str = ""
-    is_required: bool = False
-    max_length: int = 200
-    lowest: int = 1
-    highest: int = 1_000_000
-    options: tuple[Option, ...] = ()
-    empty: str = "none"
-    """What a choice says that may stay empty."""
+Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -84,6 +67,20 @@ def read(fields: Sequence[Field], form: FormData) -> dict[str, Any]:
     if faults:
         raise InvalidRecord(" ".join(faults))
     return values
+
+
+def made(model: type[Model], fields: Sequence[Field], values: Mapping[str, Any]) -> Model:
+    """Return a document made of the values of some of its fields.
+
+    Raises:
+        InvalidRecord: A value cannot be used.
+    """
+    try:
+        return model.model_validate(document_of(fields, values))
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_input=False)
+        words = [f"{'.'.join(map(str, item['loc']))}: {item['msg']}." for item in found]
+        raise InvalidRecord(" ".join(words)) from None
 
 
 def text_of(value: object) -> str:

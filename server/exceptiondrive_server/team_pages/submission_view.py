@@ -106,7 +106,9 @@ def actions_of(
     return tuple(_actions(seen, policy, has_closed)) if is_scored else ()
 
 
-def _actions(seen: SubmissionView, policy: PhasePolicy, has_closed: bool) -> Iterator[tuple[str, str]]:
+def _actions(
+    seen: SubmissionView, policy: PhasePolicy, has_closed: bool
+) -> Iterator[tuple[str, str]]:
     can_choose = policy.entries_shown == "chosen" and not has_closed
     if can_choose and not seen.is_chosen and not seen.is_late:
         yield "choose", "Choose it for the board"
