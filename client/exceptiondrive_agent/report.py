@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from exceptiondrive.agent.journal import JournalLine
+from exceptiondrive_agent.journal import JournalLine
 from exceptiondrive_schemas.base import Document
 
 

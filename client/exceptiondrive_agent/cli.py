@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exceptiondrive.agent.errors import AgentError
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import say, show_document
+from exceptiondrive_agent.errors import AgentError
 
 if TYPE_CHECKING:
-    from exceptiondrive.agent.report import RunReport
-    from exceptiondrive.agent.run import RunSettings
+    from exceptiondrive_agent.report import RunReport
+    from exceptiondrive_agent.run import RunSettings
 
 _ENDPOINT, _MODEL, _INPUT = "Endpoint", "Model", "Input and output"
 
@@ -101,18 +103,6 @@ PriceOut = Annotated[
 ]
 
 
-def _remember_json(context: typer.Context, value: bool) -> bool:
-    from exceptiondrive.cli.output import remember_json
-
-    return remember_json(context, value)
-
-
-Json = Annotated[
-    bool,
-    typer.Option("--json", callback=_remember_json, help="One JSON document on stdout."),
-]
-
-
 def register(app: typer.Typer) -> None:
     """Add `remind` and `decide` to a command line."""
     app.command()(remind)
@@ -139,7 +129,7 @@ def remind(
     extra_body: ExtraBody = None,
     price_in: PriceIn = None,
     price_out: PriceOut = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Write a risk reminder per sample: images and the public taxonomy in, a record out.
 
@@ -149,7 +139,7 @@ def remind(
     given = dict(locals())
 
     def work() -> "RunReport":
-        from exceptiondrive.agent import run
+        from exceptiondrive_agent import run
 
         return run.remind(images, out, _settings(given), manifest)
 
@@ -190,7 +180,7 @@ def decide(
     extra_body: ExtraBody = None,
     price_in: PriceIn = None,
     price_out: PriceOut = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Choose a strategy per sample, with or without reminders, and write a strategy submission.
 
@@ -200,7 +190,7 @@ def decide(
     given = dict(locals())
 
     def work() -> "RunReport":
-        from exceptiondrive.agent import run
+        from exceptiondrive_agent import run
 
         return run.decide(
             images,
@@ -217,8 +207,6 @@ def decide(
 
 def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
     """Run and print the report; fail when samples could not be asked."""
-    from exceptiondrive.cli.output import say, show_document
-
     try:
         importlib.import_module("openai")
     except ImportError:
@@ -235,6 +223,6 @@ def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
 
 
 def _settings(given: dict[str, Any]) -> "RunSettings":
-    from exceptiondrive.agent.settings import run_settings
+    from exceptiondrive_agent.settings import run_settings
 
     return run_settings(given, os.environ)

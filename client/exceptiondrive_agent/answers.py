@@ -1,20 +1,64 @@
-"""From the model's text to a validated answer, or to a reason why there is none.
+"""The form of an answer, and from the model's text to a validated answer or a reason for none.
 
-Nothing is guessed, repaired or filled in. Accepted forms: JSON alone, JSON in the only code fence,
-JSON as the end of the text; for a strategy also the bare letter. Two JSON objects are none.
+Schemas hold only keywords that every structured-output engine knows (type, enum, anyOf, required):
+lengths are checked after the answer has come. Nothing is guessed, repaired or filled in. Accepted
+forms: JSON alone, JSON in the only code fence, JSON as the end of the text; for a strategy also the
+bare letter. Two JSON objects are none.
 """
 
 import json
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from exceptiondrive.agent.errors import NoAnswerError, Reason
+from exceptiondrive_agent.errors import NoAnswerError, Reason
 from exceptiondrive_schemas.check.texts import LINE_BREAKS, has_unkeepable
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.strategy import ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
+
+Schema = dict[str, Any]
+
+
+def reminder_schema(taxonomy: Taxonomy) -> Schema:
+    """Schema of a reminder record whose hazard type is a task id of `taxonomy`, or null."""
+    text = _or_null({"type": "string"})
+    properties = {
+        "hazard_present": {"type": "boolean"},
+        "hazard_type": _or_null(_one_of([task.id for task in taxonomy.tasks])),
+        "relative_location": text,
+        "risk_level": _one_of(get_args(RiskLevel)),
+        "evidence": text,
+        "safety_constraint": text,
+        "recommended_strategy": _one_of([strategy.value for strategy in Strategy]),
+    }
+    if list(properties) != list(ReminderRecord.model_fields):
+        raise ValueError("the reminder schema must name the fields of ReminderRecord, in order")
+    return _object(properties)
+
+
+def decision_schema() -> Schema:
+    """Schema of `{"strategy": "A" | ... | "E"}`."""
+    return _object({"strategy": _one_of([strategy.value for strategy in Strategy])})
+
+
+def _object(properties: Schema) -> Schema:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def _one_of(values: list[str] | tuple[str, ...]) -> Schema:
+    return {"type": "string", "enum": list(values)}
+
+
+def _or_null(schema: Schema) -> Schema:
+    return {"anyOf": [schema, {"type": "null"}]}
+
 
 _FENCE = re.compile(r"```(?:json)?\s*\n?(.*?)```", re.DOTALL)
 _BARE_LETTER = re.compile(r"""["'`*(\s]*([A-E])["'`*).\s]*""")

@@ -1,24 +1,64 @@
 """The append-only journal: one JSON line per asked sample, under a header that says how it was asked.
 
 A line is written by one write call and synced before the next sample starts, so a killed run loses
-at most the answers in flight. A torn last line is skipped and its sample asked again.
+at most the answers in flight. A torn last line is skipped and its sample asked again. One run at a
+time writes a journal: its lock ends with the process, whatever ends it.
 """
 
 import os
+import sys
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Literal, Self
+from typing import IO, Annotated, Literal, Self
 
 from pydantic import Field, ValidationError
 
-from exceptiondrive.agent.errors import AgentError, Reason
-from exceptiondrive.agent.journal_lock import JournalLock
+from exceptiondrive_agent.errors import AgentError, Reason
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.planning import SampleId
 from exceptiondrive_schemas.strategy import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy
+
+
+class JournalLock:
+    """Holds `<journal>.lock` until it is closed. The file stays: only the lock on it counts."""
+
+    def __init__(self, journal: Path) -> None:
+        """Take the lock.
+
+        Raises:
+            AgentError: Another run holds it.
+            OSError: The lock file cannot be written.
+        """
+        self._file = journal.with_name(f"{journal.name}.lock").open("ab")
+        try:
+            _lock(self._file)
+        except OSError:
+            self._file.close()
+            raise AgentError(
+                f"{journal}: another `exceptiondrive remind` or `decide` is writing this journal; "
+                "wait for it or stop it, or name another file"
+            ) from None
+
+    def close(self) -> None:
+        """Give the lock up."""
+        self._file.close()
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(file: IO[bytes]) -> None:
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _lock(file: IO[bytes]) -> None:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
 
 MAX_RAW_CHARACTERS = 2000
 
@@ -26,8 +66,8 @@ MAX_RAW_CHARACTERS = 2000
 class JournalHeader(Document):
     """First line: what was asked of which model. Lines of other settings never mix with these."""
 
-    schema_: Literal["exceptiondrive.agent-journal/1"] = Field(
-        default="exceptiondrive.agent-journal/1", alias="schema"
+    schema_: Literal["exceptiondrive_agent-journal/1"] = Field(
+        default="exceptiondrive_agent-journal/1", alias="schema"
     )
     question: Literal["remind", "decide"]
     model: str

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from exceptiondrive.agent.dialect import ModelSettings
-from exceptiondrive.agent.endpoint import EndpointSettings
-from exceptiondrive.agent.errors import AgentError
-from exceptiondrive.agent.report import Prices
-from exceptiondrive.agent.run import RunSettings
+from exceptiondrive_agent.endpoint import EndpointSettings
+from exceptiondrive_agent.errors import AgentError
+from exceptiondrive_agent.questions import ModelSettings
+from exceptiondrive_agent.report import Prices
+from exceptiondrive_agent.run import RunSettings
 from exceptiondrive_schemas.protocol import (
     Protocol,
     ProtocolError,
