@@ -160,4 +160,4 @@ def _reason(reason: str) -> str:
 def _document(phase: Phase) -> dict[str, Any]:
     """Return every setting by its name."""
     document = PhaseSettings.model_construct(**settings_of(phase)).model_dump(mode="json")
-    return {**document, **document.pop("policy")}
+    return document | document.pop("policy")

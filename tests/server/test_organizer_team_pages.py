@@ -142,7 +142,7 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     line = last_line(api_on_both)
     assert line.action == "phase changed"
     assert line.detail == {
-        "closes_at": ["2099-11-21T12:00:00+00:00", "2099-12-01T00:00:00+00:00"],
+        "closes_at": ["2099-11-21T12:00:00Z", "2099-12-01T00:00:00Z"],
         "quota_total": [None, 9],
     }
     assert "phase changed" in organizer.get(here).text
@@ -157,7 +157,7 @@ def test_the_life_of_a_phase_is_steered_with_reasons(api: "Api", one: "TeamBrows
     assert one.post(freeze, {"reason": " "}, page=freeze).status_code == 400
     assert one.post(freeze, {"reason": "the last week"}, page=freeze).status_code == 303
     with api.database.read() as session:
-        assert find_phase(session, "dev").life.freezes_at is not None
+        assert find_phase(session, "dev").policy.freezes_at is not None
     assert one.post(freeze, {"reason": "again"}, page=freeze).status_code == 409
     reveal = f"{here}/reveal-board"
     assert one.post(reveal, {"reason": "the prizes"}, page=reveal).status_code == 303

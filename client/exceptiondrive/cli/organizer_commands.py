@@ -1,12 +1,10 @@
 """Commands for organizers, all over the API with an organizer's token."""
 
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from exceptiondrive.cli import options, phase_commands, protocol_commands, rescore_commands
 from exceptiondrive.cli.output import show, show_json
@@ -199,70 +197,48 @@ def _show_record(record: dict[str, Any], words: str, json: bool) -> None:
         show(words)
 
 
-def _groups() -> dict[str, tuple[str, dict[str, Callable[..., None]]]]:
-    return {
-        "teams": (
-            "Teams and their tokens.",
-            {
-                "list": list_teams,
-                "create": create_team,
-                "approve": approve_team,
-                "refuse": refuse_team,
-                "tokens": list_tokens,
-                "issue-token": issue_token,
-                "revoke-token": revoke_token,
-            },
-        ),
-        "phases": (
-            "Phases; everyone lists them with `exceptiondrive phases`.",
-            phase_commands.commands(),
-        ),
-        "protocols": (
-            "Protocol documents.",
-            {"list": list_protocols, "add": add_protocol, **protocol_commands.COMMANDS},
-        ),
-        "rescore": (
-            "Protocol updates: score in the background, compare, apply.",
-            rescore_commands.COMMANDS,
-        ),
-        "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
-        "splits": ("Registered splits.", {"list": list_splits}),
-        "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
-    }
-
-
-class _WhenNamed(TyperGroup):
-    """The commands of organizers, made when one is named: they need the models of settings."""
-
-    @property
-    def commands(self) -> dict[str, Any]:  # type: ignore[override]
-        """Groups and commands by name."""
-        return _commands()
-
-    @commands.setter
-    def commands(self, _: Any) -> None:
-        """Keep none: Typer sets an empty dictionary."""
-
-
-@cache
-def _commands() -> dict[str, Any]:
-    organizer = typer.Typer(rich_markup_mode=None)
-    for name, (help_text, commands) in _groups().items():
-        group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
-        for command_name, command in commands.items():
-            group.command(command_name)(command)
-        organizer.add_typer(group, name=name)
-    organizer.command("similar")(similar)
-    return dict(cast("TyperGroup", typer.main.get_command(organizer)).commands)
+GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
+    "teams": (
+        "Teams and their tokens.",
+        {
+            "list": list_teams,
+            "create": create_team,
+            "approve": approve_team,
+            "refuse": refuse_team,
+            "tokens": list_tokens,
+            "issue-token": issue_token,
+            "revoke-token": revoke_token,
+        },
+    ),
+    "phases": (
+        "Phases; everyone lists them with `exceptiondrive phases`.",
+        phase_commands.COMMANDS,
+    ),
+    "protocols": (
+        "Protocol documents.",
+        {"list": list_protocols, "add": add_protocol, **protocol_commands.COMMANDS},
+    ),
+    "rescore": (
+        "Protocol updates: score in the background, compare, apply.",
+        rescore_commands.COMMANDS,
+    ),
+    "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
+    "splits": ("Registered splits.", {"list": list_splits}),
+    "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
+}
 
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     organizer = typer.Typer(
-        cls=_WhenNamed,
         help="For organizers, with an organizer's token.",
         no_args_is_help=True,
         rich_markup_mode=None,
     )
-    organizer.callback()(lambda: None)
+    for name, (help_text, commands) in GROUPS.items():
+        group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
+        for command_name, command in commands.items():
+            group.command(command_name)(command)
+        organizer.add_typer(group, name=name)
+    organizer.command("similar")(similar)
     app.add_typer(organizer, name="organizer")

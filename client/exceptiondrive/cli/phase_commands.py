@@ -1,6 +1,6 @@
 """Phases from the command line: make, show, change, freeze, reveal.
 
-The options of the settings are made from `PhaseSettings`, when a command of organizers is named.
+The options of the settings are made from `PhaseSettings`: a further field is a further option.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,11 +13,12 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_json
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of
+from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
 
 if TYPE_CHECKING:
     from exceptiondrive.organizer import Organizer
-    from exceptiondrive_schemas.base import Document
-    from exceptiondrive_schemas.form_fields import FormField
 
 PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
 ReasonOption = Annotated[
@@ -122,10 +123,8 @@ def reveal(
     _show(phase, json)
 
 
-def with_settings(command: Callable[..., None], model: "type[Document]") -> Callable[..., None]:
+def with_settings(command: Callable[..., None], model: type[Document]) -> Callable[..., None]:
     """Return a command with an option for each setting of a model, such as `--quota-per-day N`."""
-    from exceptiondrive_schemas.form_fields import fields_of
-
     own = list(signature(command).parameters.values())[:-1]
     added = [_option(field) for field in fields_of(model)]
 
@@ -137,7 +136,7 @@ def with_settings(command: Callable[..., None], model: "type[Document]") -> Call
     return wrapped
 
 
-def _option(field: "FormField") -> Parameter:
+def _option(field: FormField) -> Parameter:
     name = "--" + field.name.replace("_", "-")
     default = Parameter.empty if field.is_required and field.default is None else None
     if field.kind == "yes":
@@ -160,15 +159,12 @@ def _parameter(name: str, annotation: Any, default: Any) -> Parameter:
 
 def _document(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings that were given as the API takes them."""
-    from exceptiondrive_schemas.form_fields import document_of, fields_of
-    from exceptiondrive_schemas.phase_settings import PhaseSettings
-
     fields = fields_of(PhaseSettings)
     said = {field.name: field for field in fields if given[field.name] is not None}
     return document_of(fields, {name: _value(field, given[name]) for name, field in said.items()})
 
 
-def _value(field: "FormField", given: Any) -> Any:
+def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
     if field.kind == "whole":
@@ -209,14 +205,10 @@ def _words(value: Any) -> str:
     return "-" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def commands() -> dict[str, Callable[..., None]]:
-    """Return the commands by name; those that take settings have an option for each of them."""
-    from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
-
-    return {
-        "create": with_settings(create, PhaseSettings),
-        "show": show_phase,
-        "update": with_settings(update, PhaseChange),
-        "freeze": freeze,
-        "reveal": reveal,
-    }
+COMMANDS: dict[str, Callable[..., None]] = {
+    "create": with_settings(create, PhaseSettings),
+    "show": show_phase,
+    "update": with_settings(update, PhaseChange),
+    "freeze": freeze,
+    "reveal": reveal,
+}

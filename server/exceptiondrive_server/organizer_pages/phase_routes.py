@@ -17,14 +17,13 @@ from exceptiondrive_records.protocols import list_protocols
 from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tokens import names_of_actors
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.form_fields import fields_of, values_of
+from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhaseSettings
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.organizer_pages.audit_view import history_lines
 from exceptiondrive_server.organizer_pages.forms import (
     REASON,
-    Field,
     filled,
     made,
     read,
@@ -155,18 +154,18 @@ def post_step(
     return go(f"{HERE}/{phase_id}", "phase_changed")
 
 
-def _made_of(session: Session) -> tuple[Field, ...]:
+def _made_of(session: Session) -> tuple[FormField, ...]:
     """What a phase is made of, and keeps."""
     challenges = tuple((key.value, one.title) for key, one in CHALLENGES.items())
     splits = {one.name: one.title for one in list_splits(session)}
     versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
     return (
-        Field("id", "Id", hint="stands in addresses; never changes", is_required=True,
+        FormField("id", "Id", hint="stands in addresses; never changes", is_required=True,
               max_length=64),
-        Field("challenge", "Challenge", "choice", is_required=True, options=challenges),
-        Field("split", "Split", "choice", is_required=True,
+        FormField("challenge", "Challenge", "choice", is_required=True, options=challenges),
+        FormField("split", "Split", "choice", is_required=True,
               options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
-        Field("protocol", "Protocol", "choice", is_required=True, options=versions),
+        FormField("protocol", "Protocol", "choice", is_required=True, options=versions),
     )  # fmt: skip
 
 
