@@ -71,7 +71,7 @@ def read_manifest(path: Path) -> Manifest:
         AgentError: There is no such file, or it is no manifest.
     """
     try:
-        return Manifest.model_validate_json(path.read_bytes())
+        return Manifest.read(path.read_bytes())
     except OSError as error:
         raise AgentError(f"{path}: {error.strerror}") from None
     except ValidationError:

@@ -6,14 +6,14 @@ does not fit together. A further setting is a field of `PhasePolicy`, which is k
 and the place that heeds it. The fields of `PhaseSettings` are columns, since queries read them.
 """
 
-import re
-from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from datetime import datetime
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
+from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.datetimes import Time
 
 SplitPart = Literal["public", "private"]
 LivePart = Literal["public", "whole"]
@@ -22,31 +22,6 @@ LateEntries = Literal["refused", "own_view"]
 FrozenScores = Literal["shown", "hidden"]
 EntriesShown = Literal["all", "chosen"]
 BoardView = Literal["main", "late"]
-_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
-
-
-def _time_or_text(value: Any) -> Any:
-    """A number, or digits alone, would be read as seconds since 1970: refuse them."""
-    is_text = isinstance(value, str) and _DATE.match(value) is not None
-    if value is None or is_text or isinstance(value, datetime):
-        return value
-    raise ValueError("must be text such as 2026-11-21T12:00:00Z")
-
-
-def _in_utc(value: datetime) -> datetime:
-    try:
-        return value.astimezone(UTC)
-    except OverflowError:
-        raise ValueError("must lie within the years 1 to 9999") from None
-
-
-Moment = Annotated[
-    AwareDatetime,
-    Field(strict=False),
-    BeforeValidator(_time_or_text),
-    AfterValidator(_in_utc),
-]
-"""A time with its zone, kept in UTC; text in every form of JSON."""
 Title = Annotated[str, Field(min_length=1, max_length=120)]
 
 
@@ -70,7 +45,7 @@ class PhasePolicy(Document):
         description="After the deadline: refused, or scored and ranked on a view of their own "
         "that moves no rank of the board.",
     )
-    freezes_at: Moment | None = Field(
+    freezes_at: Time | None = Field(
         default=None,
         title="Board freezes at",
         description="From then the public board stays as it is until it is revealed.",
@@ -80,7 +55,7 @@ class PhasePolicy(Document):
         title="Own scores while frozen",
         description="Whether a team sees the scores of what it submits after the freeze.",
     )
-    families_from: Moment | None = Field(
+    families_from: Time | None = Field(
         default=None,
         title="Families shown from",
         description="Until then no family or task is shown anywhere; without it they are shown.",
@@ -111,10 +86,10 @@ class PhaseSettings(Document):
     description: str = Field(
         default="", max_length=4000, title="Description", description="Shown to readers."
     )
-    opens_at: Moment | None = Field(
+    opens_at: Time | None = Field(
         default=None, title="Opens at", description="Without it the phase is open from the start."
     )
-    closes_at: Moment | None = Field(
+    closes_at: Time | None = Field(
         default=None,
         title="Closes at",
         description="The deadline; without it the phase never closes.",

@@ -7,7 +7,7 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
-from exceptiondrive_records.boards import current_board, flip_board, latest_board
+from exceptiondrive_records.boards import current_board, flip_board, latest_board, parsed_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord
 from exceptiondrive_records.identifiers import checked_text
@@ -129,7 +129,7 @@ def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: dateti
             )
     if _hides_families(policy, now) and not _hides_families(old, now):
         row = current_board(session, phase.id)
-        if row is not None and '"families":[{' in row.body:
+        if row is not None and parsed_board(row).families:
             raise Conflict("The families of this phase have been shown: they cannot be hidden now.")
     phase.policy = policy
     if policy.live_part != old.live_part:
@@ -159,5 +159,7 @@ def _reason(reason: str) -> str:
 
 def _document(phase: Phase) -> dict[str, Any]:
     """Return every setting by its name."""
-    document = PhaseSettings.model_construct(**settings_of(phase)).model_dump(mode="json")
-    return document | document.pop("policy")
+    document: dict[str, Any] = PhaseSettings.model_construct(**settings_of(phase)).model_dump(
+        mode="json"
+    )
+    return {**document.pop("policy"), **document}

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ValidationError
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_schemas.datetimes import in_utc
 from exceptiondrive_schemas.form_fields import FormField, Kind, document_of
-from exceptiondrive_server.times import in_utc
 
 MAX_DIGITS = 9
 Model = TypeVar("Model", bound=BaseModel)
