@@ -4,12 +4,13 @@ One document, so that a form can be built from it: `PhaseLife.model_json_schema(
 with its title, a sentence, its choices and its default.
 """
 
-from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from datetime import datetime
+from typing import Literal
 
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
+from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.datetimes import Time
 
 SplitPart = Literal["public", "private"]
 LivePart = Literal["public", "whole"]
@@ -18,29 +19,6 @@ LateEntries = Literal["refused", "own_view"]
 FrozenScores = Literal["shown", "hidden"]
 EntriesShown = Literal["all", "chosen"]
 BoardView = Literal["main", "late"]
-
-
-def _time_or_text(value: Any) -> Any:
-    """A number would be read as seconds since 1970: refuse it."""
-    if value is None or isinstance(value, str | datetime):
-        return value
-    raise ValueError("must be text such as 2026-11-21T12:00:00Z")
-
-
-def _in_utc(value: datetime) -> datetime:
-    try:
-        return value.astimezone(UTC)
-    except OverflowError:
-        raise ValueError("must lie within the years 1 to 9999") from None
-
-
-Moment = Annotated[
-    AwareDatetime,
-    Field(strict=False),
-    BeforeValidator(_time_or_text),
-    AfterValidator(_in_utc),
-]
-"""A time with its zone, kept in UTC; text in every form of JSON."""
 
 
 class PhaseLife(Document):
@@ -63,7 +41,7 @@ class PhaseLife(Document):
         description="After the deadline: refused, or scored and ranked on a view of their own "
         "that moves no rank of the board.",
     )
-    freezes_at: Moment | None = Field(
+    freezes_at: Time | None = Field(
         default=None,
         title="Board freezes at",
         description="From then the public board stays as it is until it is revealed.",
@@ -73,7 +51,7 @@ class PhaseLife(Document):
         title="Own scores while frozen",
         description="Whether a team sees the scores of what it submits after the freeze.",
     )
-    families_from: Moment | None = Field(
+    families_from: Time | None = Field(
         default=None,
         title="Families shown from",
         description="Until then no family or task is shown anywhere; empty: always shown.",

@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 
@@ -93,7 +94,7 @@ def protocol_difference(
     stages = {change.stage for change in changes} or {Stage.NONE}
     stage = next(stage for stage in _HEAVIEST_FIRST if stage in stages)
     n_repeated = 0 if stage is Stage.NONE else n_sheets
-    work = "" if stage is Stage.NONE else f", {_counted(n_repeated, 'sheet')}"
+    work = "" if stage is Stage.NONE else f", {counted(n_repeated, 'sheet')}"
     return Difference(
         changes=changes,
         stage=stage,
@@ -123,9 +124,9 @@ def split_changes(old: Manifest, new: Manifest) -> tuple[Change, ...]:
     before, after = set(old.sample_ids), set(new.sample_ids)
     sentences = []
     if after - before:
-        sentences.append(f"the split gains {_counted(len(after - before), 'sample')}")
+        sentences.append(f"the split gains {counted(len(after - before), 'sample')}")
     if before - after:
-        sentences.append(f"the split loses {_counted(len(before - after), 'sample')}")
+        sentences.append(f"the split loses {counted(len(before - after), 'sample')}")
     if not sentences:
         sentences.append(
             f"the split's {len(after):,} samples stay; their regions, tasks or scenes change"
@@ -231,10 +232,6 @@ def _by_caution(ranks: dict[str, int]) -> str:
     for strategy, rank in sorted(ranks.items()):
         groups.setdefault(rank, []).append(strategy)
     return " < ".join(" = ".join(groups[rank]) for rank in sorted(groups))
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
 
 
 def _letters(strategies: list[str]) -> str:

@@ -8,7 +8,7 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
-from exceptiondrive_records.boards import current_board, flip_board, latest_board
+from exceptiondrive_records.boards import current_board, flip_board, latest_board, parsed_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord
 from exceptiondrive_records.identifiers import checked_text
@@ -162,7 +162,7 @@ def _set_life(session: Session, phase: Phase, life: PhaseLife, now: datetime) ->
             )
     if _hides_families(life, now) and not _hides_families(old, now):
         row = current_board(session, phase.id)
-        if row is not None and '"families":[{' in row.body:
+        if row is not None and parsed_board(row).families:
             raise Conflict("The families of this phase have been shown: they cannot be hidden now.")
     phase.life = life
     if life.live_part != old.live_part:

@@ -268,6 +268,19 @@ class BoardRow(Base):
     """`main`, or `late`: the board with late entries among the others."""
 
 
+class BoardEntryRow(Base):
+    """A submission that stands on a board, written with the board, immutable.
+
+    Rows that the paper reported are no submissions and are not here.
+    """
+
+    __tablename__ = "board_entries"
+    __table_args__ = (Index("ix_board_entries_submission", "submission_id", "board_id"),)
+    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"), primary_key=True)
+    submission_id: Mapped[str] = mapped_column(primary_key=True)
+    rank: Mapped[int | None]
+
+
 class BoardFlip(Base):
     """When the pointer `Phase.current_board_id` moved, append-only."""
 

@@ -55,7 +55,7 @@ COMMANDS = {
         "Choose a strategy per sample, with or without reminders, and write a strategy submission.",
     ),
     "tokens": (
-        ".token_commands",
+        ".account_commands",
         "Your team's tokens; needs a token with the scope `tokens`.",
     ),
     "split": (".split_commands", "Development splits, whose regions are public."),

@@ -23,12 +23,12 @@ from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_schemas.phase_life import PhaseLife, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.auth import Organizer, ServicesOf
 from exceptiondrive_server.services import Services
-from exceptiondrive_server.times import Time
 
 router = APIRouter()
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.errors import InvalidRecord
-from exceptiondrive_server.times import in_utc
+from exceptiondrive_schemas.datetimes import in_utc
 
 Kind = Literal["text", "lines", "whole", "moment", "yes", "choice"]
 """A line, several lines, a whole number, a time in UTC, a tick, or one of a list."""

@@ -45,6 +45,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
@@ -71,6 +72,7 @@ class Site:
         self.app = FastAPI()
         self.app.state.services = Services(database)
         self.app.router.routes.extend(ROUTES.routes)
+        install_problem_handlers(self.app)
         team_pages.lead_to_sign_in(self.app)
         pages.mount_static(self.app)
 
@@ -85,6 +87,7 @@ class Site:
     ) -> httpx.Response:
         transport = httpx.ASGITransport(app=self.app)
         named = {key.replace("_", "-"): value for key, value in headers.items()}
+        named = {"accept": "text/html", **named}
         async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
             return await client.request(method, path, headers=named, data=data)
 

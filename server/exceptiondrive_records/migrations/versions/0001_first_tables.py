@@ -8,7 +8,7 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-IMMUTABLE = ("audit_lines", "boards", "board_flips", "protocols", "score_sheets")
+IMMUTABLE = ("audit_lines", "boards", "board_entries", "board_flips", "protocols", "score_sheets")
 """Nothing in these tables is ever overwritten or deleted, by whatever code."""
 
 TIME = sa.DateTime(timezone=True)
@@ -328,7 +328,7 @@ def create_submissions() -> None:
 
 
 def create_boards() -> None:
-    """Board snapshots, the moves of the pointer to the current one, and boards to be built."""
+    """Board snapshots with their entries, the moves of the pointer to the current one, and boards to be built."""
     op.create_table(
         "boards",
         sa.Column("id", sa.Integer(), primary_key=True),
@@ -345,6 +345,13 @@ def create_boards() -> None:
         sa.Column("view", sa.String(), nullable=False),
         sa.UniqueConstraint("phase_id", "number"),
     )
+    op.create_table(
+        "board_entries",
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
+        sa.Column("submission_id", sa.String(), primary_key=True),
+        sa.Column("rank", sa.Integer()),
+    )
+    op.create_index("ix_board_entries_submission", "board_entries", ["submission_id", "board_id"])
     op.create_table(
         "board_flips",
         sa.Column("id", sa.Integer(), primary_key=True),

@@ -1,9 +1,67 @@
-"""A picture as SVG text: one sample large, or a contact sheet of several."""
+"""Pictures of samples: trajectories, footprints, collision tube, hazard region and clearance.
 
+One sample large, or a contact sheet of several, as SVG or as PNG. Needs a split with its hazard
+regions and numpy (the extra `plot`, which also writes PNG).
+"""
+
+import os
 from collections.abc import Sequence
 from html import escape
+from pathlib import Path
 
+from exceptiondrive.checking import manifest_of, read_file
+from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive.evaluation import read_split, require_numpy
+from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument, check
 from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.split import Split
+
+
+class Scenes:
+    """Draws samples with the scoring code itself (`exceptiondrive_scoring.drawing`)."""
+
+    def __init__(self, document: CheckedDocument, split: Split, protocol: Protocol) -> None:
+        from exceptiondrive_scoring.arrays import TrajectoryPairs
+        from exceptiondrive_scoring.document_columns import document_columns
+        from exceptiondrive_scoring.drawing import Drawer
+        from exceptiondrive_scoring.measure import measure
+        from exceptiondrive_scoring.split_arrays import split_arrays
+
+        if not isinstance(document, PlanningDocument):
+            raise InvalidArgumentError(
+                "wrong_challenge",
+                "Only planning files can be drawn: strategies have no trajectories.",
+                "Give a file with the schema exceptiondrive.planning/1.",
+            )
+        self.sample_ids = tuple(sorted(sample.sample_id for sample in split.samples))
+        arrays = split_arrays(split.samples, protocol.taxonomy)
+        pairs = TrajectoryPairs.from_columns(document_columns(document, self.sample_ids))
+        measured = measure(pairs, arrays.prepared_regions, protocol.geometry)
+        self._drawer = Drawer(self.sample_ids, pairs, measured, arrays, protocol)
+
+    def worst(self, count: int) -> list[str]:
+        """Return the samples with the least HCC, then the least clearance; without answer: left out."""
+        return [self.sample_ids[i] for i in self._drawer.from_worst_to_best()[:count]]
+
+    def scene(self, sample_id: str) -> SampleDrawing:
+        """Return what a picture of one sample shows.
+
+        Raises:
+            InvalidArgumentError: The split has no such sample.
+        """
+        if sample_id not in self.sample_ids:
+            raise InvalidArgumentError(
+                "unknown_sample",
+                f"The split has no sample {sample_id!r}.",
+                f"Its samples are {_few(self.sample_ids)}.",
+            )
+        return self._drawer.drawing(self.sample_ids.index(sample_id))
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
 
 PAD, GAP, HEAD, LEGEND, WORDS = 24, 24, 62, 34, 58
 LARGE, SMALL = (880, 380), (430, 240)
@@ -125,3 +183,81 @@ def _paint(c: dict[str, str]) -> str:
         f".origin{{stroke:{c['ink']};fill:{c['plot']}}}.gap{{stroke:{c['ink']}}}"
         f".gap-end{{fill:{c['ink']}}}.gap-text{{fill:{c['ink']};stroke:{c['plot']}}}"
     )
+
+
+MAX_PANELS = 60
+PNG_ZOOM = 2
+
+
+def plot_file(
+    file: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    split: str | os.PathLike[str] | Split,
+    sample_ids: list[str] | None = None,
+    worst: int = 6,
+    protocol: Protocol | None = None,
+) -> tuple[str, ...]:
+    """Draw samples of a planning file and write the picture.
+
+    Args:
+        file: Path of the submission file.
+        output: Path ending in `.svg` or `.png`.
+        split: The split with its regions, or the path of its file.
+        sample_ids: Which samples; without them the worst.
+        worst: How many of the worst.
+        protocol: Protocol; without it the one that ships with the client.
+
+    Returns:
+        The sample ids that were drawn.
+
+    Raises:
+        InvalidFileError: The file cannot be scored; the error carries every fault.
+        InvalidArgumentError: A split, sample or output that cannot be used, or an extra is missing.
+    """
+    require_numpy()
+    target = Path(output)
+    _require_known_suffix(target)
+    split = split if isinstance(split, Split) else read_split(split)
+    protocol = protocol or packaged_protocol()
+    checked = check(read_file(file), protocol=protocol, manifest=manifest_of(split, protocol))
+    if checked.document is None:
+        raise InvalidFileError(checked.report)
+    scenes = Scenes(checked.document, split, protocol)
+    chosen = sample_ids or scenes.worst(min(worst, MAX_PANELS))
+    if not chosen:
+        raise InvalidArgumentError(
+            "nothing_to_draw", "The file has no edited trajectory.", "Name a sample: --sample ID"
+        )
+    title = f"{Path(file).name} on {split.name}"
+    title += f": the worst {len(chosen)}" if not sample_ids and len(chosen) > 1 else ""
+    drawn = [scenes.scene(sample_id) for sample_id in chosen]
+    is_png = target.suffix.lower() == ".png"
+    svg = picture(drawn, title, colours=LIGHT if is_png else None)
+    data = png_bytes(svg) if is_png else svg.encode("utf-8")
+    target.write_bytes(data)
+    return tuple(chosen)
+
+
+def png_bytes(svg: str) -> bytes:
+    """Render an SVG at twice its size.
+
+    Raises:
+        InvalidArgumentError: The extra `plot` is missing.
+    """
+    try:
+        from resvg_py import svg_to_bytes
+    except ModuleNotFoundError:
+        raise InvalidArgumentError(
+            "extra_missing",
+            "Writing PNG needs resvg-py.",
+            'Run: pip install "exceptiondrive[plot]", or write an .svg',
+        ) from None
+    return bytes(svg_to_bytes(svg_string=svg, zoom=PNG_ZOOM, sans_serif_family="DejaVu Sans"))
+
+
+def _require_known_suffix(path: Path) -> None:
+    if path.suffix.lower() not in (".svg", ".png"):
+        raise InvalidArgumentError(
+            "wrong_output", f"{path.name} is neither .svg nor .png.", "Name the output *.svg"
+        )
