@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.phase_life import BoardView, SplitPart
+from exceptiondrive_schemas.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Flag,

@@ -16,7 +16,10 @@ from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.pages.exports import EXPORTS
 from exceptiondrive_server.pages.site import origin_of
-from exceptiondrive_server.problems import ApiProblem, problem_responses
+from exceptiondrive_server.problem_vocabulary import ApiProblem
+from exceptiondrive_server.problems import (
+    problem_responses,
+)
 
 router = APIRouter(tags=["boards"])
 _UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}

@@ -23,14 +23,13 @@ from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ProtocolRow, SplitRow
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.datetimes import in_utc, with_zone_sign
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_server.pages.board_changes import BoardBefore
 from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.feed import BoardNote, History
 from exceptiondrive_server.pages.page_parts import PhaseLink
-from exceptiondrive_server.times import in_utc
-from exceptiondrive_server.zone_sign import with_zone_sign
 
 
 def read_board(session: Session, query: BoardQuery) -> BoardReading:

@@ -1,14 +1,13 @@
-"""Times that people send: ISO 8601 text, taken to UTC."""
+"""Dates and times that people send: ISO 8601 text, taken to UTC."""
 
 import re
 from datetime import UTC, date, datetime
 from typing import Annotated
 
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator
-
-from exceptiondrive_server.zone_sign import with_zone_sign
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
 
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
+_BLANK_ZONE = re.compile(r"(T[0-9:.]+) ([0-9]{2}:?[0-9]{2})$")
 _SENTENCE = "must be {} such as 2026-11-21T12:00:00Z"
 
 
@@ -24,11 +23,18 @@ def in_utc(time: datetime) -> datetime:
         raise ValueError("must lie within the years 1 to 9999") from None
 
 
-def _only_text(value: object) -> object:
+def with_zone_sign(text: str) -> str:
+    """Return a time from an address with the plus of its zone, where it was not sent as %2B."""
+    return _BLANK_ZONE.sub(r"\1+\2", text)
+
+
+def _text_or_time(value: object) -> object:
     """Refuse what pydantic would also read as a time: a number of seconds or milliseconds."""
-    if value is not None and not (isinstance(value, str) and _DATE.match(value)):
+    if isinstance(value, str) and _DATE.match(value) is None:
         raise ValueError(_SENTENCE.format("text"))
-    return value
+    if value is None or isinstance(value, str | datetime):
+        return value
+    raise ValueError(_SENTENCE.format("text"))
 
 
 def _date_or_time(value: object) -> object:
@@ -49,7 +55,12 @@ def _moment_in_utc(value: datetime | date) -> datetime | date:
     return in_utc(value) if isinstance(value, datetime) else value
 
 
-Time = Annotated[AwareDatetime, BeforeValidator(_only_text), AfterValidator(in_utc)]
-"""A time with its zone."""
+Time = Annotated[
+    AwareDatetime,
+    Field(strict=False),
+    BeforeValidator(_text_or_time),
+    AfterValidator(in_utc),
+]
+"""A time with its zone, kept in UTC; text in every form of JSON."""
 Moment = Annotated[datetime | date, BeforeValidator(_date_or_time), AfterValidator(_moment_in_utc)]
 """A time, or a whole day."""
