@@ -16,7 +16,7 @@ from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.datetimes import Moment
-from exceptiondrive_schemas.phase_life import BoardView
+from exceptiondrive_schemas.phase_settings import BoardView
 
 Average = Literal["macro_family", "micro"]
 SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")

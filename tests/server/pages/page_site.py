@@ -30,6 +30,7 @@ from exceptiondrive_schemas.board import (
 )
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
@@ -109,13 +110,15 @@ class Site:
             register_split(session, MANIFEST, COUNTS, "test")
             create_phase(
                 session,
-                phase_id,
-                challenge=challenge,
-                title=phase_id.replace("-", " ").title(),
-                split_name="sample",
-                protocol="1.0",
+                NewPhase(
+                    id=phase_id,
+                    challenge=ChallengeId(challenge),
+                    title=phase_id.replace("-", " ").title(),
+                    split="sample",
+                    protocol="1.0",
+                    **more,
+                ),
                 actor="test",
-                **more,
             )
 
     def publish_split(self) -> None:
