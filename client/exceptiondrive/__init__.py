@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from exceptiondrive.checking import check_file
-    from exceptiondrive.client import Client
+    from exceptiondrive.client import Client, Submission
     from exceptiondrive.errors import (
         ExceptionDriveError,
         InvalidArgumentError,
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     )
     from exceptiondrive.evaluation import evaluate_file
     from exceptiondrive.recorder import Recorder, StrategyRecorder
-    from exceptiondrive.submission import Submission
 
 __all__ = [
     "Client",
@@ -55,7 +54,7 @@ _HOMES = {
     "Client": "client",
     "Recorder": "recorder",
     "StrategyRecorder": "recorder",
-    "Submission": "submission",
+    "Submission": "client",
     "check_file": "checking",
     "evaluate_file": "evaluation",
 }

@@ -39,6 +39,7 @@ RIGHTS = MappingProxyType(
         # table: (api, worker, reconciler)
         _VERSIONS: (R, R, R),
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
+        "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "board_requests": (RIU, RIU, RIU),
         "boards": (R, RI, R),  # only workers publish

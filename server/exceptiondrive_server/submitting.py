@@ -15,7 +15,7 @@ from exceptiondrive_records.submissions import Accepted, accept, find_submission
 from exceptiondrive_records.views import view
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
-from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.problem_vocabulary import ApiProblem
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.upload_form import Upload
 

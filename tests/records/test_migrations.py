@@ -8,11 +8,13 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import inspect, text
+from sqlalchemy import inspect
+from tests.later_release import become_later_release
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.migrations import is_current, is_usable, migrate
 from exceptiondrive_records.tables import Base
+from exceptiondrive_records.teams import create_team, find_team
 
 
 def test_migrating_an_empty_database_gives_exactly_the_tables_of_the_code(
@@ -82,15 +84,32 @@ def test_sqlite_keeps_commits_and_waits_for_other_writers(sqlite_url: str, tmp_p
     database.dispose()
 
 
-def test_a_newer_schema_is_left_alone_and_worked_with(database_url: str) -> None:
-    """After an upgrade is taken back, the older code meets what it does not know."""
+def test_an_older_schema_is_refused_and_migrated_with_what_is_in_it(
+    database_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     database = Database(database_url)
     with database.write() as session:
-        session.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+        create_team(session, "alpha", "Alpha", actor="test")
+    become_later_release(monkeypatch, tmp_path)
+    assert (is_usable(database), is_current(database)) == (False, False)
     migrate(database_url)
+    assert (is_usable(database), is_current(database)) == (True, True)
+    assert "made_later" in inspect(database.engine).get_table_names()
+    with database.read() as session:
+        assert find_team(session, "alpha").name == "Alpha"
+    database.dispose()
+
+
+def test_a_newer_schema_is_left_alone_and_worked_with(
+    database_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After an upgrade is taken back, the older code meets what it does not know."""
+    database = Database(database_url)
+    with monkeypatch.context() as upgraded:
+        become_later_release(upgraded, tmp_path)
+        migrate(database_url)
+    migrate(database_url)
+    assert "made_later" in inspect(database.engine).get_table_names()
     assert is_usable(database)
     assert not is_current(database)
-    with database.write() as session:
-        session.execute(text("UPDATE alembic_version SET version_num = '0001'"))
-    assert not is_usable(database)
     database.dispose()

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import text
+from tests.later_release import become_later_release
 
 from exceptiondrive_records import file_store
 from exceptiondrive_records.heartbeats import beat
+from exceptiondrive_records.migrations import migrate
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
@@ -72,12 +73,16 @@ def test_a_store_without_room_is_not_ready(
     assert (response.json()["database"], response.json()["file_store"]) == (True, False)
 
 
-def test_an_older_schema_is_not_ready_and_a_newer_one_is(api_on_both: "Api") -> None:
-    for revision, status in (("0001", 503), ("9999", 200)):
-        with api_on_both.database.write() as session:
-            session.execute(text("UPDATE alembic_version SET version_num = :to"), {"to": revision})
+def test_an_older_schema_is_not_ready_and_a_newer_one_is(
+    api_on_both: "Api", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as upgraded:
+        become_later_release(upgraded, tmp_path)
         response = api_on_both.get("/readyz")
-        assert (response.status_code, response.json()["database"]) == (status, status == 200)
+        assert (response.status_code, response.json()["database"]) == (503, False)
+        migrate(api_on_both.database.engine.url.render_as_string(hide_password=False))
+    response = api_on_both.get("/readyz")
+    assert (response.status_code, response.json()["database"]) == (200, True)
 
 
 def test_without_the_database_every_answer_is_503_and_says_when_to_come_back(

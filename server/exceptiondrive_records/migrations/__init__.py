@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.database import Database
 
+FOLDER = Path(__file__).parent
 _LOCK = 0x45447363  # any constant: one migration at a time on PostgreSQL
 
 
@@ -38,15 +39,14 @@ def migrate(url: str) -> None:
 def alembic_config() -> Config:
     """Return the configuration that finds the migrations inside the package."""
     config = Config()
-    config.set_main_option("script_location", str(Path(__file__).parent).replace("%", "%%"))
+    config.set_main_option("script_location", str(FOLDER).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
     return config
 
 
-@cache
 def newest_revision() -> str:
     """Return the revision that `migrate` leads to."""
-    head = ScriptDirectory.from_config(alembic_config()).get_current_head()
+    head = _scripts(FOLDER).get_current_head()
     assert head is not None
     return head
 
@@ -69,10 +69,10 @@ def _revision_of(session: Session) -> str | None:
 
 
 def _is_newer(revision: str | None) -> bool:
-    return revision is not None and revision not in _known_revisions()
+    known = {script.revision for script in _scripts(FOLDER).walk_revisions()}
+    return revision is not None and revision not in known
 
 
 @cache
-def _known_revisions() -> frozenset[str]:
-    scripts = ScriptDirectory.from_config(alembic_config()).walk_revisions()
-    return frozenset(script.revision for script in scripts)
+def _scripts(folder: Path) -> ScriptDirectory:
+    return ScriptDirectory(str(folder))

@@ -13,8 +13,8 @@ from exceptiondrive_records.phases import find_phase, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardRow, Phase
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
-from exceptiondrive_schemas.phase_life import BoardView
-from exceptiondrive_server.times import Moment
+from exceptiondrive_schemas.datetimes import Moment
+from exceptiondrive_schemas.phase_settings import BoardView
 
 SORTS = tuple(
     f"{sign}{key}"

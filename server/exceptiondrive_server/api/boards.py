@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.boards import find_board
+from exceptiondrive_records.boards import find_board, parsed_board
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardRow
 from exceptiondrive_schemas.board import Board
@@ -15,9 +15,11 @@ from exceptiondrive_server.api.board_order import sorted_board
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.pages.exports import EXPORTS
-from exceptiondrive_server.pages.readings import parsed_board
 from exceptiondrive_server.pages.site import origin_of
-from exceptiondrive_server.problems import ApiProblem, problem_responses
+from exceptiondrive_server.problem_vocabulary import ApiProblem
+from exceptiondrive_server.problems import (
+    problem_responses,
+)
 
 router = APIRouter(tags=["boards"])
 _UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}

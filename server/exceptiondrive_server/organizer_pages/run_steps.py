@@ -8,11 +8,11 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import Comparison, RunState, RunView
 from exceptiondrive_server.organizer_pages.forms import REASON
 from exceptiondrive_server.organizer_pages.run_words import change_words, progress_words
 from exceptiondrive_server.organizer_pages.steps import Step
-from exceptiondrive_server.pages.numbers import counted
 
 _OPEN = (RunState.DRAFT, RunState.SCORING, RunState.PAUSED, RunState.READY)
 _RETRYING = (RunState.SCORING, RunState.READY, RunState.APPLIED)

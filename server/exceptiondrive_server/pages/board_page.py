@@ -6,7 +6,7 @@ from urllib.parse import urlencode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
-from exceptiondrive_schemas.phase_life import PhaseNow
+from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_changes import BoardBefore, ChangeLine, change_line
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery

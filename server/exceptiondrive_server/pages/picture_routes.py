@@ -4,6 +4,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_server.etag import conditional
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.entry_readings import read_entry
 from exceptiondrive_server.pages.pictures import (
@@ -44,8 +45,7 @@ def show_entry_picture(request: Request, key: str) -> Response:
 
 def _picture(request: Request, svg: str) -> Response:
     """Answer with the picture; one that the reader has is not painted again."""
-    etag = picture_tag(svg)
-    headers = {**SECURITY_HEADERS, "ETag": etag, "Cache-Control": "public, max-age=300"}
-    if etag in request.headers.get("if-none-match", ""):
-        return Response(status_code=304, headers=headers)
-    return Response(painted(svg), media_type="image/png", headers=headers)
+    headers = {**SECURITY_HEADERS, "Cache-Control": "public, max-age=300"}
+    return conditional(
+        request, lambda: painted(svg), "image/png", etag=picture_tag(svg), headers=headers
+    )

@@ -1,7 +1,6 @@
 """What pages read from the records, in one short transaction each."""
 
 from datetime import UTC, date, datetime, time
-from functools import lru_cache
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -12,6 +11,7 @@ from exceptiondrive_records.boards import (
     find_board,
     late_board,
     latest_public_board,
+    parsed_board,
     public_protocols,
     was_shown,
 )
@@ -22,16 +22,14 @@ from exceptiondrive_records.phase_life import phase_now, takes_late_entries
 from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ProtocolRow, SplitRow
-from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.datetimes import in_utc, with_zone_sign
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_server.pages.board_changes import BoardBefore
 from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.feed import BoardNote, History
 from exceptiondrive_server.pages.page_parts import PhaseLink
-from exceptiondrive_server.times import in_utc
-from exceptiondrive_server.zone_sign import with_zone_sign
 
 
 def read_board(session: Session, query: BoardQuery) -> BoardReading:
@@ -107,16 +105,6 @@ def latest_protocol(session: Session) -> Protocol:
     query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
     digest = session.scalar(query)
     return find_protocol(session, digest) if digest else packaged_protocol()
-
-
-def parsed_board(row: BoardRow) -> Board:
-    """Return the document of a board; boards never change, so it is read once."""
-    return _parsed(row.body_digest, row.body)
-
-
-@lru_cache(maxsize=32)
-def _parsed(body_digest: str, body: str) -> Board:
-    return Board.model_validate_json(body)
 
 
 def _phase(phases: list[Phase], phase_id: str | None) -> Phase | None:

@@ -30,6 +30,7 @@ from exceptiondrive_schemas.board import (
 )
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
@@ -45,6 +46,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
@@ -71,6 +73,7 @@ class Site:
         self.app = FastAPI()
         self.app.state.services = Services(database)
         self.app.router.routes.extend(ROUTES.routes)
+        install_problem_handlers(self.app)
         team_pages.lead_to_sign_in(self.app)
         pages.mount_static(self.app)
 
@@ -85,6 +88,7 @@ class Site:
     ) -> httpx.Response:
         transport = httpx.ASGITransport(app=self.app)
         named = {key.replace("_", "-"): value for key, value in headers.items()}
+        named = {"accept": "text/html", **named}
         async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
             return await client.request(method, path, headers=named, data=data)
 
@@ -104,13 +108,15 @@ class Site:
             register_split(session, MANIFEST, COUNTS, "test")
             create_phase(
                 session,
-                phase_id,
-                challenge=challenge,
-                title=phase_id.replace("-", " ").title(),
-                split_name="sample",
-                protocol="1.0",
+                NewPhase(
+                    id=phase_id,
+                    challenge=ChallengeId(challenge),
+                    title=phase_id.replace("-", " ").title(),
+                    split="sample",
+                    protocol="1.0",
+                    **more,
+                ),
                 actor="test",
-                **more,
             )
 
     def publish_split(self) -> None:

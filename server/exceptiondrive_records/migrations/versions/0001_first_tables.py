@@ -1,4 +1,4 @@
-"""The first tables, and triggers that keep what is immutable."""
+"""The first tables, by noun, and triggers that keep what is immutable."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,272 +8,507 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-IMMUTABLE = ("audit_lines", "boards", "board_flips", "protocols", "score_sheets")
+IMMUTABLE = ("audit_lines", "boards", "board_entries", "board_flips", "protocols", "score_sheets")
 """Nothing in these tables is ever overwritten or deleted, by whatever code."""
+
+TIME = sa.DateTime(timezone=True)
+OF_LIVING = sa.text("status NOT IN ('withdrawn', 'failed')")
 
 
 def upgrade() -> None:
     """Apply."""
-    create_tables()
+    create_teams()
+    create_accounts()
+    create_audit()
+    create_protocols()
+    create_splits()
+    create_phases()
+    create_submissions()
+    create_boards()
+    create_rescoring()
+    create_notifications()
+    create_operations()
     for table in IMMUTABLE:
         protect(table)
 
 
-def create_tables() -> None:
-    """Create all tables and indexes."""
+def create_teams() -> None:
+    """Teams."""
+    op.create_table(
+        "teams",
+        sa.Column("id", sa.Integer(), primary_key=True),
+        sa.Column("slug", sa.String(), nullable=False),
+        sa.Column("name", sa.String(), nullable=False),
+        sa.Column("is_reference", sa.Boolean(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("pending_since", TIME),
+        sa.Column("registration_note", sa.String()),
+        sa.UniqueConstraint("name"),
+        sa.UniqueConstraint("slug"),
+    )
+
+
+def create_accounts() -> None:
+    """Tokens of teams and organizers; people, the teams they act for, and signed-in browsers."""
+    op.create_table(
+        "tokens",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
+        sa.Column("name", sa.String(), nullable=False),
+        sa.Column("scopes", sa.JSON(), nullable=False),
+        sa.Column("secret_digest", sa.String(), nullable=False),
+        sa.Column("prefix", sa.String(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("expires_at", TIME),
+        sa.Column("revoked_at", TIME),
+        sa.Column("last_used_at", TIME),
+    )
+    op.create_index("ix_tokens_team_id", "tokens", ["team_id"])
+    op.create_table(
+        "sign_in_attempts",
+        sa.Column("key", sa.String(), primary_key=True),
+        sa.Column("n", sa.Integer(), nullable=False),
+        sa.Column("since", TIME, nullable=False),
+    )
+    op.create_index("ix_sign_in_attempts_since", "sign_in_attempts", ["since"])
+    op.create_table(
+        "people",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("issuer", sa.String(), nullable=False),
+        sa.Column("subject", sa.String(), nullable=False),
+        sa.Column("name", sa.String(), nullable=False),
+        sa.Column("email", sa.String()),
+        sa.Column("is_organizer", sa.Boolean(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("signed_in_at", TIME, nullable=False),
+        sa.UniqueConstraint("issuer", "subject"),
+    )
+    op.create_table(
+        "memberships",
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), primary_key=True),
+        sa.Column("person_id", sa.String(), sa.ForeignKey("people.id"), primary_key=True),
+        sa.Column("joined_at", TIME, nullable=False),
+    )
+    op.create_index("ix_memberships_person_id", "memberships", ["person_id"])
+    op.create_table(
+        "invitations",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
+        sa.Column("secret_digest", sa.String(), nullable=False),
+        sa.Column("invited_by", sa.String(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("expires_at", TIME, nullable=False),
+        sa.Column("withdrawn_at", TIME),
+        sa.Column("used_at", TIME),
+        sa.Column("used_by", sa.String(), sa.ForeignKey("people.id")),
+    )
+    op.create_index("ix_invitations_team_id", "invitations", ["team_id"])
+    op.create_table(
+        "page_sessions",
+        sa.Column("secret_digest", sa.String(), primary_key=True),
+        sa.Column("token_id", sa.String(), sa.ForeignKey("tokens.id"), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("expires_at", TIME, nullable=False),
+    )
+    op.create_index("ix_page_sessions_expires_at", "page_sessions", ["expires_at"])
+    op.create_index("ix_page_sessions_token_id", "page_sessions", ["token_id"])
+    op.create_table(
+        "person_sessions",
+        sa.Column("secret_digest", sa.String(), primary_key=True),
+        sa.Column("person_id", sa.String(), sa.ForeignKey("people.id"), nullable=False),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("expires_at", TIME, nullable=False),
+    )
+    op.create_index("ix_person_sessions_expires_at", "person_sessions", ["expires_at"])
+    op.create_index("ix_person_sessions_person_id", "person_sessions", ["person_id"])
+    op.create_table(
+        "sign_in_flows",
+        sa.Column("state_digest", sa.String(), primary_key=True),
+        sa.Column("visitor_digest", sa.String(), nullable=False),
+        sa.Column("nonce", sa.String(), nullable=False),
+        sa.Column("code_verifier", sa.String(), nullable=False),
+        sa.Column("back", sa.String(), nullable=False),
+        sa.Column("expires_at", TIME, nullable=False),
+    )
+    op.create_index("ix_sign_in_flows_expires_at", "sign_in_flows", ["expires_at"])
+
+
+def create_audit() -> None:
+    """Who did what."""
     op.create_table(
         "audit_lines",
-        sa.Column("id", sa.Integer(), autoincrement=False, nullable=False),
-        sa.Column("at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("id", sa.Integer(), primary_key=True, autoincrement=False),
+        sa.Column("at", TIME, nullable=False),
         sa.Column("actor", sa.String(), nullable=False),
         sa.Column("action", sa.String(), nullable=False),
         sa.Column("subject", sa.String(), nullable=False),
         sa.Column("detail", sa.JSON(), nullable=False),
         sa.Column("previous_hash", sa.String(), nullable=False),
         sa.Column("hash", sa.String(), nullable=False),
-        sa.PrimaryKeyConstraint("id"),
     )
-    op.create_index(op.f("ix_audit_lines_subject"), "audit_lines", ["subject"], unique=False)
-    op.create_table(
-        "leaders",
-        sa.Column("name", sa.String(), nullable=False),
-        sa.Column("holder", sa.String(), nullable=False),
-        sa.Column("lease_until", sa.DateTime(timezone=True), nullable=False),
-        sa.PrimaryKeyConstraint("name"),
-    )
+    op.create_index("ix_audit_lines_subject", "audit_lines", ["subject"])
+
+
+def create_protocols() -> None:
+    """Protocols, and the made-up sample drawn under each."""
     op.create_table(
         "protocols",
-        sa.Column("digest", sa.String(), nullable=False),
+        sa.Column("digest", sa.String(), primary_key=True),
         sa.Column("version", sa.String(), nullable=False),
         sa.Column("toml", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.PrimaryKeyConstraint("digest"),
+        sa.Column("created_at", TIME, nullable=False),
         sa.UniqueConstraint("version"),
     )
     op.create_table(
+        "protocol_drawings",
+        sa.Column("pictured", sa.String(), primary_key=True),
+        sa.Column("drawing", sa.Text(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+    )
+
+
+def create_splits() -> None:
+    """What may be known of a split revision."""
+    op.create_table(
         "splits",
-        sa.Column("name", sa.String(), nullable=False),
-        sa.Column("revision", sa.String(), nullable=False),
+        sa.Column("name", sa.String(), primary_key=True),
+        sa.Column("revision", sa.String(), primary_key=True),
         sa.Column("title", sa.String(), nullable=False),
         sa.Column("manifest", sa.Text(), nullable=False),
         sa.Column("family_counts", sa.JSON(), nullable=False),
         sa.Column("n_samples", sa.Integer(), nullable=False),
-        sa.Column("public_file_digest", sa.String(), nullable=True),
-        sa.Column("registered_at", sa.DateTime(timezone=True), nullable=False),
-        sa.PrimaryKeyConstraint("name", "revision"),
+        sa.Column("public_file_digest", sa.String()),
+        sa.Column("registered_at", TIME, nullable=False),
+        sa.Column("part", sa.String()),
+        sa.Column("whole_revision", sa.String()),
     )
-    op.create_table(
-        "teams",
-        sa.Column("id", sa.Integer(), nullable=False),
-        sa.Column("slug", sa.String(), nullable=False),
-        sa.Column("name", sa.String(), nullable=False),
-        sa.Column("is_reference", sa.Boolean(), nullable=False),
-        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.PrimaryKeyConstraint("id"),
-        sa.UniqueConstraint("name"),
-        sa.UniqueConstraint("slug"),
+    op.create_index(
+        "uq_splits_public", "splits", ["name", "revision", "public_file_digest"], unique=True
     )
-    op.create_table(
-        "worker_heartbeats",
-        sa.Column("worker_id", sa.String(), nullable=False),
-        sa.Column("at", sa.DateTime(timezone=True), nullable=False),
-        sa.Column("lanes", sa.JSON(), nullable=False),
-        sa.Column("slots", sa.Integer(), nullable=False),
-        sa.PrimaryKeyConstraint("worker_id"),
-    )
+
+
+def create_phases() -> None:
+    """Stages of a challenge."""
     op.create_table(
         "phases",
-        sa.Column("id", sa.String(), nullable=False),
+        sa.Column("id", sa.String(), primary_key=True),
         sa.Column("challenge", sa.String(), nullable=False),
         sa.Column("title", sa.String(), nullable=False),
         sa.Column("description", sa.Text(), nullable=False),
         sa.Column("split_name", sa.String(), nullable=False),
         sa.Column("split_revision", sa.String(), nullable=False),
-        sa.Column("protocol_digest", sa.String(), nullable=False),
-        sa.Column("opens_at", sa.DateTime(timezone=True), nullable=True),
-        sa.Column("closes_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column(
+            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
+        ),
+        sa.Column("opens_at", TIME),
+        sa.Column("closes_at", TIME),
         sa.Column("quota_per_day", sa.Integer(), nullable=False),
-        sa.Column("quota_total", sa.Integer(), nullable=True),
+        sa.Column("quota_total", sa.Integer()),
+        sa.Column("quota_concurrent", sa.Integer()),
         sa.Column("rejected_per_day", sa.Integer(), nullable=False),
-        sa.Column("current_board_id", sa.Integer(), nullable=True),
+        sa.Column("current_board_id", sa.Integer()),
         sa.Column("shows_reported", sa.Boolean(), nullable=False),
-        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("policy", sa.Text(), nullable=False),
+        sa.Column("unfrozen_at", TIME),
+        sa.Column("names_revealed_at", TIME),
+        sa.Column("pseudonym_salt", sa.String()),
+        sa.Column("late_board_id", sa.Integer()),
         sa.ForeignKeyConstraint(
-            ["protocol_digest"],
-            ["protocols.digest"],
+            ["split_name", "split_revision"], ["splits.name", "splits.revision"]
         ),
-        sa.ForeignKeyConstraint(
-            ["split_name", "split_revision"],
-            ["splits.name", "splits.revision"],
-        ),
-        sa.PrimaryKeyConstraint("id"),
     )
-    op.create_table(
-        "tokens",
-        sa.Column("id", sa.String(), nullable=False),
-        sa.Column("team_id", sa.Integer(), nullable=True),
-        sa.Column("name", sa.String(), nullable=False),
-        sa.Column("scopes", sa.JSON(), nullable=False),
-        sa.Column("secret_digest", sa.String(), nullable=False),
-        sa.Column("prefix", sa.String(), nullable=False),
-        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.Column("expires_at", sa.DateTime(timezone=True), nullable=True),
-        sa.Column("revoked_at", sa.DateTime(timezone=True), nullable=True),
-        sa.Column("last_used_at", sa.DateTime(timezone=True), nullable=True),
-        sa.ForeignKeyConstraint(
-            ["team_id"],
-            ["teams.id"],
-        ),
-        sa.PrimaryKeyConstraint("id"),
-    )
-    op.create_index(op.f("ix_tokens_team_id"), "tokens", ["team_id"], unique=False)
-    op.create_table(
-        "board_requests",
-        sa.Column("phase_id", sa.String(), nullable=False),
-        sa.Column("protocol_digest", sa.String(), nullable=False),
-        sa.Column("wanted", sa.Integer(), nullable=False),
-        sa.Column("built", sa.Integer(), nullable=False),
-        sa.Column("fence", sa.Integer(), nullable=False),
-        sa.Column("lease_until", sa.DateTime(timezone=True), nullable=True),
-        sa.Column("rung_at", sa.DateTime(timezone=True), nullable=True),
-        sa.ForeignKeyConstraint(
-            ["phase_id"],
-            ["phases.id"],
-        ),
-        sa.ForeignKeyConstraint(
-            ["protocol_digest"],
-            ["protocols.digest"],
-        ),
-        sa.PrimaryKeyConstraint("phase_id", "protocol_digest"),
-    )
-    op.create_table(
-        "boards",
-        sa.Column("id", sa.Integer(), nullable=False),
-        sa.Column("phase_id", sa.String(), nullable=False),
-        sa.Column("protocol_digest", sa.String(), nullable=False),
-        sa.Column("split_revision", sa.String(), nullable=False),
-        sa.Column("number", sa.Integer(), nullable=False),
-        sa.Column("digest", sa.String(), nullable=False),
-        sa.Column("body_digest", sa.String(), nullable=False),
-        sa.Column("body", sa.Text(), nullable=False),
-        sa.Column("published_at", sa.DateTime(timezone=True), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["phase_id"],
-            ["phases.id"],
-        ),
-        sa.ForeignKeyConstraint(
-            ["protocol_digest"],
-            ["protocols.digest"],
-        ),
-        sa.PrimaryKeyConstraint("id"),
-        sa.UniqueConstraint("phase_id", "number"),
-    )
+
+
+def create_submissions() -> None:
+    """Uploads, their scoring jobs and score sheets, and what is shown of an entry besides."""
     op.create_table(
         "submissions",
-        sa.Column("id", sa.String(), nullable=False),
-        sa.Column("phase_id", sa.String(), nullable=False),
-        sa.Column("team_id", sa.Integer(), nullable=False),
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
         sa.Column("method", sa.String(), nullable=False),
         sa.Column("description", sa.Text(), nullable=False),
-        sa.Column("paper_url", sa.String(), nullable=True),
-        sa.Column("code_url", sa.String(), nullable=True),
+        sa.Column("paper_url", sa.String()),
+        sa.Column("code_url", sa.String()),
         sa.Column("file_digest", sa.String(), nullable=False),
         sa.Column("size_bytes", sa.Integer(), nullable=False),
         sa.Column("status", sa.String(16), nullable=False),
-        sa.Column("report", sa.Text(), nullable=True),
-        sa.Column("failure_code", sa.String(), nullable=True),
-        sa.Column("failure_message", sa.String(), nullable=True),
-        sa.Column("received_at", sa.DateTime(timezone=True), nullable=False),
-        sa.Column("status_at", sa.DateTime(timezone=True), nullable=False),
-        sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
-        sa.ForeignKeyConstraint(
-            ["phase_id"],
-            ["phases.id"],
-        ),
-        sa.ForeignKeyConstraint(
-            ["team_id"],
-            ["teams.id"],
-        ),
-        sa.PrimaryKeyConstraint("id"),
+        sa.Column("report", sa.Text()),
+        sa.Column("failure_code", sa.String()),
+        sa.Column("failure_message", sa.String()),
+        sa.Column("received_at", TIME, nullable=False),
+        sa.Column("status_at", TIME, nullable=False),
+        sa.Column("withdrawn_at", TIME),
+        sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
+        sa.Column("arrived_at", TIME),
+        sa.Column("chosen_at", TIME),
+        sa.Column("published_at", TIME),
     )
-    op.create_index(
-        "ix_submissions_team", "submissions", ["team_id", "phase_id", "received_at"], unique=False
-    )
+    op.create_index("ix_submissions_team", "submissions", ["team_id", "phase_id", "received_at"])
     op.create_index(
         "uq_submissions_same_bytes",
         "submissions",
         ["phase_id", "team_id", "file_digest"],
         unique=True,
-        sqlite_where=sa.text("status NOT IN ('withdrawn', 'failed')"),
-        postgresql_where=sa.text("status NOT IN ('withdrawn', 'failed')"),
+        sqlite_where=OF_LIVING,
+        postgresql_where=OF_LIVING,
     )
-    op.create_table(
-        "board_flips",
-        sa.Column("id", sa.Integer(), nullable=False),
-        sa.Column("phase_id", sa.String(), nullable=False),
-        sa.Column("board_id", sa.Integer(), nullable=False),
-        sa.Column("at", sa.DateTime(timezone=True), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["board_id"],
-            ["boards.id"],
-        ),
-        sa.ForeignKeyConstraint(
-            ["phase_id"],
-            ["phases.id"],
-        ),
-        sa.PrimaryKeyConstraint("id"),
-    )
-    op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"], unique=False)
     op.create_table(
         "jobs",
-        sa.Column("id", sa.String(), nullable=False),
-        sa.Column("submission_id", sa.String(), nullable=False),
-        sa.Column("protocol_digest", sa.String(), nullable=False),
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), nullable=False),
+        sa.Column(
+            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
+        ),
         sa.Column("split_revision", sa.String(), nullable=False),
         sa.Column("lane", sa.String(16), nullable=False),
         sa.Column("is_first", sa.Boolean(), nullable=False),
         sa.Column("state", sa.String(16), nullable=False),
         sa.Column("attempts", sa.Integer(), nullable=False),
         sa.Column("fence", sa.Integer(), nullable=False),
-        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.Column("available_at", sa.DateTime(timezone=True), nullable=False),
-        sa.Column("leased_at", sa.DateTime(timezone=True), nullable=True),
-        sa.Column("lease_until", sa.DateTime(timezone=True), nullable=True),
-        sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
-        sa.Column("rung_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("available_at", TIME, nullable=False),
+        sa.Column("leased_at", TIME),
+        sa.Column("lease_until", TIME),
+        sa.Column("finished_at", TIME),
+        sa.Column("rung_at", TIME),
         sa.Column("rings", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["protocol_digest"],
-            ["protocols.digest"],
-        ),
-        sa.ForeignKeyConstraint(
-            ["submission_id"],
-            ["submissions.id"],
-        ),
-        sa.PrimaryKeyConstraint("id"),
         sa.UniqueConstraint("submission_id", "protocol_digest", "split_revision"),
     )
-    op.create_index("ix_jobs_finished", "jobs", ["finished_at"], unique=False)
-    op.create_index("ix_jobs_queue", "jobs", ["state", "lane", "created_at"], unique=False)
+    op.create_index("ix_jobs_finished", "jobs", ["finished_at"])
+    op.create_index("ix_jobs_queue", "jobs", ["state", "lane", "created_at"])
     op.create_table(
         "score_sheets",
-        sa.Column("submission_id", sa.String(), nullable=False),
-        sa.Column("protocol_digest", sa.String(), nullable=False),
-        sa.Column("split_revision", sa.String(), nullable=False),
+        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), primary_key=True),
+        sa.Column(
+            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), primary_key=True
+        ),
+        sa.Column("split_revision", sa.String(), primary_key=True),
         sa.Column("sheet", sa.Text(), nullable=False),
         sa.Column("exact_digest", sa.String(), nullable=False),
         sa.Column("measurement_key", sa.String(), nullable=False),
         sa.Column("scorer_version", sa.String(), nullable=False),
-        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+    )
+    op.create_table(
+        "entry_drawings",
+        sa.Column("submission_id", sa.String(), primary_key=True),
+        sa.Column("protocol_digest", sa.String(), primary_key=True),
+        sa.Column("split_revision", sa.String(), primary_key=True),
+        sa.Column("split_name", sa.String(), nullable=False),
+        sa.Column("public_file_digest", sa.String(), nullable=False),
+        sa.Column("drawings", sa.Text(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
         sa.ForeignKeyConstraint(
-            ["protocol_digest"],
-            ["protocols.digest"],
+            ["submission_id", "protocol_digest", "split_revision"],
+            [
+                "score_sheets.submission_id",
+                "score_sheets.protocol_digest",
+                "score_sheets.split_revision",
+            ],
         ),
         sa.ForeignKeyConstraint(
-            ["submission_id"],
-            ["submissions.id"],
+            ["split_name", "split_revision", "public_file_digest"],
+            ["splits.name", "splits.revision", "splits.public_file_digest"],
         ),
-        sa.PrimaryKeyConstraint("submission_id", "protocol_digest", "split_revision"),
+    )
+    op.create_table(
+        "similarities",
+        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), primary_key=True),
+        sa.Column("alike", sa.Text(), nullable=False),
+        sa.Column("compared_at", TIME, nullable=False),
+    )
+    op.create_table(
+        "team_turns",
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), primary_key=True),
+        sa.Column("served_at", TIME, nullable=False),
+    )
+
+
+def create_boards() -> None:
+    """Board snapshots with their entries, the moves of the pointer to the current one, and boards to be built."""
+    op.create_table(
+        "boards",
+        sa.Column("id", sa.Integer(), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column(
+            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
+        ),
+        sa.Column("split_revision", sa.String(), nullable=False),
+        sa.Column("number", sa.Integer(), nullable=False),
+        sa.Column("digest", sa.String(), nullable=False),
+        sa.Column("body_digest", sa.String(), nullable=False),
+        sa.Column("body", sa.Text(), nullable=False),
+        sa.Column("published_at", TIME, nullable=False),
+        sa.Column("view", sa.String(), nullable=False),
+        sa.UniqueConstraint("phase_id", "number"),
+    )
+    op.create_table(
+        "board_entries",
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
+        sa.Column("submission_id", sa.String(), primary_key=True),
+        sa.Column("rank", sa.Integer()),
+    )
+    op.create_index("ix_board_entries_submission", "board_entries", ["submission_id", "board_id"])
+    op.create_table(
+        "board_flips",
+        sa.Column("id", sa.Integer(), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), nullable=False),
+        sa.Column("at", TIME, nullable=False),
+    )
+    op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
+    op.create_table(
+        "board_requests",
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), primary_key=True),
+        sa.Column(
+            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), primary_key=True
+        ),
+        sa.Column("split_revision", sa.String(), primary_key=True),
+        sa.Column("wanted", sa.Integer(), nullable=False),
+        sa.Column("built", sa.Integer(), nullable=False),
+        sa.Column("fence", sa.Integer(), nullable=False),
+        sa.Column("lease_until", TIME),
+        sa.Column("rung_at", TIME),
+        sa.Column("built_at", TIME),
+        sa.Column("build_s", sa.Double()),
+    )
+
+
+def create_rescoring() -> None:
+    """Protocol updates, and verifications of kept sheets."""
+    op.create_table(
+        "rescoring_runs",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column(
+            "from_protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
+        ),
+        sa.Column("from_split_revision", sa.String(), nullable=False),
+        sa.Column(
+            "to_protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
+        ),
+        sa.Column("to_split_revision", sa.String(), nullable=False),
+        sa.Column("state", sa.String(16), nullable=False),
+        sa.Column("reason", sa.Text(), nullable=False),
+        sa.Column("actor", sa.String(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("state_at", TIME, nullable=False),
+        sa.Column("started_at", TIME),
+        sa.Column("resumed_at", TIME),
+        sa.Column("applied_at", TIME),
+        sa.Column("ended_at", TIME),
+        sa.Column("from_board_id", sa.Integer(), sa.ForeignKey("boards.id")),
+        sa.Column("to_board_id", sa.Integer(), sa.ForeignKey("boards.id")),
+        sa.Column("apply_flip_id", sa.Integer(), sa.ForeignKey("board_flips.id")),
+        sa.Column("rollback_flip_id", sa.Integer(), sa.ForeignKey("board_flips.id")),
+        sa.Column("comparison", sa.Text()),
+    )
+    op.create_index("ix_rescoring_runs_phase", "rescoring_runs", ["phase_id", "state"])
+    op.create_table(
+        "verifications",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column(
+            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
+        ),
+        sa.Column("split_revision", sa.String(), nullable=False),
+        sa.Column("reason", sa.Text(), nullable=False),
+        sa.Column("actor", sa.String(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("finished_at", TIME),
+    )
+    op.create_table(
+        "verification_items",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column(
+            "verification_id", sa.String(), sa.ForeignKey("verifications.id"), nullable=False
+        ),
+        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), nullable=False),
+        sa.Column("state", sa.String(16), nullable=False),
+        sa.Column("expected_digest", sa.String(), nullable=False),
+        sa.Column("found_digest", sa.String()),
+        sa.Column("note", sa.String()),
+        sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("fence", sa.Integer(), nullable=False),
+        sa.Column("lease_until", TIME),
+        sa.Column("rung_at", TIME),
+        sa.UniqueConstraint("verification_id", "submission_id"),
+    )
+    op.create_index("ix_verification_items_state", "verification_items", ["state"])
+
+
+def create_notifications() -> None:
+    """Inboxes, addresses outside, and the outbox."""
+    op.create_table(
+        "contact_points",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
+        sa.Column("channel", sa.String(16), nullable=False),
+        sa.Column("address", sa.String(), nullable=False),
+        sa.Column("secret", sa.String()),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("removed_at", TIME),
+    )
+    op.create_index("ix_contact_points_team_id", "contact_points", ["team_id"])
+    op.create_table(
+        "notifications",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
+        sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
+        sa.Column("kind", sa.String(), nullable=False),
+        sa.Column("body", sa.Text(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("read_at", TIME),
+        sa.UniqueConstraint("team_id", "run_id", "kind"),
+    )
+    op.create_index("ix_notifications_team", "notifications", ["team_id", "created_at"])
+    op.create_table(
+        "deliveries",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column(
+            "notification_id", sa.String(), sa.ForeignKey("notifications.id"), nullable=False
+        ),
+        sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id"), nullable=False),
+        sa.Column("state", sa.String(16), nullable=False),
+        sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("available_at", TIME, nullable=False),
+        sa.Column("last_error", sa.String()),
+        sa.Column("sent_at", TIME),
+        sa.UniqueConstraint("notification_id", "contact_id"),
+    )
+    op.create_index("ix_deliveries_due", "deliveries", ["state", "available_at"])
+
+
+def create_operations() -> None:
+    """Running processes, receipt keys, and what organizers switch."""
+    op.create_table(
+        "leaders",
+        sa.Column("name", sa.String(), primary_key=True),
+        sa.Column("holder", sa.String(), nullable=False),
+        sa.Column("lease_until", TIME, nullable=False),
+    )
+    op.create_table(
+        "worker_heartbeats",
+        sa.Column("worker_id", sa.String(), primary_key=True),
+        sa.Column("at", TIME, nullable=False),
+        sa.Column("lanes", sa.JSON(), nullable=False),
+        sa.Column("slots", sa.Integer(), nullable=False),
+        sa.Column("scorer_version", sa.String()),
+    )
+    op.create_table(
+        "receipt_keys",
+        sa.Column("key_id", sa.String(), primary_key=True),
+        sa.Column("public_key", sa.String(), nullable=False),
+        sa.Column("first_used_at", TIME, nullable=False),
+    )
+    op.create_table(
+        "site_settings",
+        sa.Column("name", sa.String(), primary_key=True),
+        sa.Column("value", sa.JSON(), nullable=False),
+        sa.Column("changed_at", TIME, nullable=False),
     )
 
 
