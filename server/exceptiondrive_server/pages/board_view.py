@@ -23,9 +23,13 @@ from exceptiondrive_server.pages.board_query import (
 )
 from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.board_selection import count_by_source, select
-from exceptiondrive_server.pages.ceiling_chart import CeilingChart, ceiling_chart
+from exceptiondrive_server.pages.ceiling_chart import (
+    CeilingChart,
+    EffectLine,
+    ceiling_chart,
+    effect_lines,
+)
 from exceptiondrive_server.pages.comparison import Comparison, compare_entries, default_pair
-from exceptiondrive_server.pages.effect_arrows import EffectLine, effect_lines
 from exceptiondrive_server.pages.entry_facts import BADGES, challenge_of
 from exceptiondrive_server.pages.heat_map import HeatMap, heat_map
 from exceptiondrive_server.pages.numbers import Digits, fixed

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.pages.ceiling_chart import ceiling_chart
-from exceptiondrive_server.pages.label_placing import Box, _text_box, place_labels
+from exceptiondrive_server.pages.ceiling_chart import Box, _text_box, ceiling_chart, place_labels
 
 
 def test_no_point_stands_above_the_ceiling(lively_board: Board) -> None:
@@ -94,4 +93,4 @@ def test_labels_never_cover_each_other_and_stay_in_the_frame(
     assert all(grown.holds(box) for box in boxes)
     for index, box in enumerate(boxes):
         inner = Box(box.left + 0.2, box.top + 0.2, box.right - 0.2, box.bottom - 0.2)
-        assert not any(inner.meets(other) for other in boxes[index + 1 :])
+        assert not inner.meets(boxes[index + 1 :])
