@@ -1,4 +1,4 @@
-"""The published board: an immutable snapshot of ranked entries (DESIGN.md 3)."""
+"""The published board: an immutable snapshot of ranked entries."""
 
 from datetime import datetime
 from functools import cached_property

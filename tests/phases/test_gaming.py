@@ -1,4 +1,4 @@
-"""Reference rows and plausibility flags (PROTOCOL.md section 5) stand on every kind of board."""
+"""Reference rows and flags (docs/protocol.md section 5) stand on every kind of board."""
 
 import csv
 import io
