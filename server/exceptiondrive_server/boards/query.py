@@ -168,7 +168,7 @@ def documented() -> dict[str, Any]:
 def _parameter(name: str) -> dict[str, Any]:
     field = BoardQuery.model_fields[name]
     kinds = [kind for kind in get_args(field.annotation) if kind is not type(None)]
-    kind = kinds[0] if len(kinds) == 1 else field.annotation
+    kind: Any = kinds[0] if len(kinds) == 1 else field.annotation
     schema = TypeAdapter(kind).json_schema()
     if name == "sort":
         schema = {**schema, "default": DEFAULT_SORT, "examples": field.examples}

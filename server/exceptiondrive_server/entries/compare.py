@@ -8,8 +8,8 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_server.boards.page import BoardReading, entry_choices
-from exceptiondrive_server.boards.rows import Row, RowSetter
+from exceptiondrive_server.boards.page import BoardPage, entry_choices
+from exceptiondrive_server.boards.table import Row, RowBuilder
 from exceptiondrive_server.entries.comparison import (
     Comparison,
     compare_entries,
@@ -220,7 +220,7 @@ def wanted_keys(pairs: Sequence[tuple[str, str]]) -> tuple[str | None, str | Non
 
 
 def chosen_entries(
-    reading: BoardReading, a: str | None, b: str | None, more: Sequence[str] = ()
+    reading: BoardPage, a: str | None, b: str | None, more: Sequence[str] = ()
 ) -> tuple[BoardEntry, ...]:
     """Return the entries named `a`, `b` and `more`; without names the two best; () if there are none.
 
@@ -233,7 +233,7 @@ def chosen_entries(
 
 
 def compare_page(
-    reading: BoardReading, entries: Sequence[BoardEntry], sheets: Mapping[str, ScoreSheet]
+    reading: BoardPage, entries: Sequence[BoardEntry], sheets: Mapping[str, ScoreSheet]
 ) -> ComparePage:
     """Compare entries of the board that was read.
 
@@ -250,14 +250,14 @@ def compare_page(
         return ComparePage(phase, board, challenge, None, (), choices)
     pair = (entries[0], entries[1])
     digits = Digits.of(reading.protocol.publication)
-    setter = RowSetter.of(board, board.headline, digits, is_current=reading.is_current)
+    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
     keys = tuple(entry_key(entry) for entry in entries)
     return ComparePage(
         phase=reading.phase,
         board=board,
         challenge=challenge_of(board),
         both=compare_entries(board, *pair, digits),
-        rows=tuple(setter.row(entry) for entry in entries),
+        rows=tuple(builder.row(entry) for entry in entries),
         choices=_choices(board, entries),
         differences=difference_table(
             board,

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_server.boards.family_tiles import short_title
-from exceptiondrive_server.boards.scales import Scale, nice_scale, px
+from exceptiondrive_server.boards.table import short_title
 from exceptiondrive_server.entries.difference_table import PairedTable, paired_table
 from exceptiondrive_server.entries.facts import (
     challenge_of,
@@ -15,6 +14,7 @@ from exceptiondrive_server.entries.facts import (
     values_of,
 )
 from exceptiondrive_server.web.numbers import Digits, fixed, listed, unit_of
+from exceptiondrive_server.web.scales import Scale, nice_scale, px
 
 LINE_HEIGHT = 40
 WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16

@@ -7,9 +7,9 @@ from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison, Pa
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
-from exceptiondrive_server.boards.scales import px
 from exceptiondrive_server.entries.facts import challenge_of
 from exceptiondrive_server.web.numbers import MINUS, Digits, unit_of
+from exceptiondrive_server.web.scales import px
 
 # Two entries compared sample by sample, as the board carries it, set for either order.
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_server.boards.rows import Whisker
-from exceptiondrive_server.boards.scales import Scale, nice_scale
+from exceptiondrive_server.boards.table import Whisker
 from exceptiondrive_server.entries.facts import (
     challenge_of,
     entry_url,
@@ -14,6 +13,7 @@ from exceptiondrive_server.entries.facts import (
     primary_metrics,
 )
 from exceptiondrive_server.web.numbers import DASH, Digits, fixed, listed
+from exceptiondrive_server.web.scales import Scale, nice_scale
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_server.boards.extra_tables import ExtraTable, effect_tables, extra_tables
-from exceptiondrive_server.boards.family_tiles import SMALL_FAMILY
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
-from exceptiondrive_server.boards.rows import Row, RowSetter
+from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
 from exceptiondrive_server.entries.facts import (
     board_fields,
     challenge_of,
@@ -307,11 +306,11 @@ def entry_page(reading: EntryReading) -> EntryPage:
     """Set what was read of an entry."""
     board, entry = reading.board, reading.entry
     challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
-    setter = RowSetter.of(board, board.headline, digits, is_current=reading.is_current)
+    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
     first = challenge.metrics[0]
-    low, high = setter.axes[first.key].domain
+    low, high = builder.axes[first.key].domain
     other = "micro" if board.headline == "macro_family" else "macro_family"
-    sheet, row = reading.sheet, setter.row(entry)
+    sheet, row = reading.sheet, builder.row(entry)
     section = reading.protocol.plausibility
     return EntryPage(
         reading=reading,
@@ -321,7 +320,7 @@ def entry_page(reading: EntryReading) -> EntryPage:
         board_url=f"/?{urlencode(board_fields(board, reading.is_current))}#board",
         picture_url=f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
         axis=(fixed(low * 100, 0), fixed(high * 100, 0)),
-        strip=_strip(setter, entry),
+        strip=_strip(builder, entry),
         headline_title=AVERAGE_TITLES[board.headline],
         other_title="over samples" if other == "micro" else "over families",
         aggregates=tuple(_aggregate(board, entry, metric, digits) for metric in challenge.metrics),
@@ -353,14 +352,14 @@ def _aggregate(board: Board, entry: BoardEntry, metric: Metric, digits: Digits) 
     )
 
 
-def _strip(setter: RowSetter, this: BoardEntry) -> tuple[StripMark, ...]:
-    metric = setter.challenge.metrics[0]
+def _strip(builder: RowBuilder, this: BoardEntry) -> tuple[StripMark, ...]:
+    metric = builder.challenge.metrics[0]
     marks = []
-    for entry in setter.board.entries:
+    for entry in builder.board.entries:
         value = entry.metrics.get(metric.key)
         if value is not None:
-            text = f"{entry.method} {setter.digits.text(metric, value)} {unit_of(metric)}"
-            at = setter.axes[metric.key].clamped(value)
+            text = f"{entry.method} {builder.digits.text(metric, value)} {unit_of(metric)}"
+            at = builder.axes[metric.key].clamped(value)
             marks.append(StripMark(at, entry.source, entry is this, text))
     return tuple(sorted(marks, key=lambda mark: mark.is_this))
 

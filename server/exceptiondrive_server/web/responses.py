@@ -16,7 +16,6 @@ from starlette.types import Scope
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.boards.scales import px
 from exceptiondrive_server.entries.facts import board_name
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.condense import Condensed
@@ -24,6 +23,7 @@ from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
 from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.services import services_of
 
 # Theme and frame: what a request says about how pages should look.
