@@ -1,6 +1,6 @@
 """A pytest plugin: certificates of authorities are read once per process, not for every client.
 
-`httpx.get` and each `Client` of ours read them anew: 45 ms of processor time. A certificate that a
+`httpx2.get` and each `Client` of ours read them anew: 45 ms of processor time. A certificate that a
 test names is read every time: it may have been replaced.
 """
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-import httpx
+import httpx2
 import pytest
 from tests.access.oidc_provider import CLIENT_ID, CLIENT_SECRET
 from tests.server.conftest import (  # noqa: F401 - fixtures
@@ -36,13 +36,13 @@ class RunningProvider:
 
     def order(self, **orders: Any) -> int:
         """Set what it does from now on; return how often it was asked for its keys."""
-        answer = httpx.post(f"{self.issuer}/control", json=orders)
+        answer = httpx2.post(f"{self.issuer}/control", json=orders)
         answer.raise_for_status()
         return int(answer.json()["asked_for_keys"])
 
     def visit(self, url: str) -> str:
         """Let a browser visit the provider; return where it is sent back to."""
-        answer = httpx.get(url)
+        answer = httpx2.get(url)
         assert answer.status_code == 302, answer.text
         return answer.headers["location"]
 
@@ -70,7 +70,7 @@ def provider_process() -> Iterator[RunningProvider]:
         try:
             running.order()
             break
-        except httpx.TransportError:
+        except httpx2.TransportError:
             assert process.poll() is None, "the provider did not start"
             assert time.monotonic() < deadline
             time.sleep(0.05)
