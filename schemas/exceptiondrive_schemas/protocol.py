@@ -1,4 +1,4 @@
-"""The protocol document: every constant that turns a trajectory into a score (PROTOCOL.md).
+"""The protocol document: every constant that turns a trajectory into a score (docs/protocol.md).
 
 A protocol is TOML on disk, immutable once used, and identified by version and content digest.
 Its sections are digested apart, so that a change repeats only the steps that read the section:

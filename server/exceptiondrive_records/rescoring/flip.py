@@ -160,7 +160,7 @@ def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int
     old = key_of_phase(phase)
     phase.protocol_digest, phase.split_revision = key.protocol_digest, key.split_revision
     phase.late_board_id = None
-    if phase.life.late_entries == "own_view":  # its late view is built next
+    if phase.policy.late_entries == "own_view":  # its late view is built next
         want_board(session, phase.id, key.protocol_digest, key.split_revision)
     flip = flip_board(session, phase, row)
     _turn_waiting_jobs(session, phase.id, old, key)
