@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from pydantic import ValidationError
 from sqlalchemy import select, update
-from tests.access.conftest import free_port, query_of, with_provider
+from tests.access.conftest import query_of, with_provider
+from tests.support.processes import free_port
 
 from exceptiondrive_records.tables import AuditLine
 from exceptiondrive_records.tables_people import Person, PersonSession, SignInFlow

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from tests.sample_documents import make_manifest, make_sheet
+from tests.support.documents import make_manifest, make_sheet
 
 from exceptiondrive_records import jobs
 from exceptiondrive_records.claims import Claim, Finish

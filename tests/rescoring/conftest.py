@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
-from tests.conftest import as_role
 from tests.rescoring.documents import (
     caution_protocol,
     new_protocol,
@@ -15,6 +14,7 @@ from tests.rescoring.documents import (
     strategy_file,
 )
 from tests.rescoring.stage import Stage, open_stage
+from tests.support.databases import as_role
 from tests.support.serving import served
 
 from exceptiondrive_records.roles import Role

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 from starlette.testclient import TestClient
-from tests.conftest import as_role
+from tests.support.databases import as_role
 
 from exceptiondrive_records.roles import Role
 from exceptiondrive_records.tables import AuditLine, Job, JobState

@@ -17,8 +17,8 @@ import pytest
 import structlog
 from fastapi import FastAPI
 from starlette.testclient import TestClient
-from tests.conftest import as_role
-from tests.sample_documents import REVISION, make_manifest, make_sheet
+from tests.support.databases import as_role
+from tests.support.documents import REVISION, make_manifest, make_sheet
 
 from exceptiondrive_records import jobs
 from exceptiondrive_records.board_requests import want_board
