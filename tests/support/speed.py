@@ -17,7 +17,7 @@ import pytest
 from sqlalchemy import Engine
 from sqlalchemy.util import LRUCache
 
-from exceptiondrive_records import database
+from exceptiondrive_records.db import database
 
 HEAVIEST = (
     "tests/rescoring/test_organizer_in_a_browser.py",
