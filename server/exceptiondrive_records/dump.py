@@ -1,7 +1,7 @@
 """All rows of all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
 
 Documents keep their exact text. What describes running processes only (signs of life, leadership)
-and sign-ins that are under way is left out: it means nothing elsewhere.
+is left out: it means nothing elsewhere.
 """
 
 import base64
@@ -16,9 +16,8 @@ from sqlalchemy.types import TypeEngine
 
 from exceptiondrive_records.columns import DocumentText, UtcDateTime
 from exceptiondrive_records.tables import Base, Leader, WorkerHeartbeat
-from exceptiondrive_records.tables_people import SignInFlow
 
-_PASSING = {Leader.__tablename__, SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}
+_PASSING = {Leader.__tablename__, WorkerHeartbeat.__tablename__}
 _AT_ONCE = 500
 
 

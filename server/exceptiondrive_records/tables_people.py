@@ -51,31 +51,6 @@ class Invitation(Base):
     used_by: Mapped[str | None] = mapped_column(ForeignKey("people.id"))
 
 
-class PersonSession(Base):
-    """A browser in which a person signed in; only the digest of its cookie is kept."""
-
-    __tablename__ = "person_sessions"
-    secret_digest: Mapped[str] = mapped_column(primary_key=True)
-    person_id: Mapped[str] = mapped_column(ForeignKey("people.id"), index=True)
-    team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"))
-    """For whom the person acts now; it counts only while the membership lasts."""
-    created_at: Mapped[datetime]
-    expires_at: Mapped[datetime] = mapped_column(index=True)
-
-
-class SignInFlow(Base):
-    """A sign-in that was sent to the provider and has not come back."""
-
-    __tablename__ = "sign_in_flows"
-    state_digest: Mapped[str] = mapped_column(primary_key=True)
-    visitor_digest: Mapped[str]
-    """Of the browser that began it: no other may end it."""
-    nonce: Mapped[str]
-    code_verifier: Mapped[str]
-    back: Mapped[str]
-    expires_at: Mapped[datetime] = mapped_column(index=True)
-
-
 class SiteSetting(Base):
     """What organizers switch while the server runs."""
 

@@ -11,7 +11,6 @@ from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_server.metrics import RequestMetrics
 from exceptiondrive_server.receipts import ReceiptSigner
 from exceptiondrive_server.settings import ServerSettings
-from exceptiondrive_server.sign_in_provider import CALLBACK
 
 if TYPE_CHECKING:
     from exceptiondrive_server.oidc import Provider
@@ -54,13 +53,7 @@ def _provider(settings: ServerSettings) -> "Provider | None":
         return None
     from exceptiondrive_server.oidc import Provider  # takes a third of a second
 
-    return Provider(
-        issuer=settings.oidc_issuer,
-        client_id=settings.oidc_client_id,
-        client_secret=settings.oidc_client_secret.get_secret_value(),
-        redirect_uri=settings.public_url.rstrip("/") + CALLBACK,
-        name=settings.oidc_name,
-    )
+    return Provider(settings)
 
 
 def services_of(request: Request) -> Services:

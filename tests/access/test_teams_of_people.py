@@ -13,7 +13,8 @@ from exceptiondrive_records.memberships import accept_invitation, invite, is_mem
 from exceptiondrive_records.people import Identity, set_organizer, welcome_person
 from exceptiondrive_records.site_settings import switch_self_registration
 from exceptiondrive_records.tables import AuditLine
-from exceptiondrive_records.tables_people import Invitation, Person, PersonSession
+from exceptiondrive_records.tables_access import BrowserSession
+from exceptiondrive_records.tables_people import Invitation, Person
 
 if TYPE_CHECKING:
     from tests.access.conftest import PersonBrowser, RunningProvider
@@ -252,5 +253,5 @@ def test_a_session_of_a_person_ends_with_its_time(small_site: "Api", person: Ope
     ada.sign_in()
     with small_site.database.write() as session:
         past = datetime.now(UTC) - timedelta(seconds=1)
-        session.execute(update(PersonSession).values(expires_at=past))
+        session.execute(update(BrowserSession).values(expires_at=past))
     assert ada.get("/my/team").headers["location"].startswith("/sign-in")

@@ -11,9 +11,9 @@ from sqlalchemy import select, update
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotAllowed, TooManyAttempts
 from exceptiondrive_records.errors import NotFound as NotFoundRecord
 from exceptiondrive_records.page_sessions import (
-    end_page_session,
-    find_page_session,
-    open_page_session,
+    end_session,
+    find_session,
+    open_token_session,
 )
 from exceptiondrive_records.sign_in_limits import (
     PER_TOKEN_ID,
@@ -22,7 +22,7 @@ from exceptiondrive_records.sign_in_limits import (
     keys_of,
 )
 from exceptiondrive_records.tables import Token
-from exceptiondrive_records.tables_access import PageSession, SignInAttempts
+from exceptiondrive_records.tables_access import BrowserSession, SignInAttempts
 from exceptiondrive_records.team_tokens import (
     issue_team_token,
     revoke_team_token,
@@ -56,12 +56,12 @@ def principal(world: World, team_id: int | None = None, **more: Any) -> Principa
 
 def sign_in(world: World, who: Principal) -> str:
     with world.database.write() as session:
-        return open_page_session(session, who)
+        return open_token_session(session, who)
 
 
 def signed_in(world: World, secret: str) -> Principal | None:
     with world.database.read() as session:
-        return find_page_session(session, secret)
+        return find_session(session, secret)
 
 
 def test_a_session_has_the_rights_of_its_token(world: World) -> None:
@@ -74,7 +74,7 @@ def test_a_session_has_the_rights_of_its_token(world: World) -> None:
 def test_only_the_digest_of_a_session_is_kept(world: World) -> None:
     secret = sign_in(world, principal(world))
     with world.database.read() as session:
-        row = session.scalars(select(PageSession)).one()
+        row = session.scalars(select(BrowserSession)).one()
     assert secret not in repr(vars(row))
 
 
@@ -87,8 +87,8 @@ def test_a_session_ends_with_sign_out_with_its_time_and_with_its_token(world: Wo
     who = principal(world)
     left, late, lost = (sign_in(world, who) for _ in range(3))
     with world.database.write() as session:
-        end_page_session(session, left)
-        end_page_session(session, left)
+        end_session(session, left)
+        end_session(session, left)
     assert signed_in(world, left) is None
     assert signed_in(world, lost) is not None
     with world.database.write() as session:
@@ -97,11 +97,11 @@ def test_a_session_ends_with_sign_out_with_its_time_and_with_its_token(world: Wo
     other = sign_in(world, principal(world))
     with world.database.write() as session:
         past = datetime.now(UTC) - timedelta(seconds=1)
-        session.execute(update(PageSession).values(expires_at=past))
+        session.execute(update(BrowserSession).values(expires_at=past))
     assert signed_in(world, other) is None
     sign_in(world, principal(world))
     with world.database.read() as session:
-        assert len(session.scalars(select(PageSession)).all()) == 1, late
+        assert len(session.scalars(select(BrowserSession)).all()) == 1, late
 
 
 def attempt(world: World, text: str, address: str = "192.0.2.1") -> bool:

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.registrations import register_team
 from exceptiondrive_records.tables import AuditLine, Team, Token
-from exceptiondrive_records.tables_access import PageSession
+from exceptiondrive_records.tables_access import BrowserSession
 from exceptiondrive_records.teams import find_team
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def test_a_registration_is_approved_or_refused(
         assert session.scalars(select(Team).where(Team.slug == "delta")).first() is None
         kept = {token.id for token in session.scalars(select(Token))}
         assert text.split("_")[2] not in kept
-        assert {one.token_id for one in session.scalars(select(PageSession))} <= kept
+        assert {one.token_id for one in session.scalars(select(BrowserSession))} <= kept
     with api.database.write() as session:
         register_team(session, "delta", "Delta", "Once more.")
     approve = f"{TEAMS}/epsilon/approve"

@@ -10,6 +10,7 @@ from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions import ids_of_team
 from exceptiondrive_records.tokens import Scope
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.browser_session import principal_of_browser
 from exceptiondrive_server.pages.board_changes import history_lines
 from exceptiondrive_server.pages.board_page import board_page
 from exceptiondrive_server.pages.board_query import BoardQuery
@@ -19,7 +20,6 @@ from exceptiondrive_server.pages.page_parts import PhaseLink
 from exceptiondrive_server.pages.readings import read_board, read_history, read_phases
 from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, problem_page, refused
 from exceptiondrive_server.pages.site import origin_of
-from exceptiondrive_server.session_reading import principal_of_session, session_secret
 
 router = APIRouter(include_in_schema=False)
 MAX_HISTORY = 100
@@ -34,15 +34,15 @@ def show_board(request: Request) -> Response:
     try:
         with request.app.state.services.database.read() as session:
             reading = read_board(session, query)
-            own = _own_submissions(session, session_secret(request), reading.phase)
+            own = _own_submissions(session, request, reading.phase)
     except RecordsError as error:
         return refused(request, error)
     return page(request, "board.html", "board", page=board_page(reading, query, own))
 
 
-def _own_submissions(session: Session, secret: str, phase: PhaseLink | None) -> frozenset[str]:
+def _own_submissions(session: Session, request: Request, phase: PhaseLink | None) -> frozenset[str]:
     """Return what the team that signed in, and may read its submissions, sent to the phase."""
-    who = principal_of_session(session, secret)
+    who = principal_of_browser(session, request)
     if who is None or who.team_id is None or phase is None or Scope.READ_OWN not in who.scopes:
         return frozenset()
     return ids_of_team(session, who.team_id, phase.id)

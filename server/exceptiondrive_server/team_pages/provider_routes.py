@@ -3,32 +3,21 @@
 from typing import TYPE_CHECKING, Annotated
 
 from fastapi import APIRouter, Query, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_records.page_sessions import open_person_session
 from exceptiondrive_records.people import Identity, welcome_person
-from exceptiondrive_records.person_sessions import open_person_session
-from exceptiondrive_records.sign_in_flows import begin_flow, end_flow
 from exceptiondrive_records.sign_in_limits import count_attempt, give_attempt_back, keys_of
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.auth import ServicesOf
-from exceptiondrive_server.browser_session import (
-    note_organizer,
-    require_private_channel,
-    set_session_cookie,
-    set_visitor_cookie,
-    visitor_secret,
-)
+from exceptiondrive_server.browser_session import require_private_channel
 from exceptiondrive_server.pages.site import safe_back
 from exceptiondrive_server.problem_vocabulary import ApiProblem
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
-from exceptiondrive_server.team_pages.sign_in_routes import (
-    HERE,
-    ORGANIZERS_HERE,
-    go,
-    show_form,
-)
+from exceptiondrive_server.team_pages.sign_in_routes import HERE, enter, show_form
 
 if TYPE_CHECKING:
     from exceptiondrive_server.oidc import Provider
@@ -42,55 +31,39 @@ STALE = "This sign-in was not begun in this browser, or is too old. Begin again.
 
 
 @router.get("/sign-in/provider")
-def send_to_provider(request: Request, services: ServicesOf, back: Text = HERE) -> Response:
+async def send_to_provider(request: Request, services: ServicesOf, back: Text = HERE) -> Response:
     """Send the browser to the provider. A link, no form: our own CSP binds forms to this site."""
     require_private_channel(request)
     provider = _provider(services)
-    visitor = visitor_secret(request)
-    with services.database.write() as session:
-        count_attempt(session, _limits(request))
-    with services.database.write() as session:
-        flow = begin_flow(session, visitor, safe_back(back))
+    await run_in_threadpool(_count, services, request)
     try:
-        url = provider.authorization_url(flow)
+        url = await provider.begin(request, safe_back(back))
     except ProviderAway:
         return show_form(request, back, status=503, fault=AWAY.format(provider.name))
-    answer = RedirectResponse(url, status_code=303, headers={"Cache-Control": "no-store"})
-    set_visitor_cookie(request, answer, visitor)
-    return answer
+    return RedirectResponse(url, status_code=303, headers={"Cache-Control": "no-store"})
 
 
 @router.get(CALLBACK)
-def come_back(
-    request: Request,
-    services: ServicesOf,
-    state: Text = "",
-    code: Text = "",
-    error: Text = "",
-    iss: Text | None = None,
+async def come_back(
+    request: Request, services: ServicesOf, state: Text = "", code: Text = "", error: Text = ""
 ) -> Response:
     """Open a session for whom the provider vouches for; every failure ends the flow."""
     require_private_channel(request)
     provider = _provider(services)
-    with services.database.write() as session:
-        flow = end_flow(session, state, visitor_secret(request))
-    if flow is None:
+    back = await provider.way_back(request)
+    if back is None:
         return show_form(request, HERE, status=400, fault=STALE)
     if error:
-        return show_form(request, flow.back, status=403, fault=CANCELLED.format(provider.name))
+        request.session.clear()
+        return show_form(request, back, status=403, fault=CANCELLED.format(provider.name))
     try:
-        if iss not in (None, provider.issuer):  # RFC 9207: an answer of another provider
-            raise SignInRefused
-        opened = _session_for(services, provider.identity(code, flow), request)
+        identity = await provider.identity(request)
+        opened = await run_in_threadpool(_session_for, services, identity, request)
     except ProviderAway:
-        return show_form(request, flow.back, status=503, fault=AWAY.format(provider.name))
+        return show_form(request, back, status=503, fault=AWAY.format(provider.name))
     except (SignInRefused, InvalidRecord):
-        return show_form(request, flow.back, status=401, fault=REFUSED.format(provider.name))
-    secret, is_organizer = opened
-    answer = go(ORGANIZERS_HERE if is_organizer and flow.back == HERE else flow.back)
-    set_session_cookie(request, answer, secret)
-    note_organizer(request, answer, is_organizer=is_organizer)
-    return answer
+        return show_form(request, back, status=401, fault=REFUSED.format(provider.name))
+    return enter(request, back, *opened)
 
 
 def _session_for(services: Services, identity: Identity, request: Request) -> tuple[str, bool]:
@@ -99,6 +72,11 @@ def _session_for(services: Services, identity: Identity, request: Request) -> tu
         give_attempt_back(session, _limits(request))
         person = welcome_person(session, identity)
         return open_person_session(session, person), person.is_organizer
+
+
+def _count(services: Services, request: Request) -> None:
+    with services.database.write() as session:
+        count_attempt(session, _limits(request))
 
 
 def _limits(request: Request) -> dict[str, int]:

@@ -8,8 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import RedirectResponse, Response
 
-from exceptiondrive_records.page_sessions import end_page_session, open_page_session
-from exceptiondrive_records.person_sessions import end_person_session
+from exceptiondrive_records.page_sessions import end_session, open_token_session
 from exceptiondrive_records.sign_in_limits import count_attempt, give_attempt_back, keys_of
 from exceptiondrive_records.tokens import note_use, verify_token
 from exceptiondrive_server.auth import ServicesOf
@@ -17,15 +16,14 @@ from exceptiondrive_server.browser_session import (
     Browser,
     MaybeSignedIn,
     PostedForm,
-    forget_cookies,
+    forget_session,
+    form_secret,
     form_token,
-    note_organizer,
+    keep_session,
+    keep_visitor,
     require_form_token,
     require_private_channel,
     require_same_origin,
-    set_session_cookie,
-    set_visitor_cookie,
-    visitor_secret,
 )
 from exceptiondrive_server.pages.responses import private_page
 from exceptiondrive_server.pages.site import safe_back
@@ -62,26 +60,21 @@ def sign_in(
     """Open a session for the team of the token."""
     require_private_channel(request)
     require_same_origin(request)
-    require_form_token(visitor_secret(request), given)
+    require_form_token(form_secret(request), given)
     address = request.client.host if request.client else "unknown"
     opened = _session_for(services, token.strip(), address)
     if opened is None:
         return show_form(request, back, status=401, fault=REFUSED)
-    secret, is_organizer = opened
-    answer = go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
-    set_session_cookie(request, answer, secret)
-    note_organizer(request, answer, is_organizer=is_organizer)
-    return answer
+    return enter(request, back, *opened)
 
 
 @router.post("/sign-out")
 def sign_out(services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
     """End the session here and in the browser."""
     with services.database.write() as session:
-        end_page_session(session, browser.secret)
-        end_person_session(session, browser.secret)
+        end_session(session, browser.secret)
     answer = go("/")
-    forget_cookies(answer)
+    forget_session(answer)
     return answer
 
 
@@ -100,13 +93,12 @@ def _session_for(services: Services, token: str, address: str) -> tuple[str, boo
     note_use(services.database, principal)
     with services.database.write() as session:
         give_attempt_back(session, limits)
-        return open_page_session(session, principal), principal.is_organizer
+        return open_token_session(session, principal), principal.is_organizer
 
 
 def show_form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:
-    """Answer with the sign-in page, bound to the secret of the visitor."""
-    provider = services_of(request).provider
-    secret = visitor_secret(request)
+    """Answer with the sign-in page, bound to the secret of the browser."""
+    provider, secret = services_of(request).provider, form_secret(request)
     answer = private_page(
         request,
         "sign_in.html",
@@ -117,7 +109,14 @@ def show_form(request: Request, back: str, *, status: int = 200, fault: str = ""
         provider=None if provider is None else provider.name,
         form_token=form_token(secret),
     )
-    set_visitor_cookie(request, answer, secret)
+    keep_visitor(request, answer, secret)
+    return answer
+
+
+def enter(request: Request, back: str, secret: str, is_organizer: bool) -> Response:
+    """Hand a new session to the browser and lead it on; organizers begin at their own pages."""
+    answer = go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
+    keep_session(request, answer, secret, is_organizer=is_organizer)
     return answer
 
 

@@ -17,8 +17,8 @@ from exceptiondrive_records.memberships import (
     teams_of,
     withdraw_invitation,
 )
+from exceptiondrive_records.page_sessions import act_for
 from exceptiondrive_records.people import find_person
-from exceptiondrive_records.person_sessions import act_for
 from exceptiondrive_records.registrations import make_pending_team
 from exceptiondrive_records.sign_in_limits import count_attempt, registration_keys_of
 from exceptiondrive_records.site_settings import self_registration_is_on
@@ -31,7 +31,7 @@ from exceptiondrive_server.browser_session import (
     MaybeSignedIn,
     PostedForm,
     SignedIn,
-    note_organizer,
+    keep_session,
     require_scope,
 )
 from exceptiondrive_server.pages.responses import private_page
@@ -64,7 +64,7 @@ def choose_team(
         act_for(session, browser.secret, person_id, int(text) if text else None)
         is_organizer = not text and find_person(session, person_id).is_organizer
     answer = RedirectResponse("/organize" if is_organizer else "/my", status_code=303)
-    note_organizer(request, answer, is_organizer=is_organizer)
+    keep_session(request, answer, browser.secret, is_organizer=is_organizer)
     return answer
 
 
