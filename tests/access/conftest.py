@@ -148,7 +148,7 @@ class PersonBrowser:
 
     @property
     def has_session(self) -> bool:
-        return not self.browser.client.cookies.get("__Host-session", "v.").startswith("v.")
+        return not (self.browser.client.cookies.get("__Host-session") or "v.").startswith("v.")
 
 
 @pytest.fixture
