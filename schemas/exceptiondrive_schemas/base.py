@@ -11,6 +11,9 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict
 
+FORGIVING = "reader of answers"
+"""Validation context of `Document.read`."""
+
 
 class Document(BaseModel):
     """Immutable and strict: an unknown key is an error, a number never comes from a string."""
@@ -21,14 +24,15 @@ class Document(BaseModel):
 
     @classmethod
     def read(cls, answer: str | bytes) -> Self:
-        """Read an answer of the server, which may be newer: keys not known here are passed over.
+        """Read an answer of the server, which may be newer: what is not known here is passed over.
 
         Files from participants and organizers are read by `model_validate_json`, which is strict.
+        Validators that ask for known names look for `FORGIVING` in their context.
 
         Raises:
             ValidationError: What is known here is missing, or of another type.
         """
-        return cls.model_validate_json(answer, extra="allow")
+        return cls.model_validate_json(answer, extra="allow", context=FORGIVING)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy; what was derived from the fields once is derived anew from the copy's."""

@@ -152,15 +152,17 @@ def _protocol_changes(old: Protocol, new: Protocol) -> Iterator[Change]:
 
 def _order_changes(stage: Stage, old: dict[str, Any], new: dict[str, Any]) -> Iterator[Change]:
     """Say by which metrics each challenge ranks, where that changes."""
-    for challenge in (key for key in new if old[key] != new[key]):
-        before, after = (_order_words(side[challenge]) for side in (old, new))
+    for challenge in (key for key in new | old if old.get(key) != new.get(key)):
+        before, after = (_order_words(side.get(challenge)) for side in (old, new))
         yield Change(
             sentence=f"entries of the {challenge} challenge are ranked by {before} -> {after}",
             stage=stage,
         )
 
 
-def _order_words(keys: list[dict[str, str]]) -> str:
+def _order_words(keys: list[dict[str, str]] | None) -> str:
+    if keys is None:
+        return "its primary metrics in order of their columns"
     ends = {"descending": "highest first", "ascending": "lowest first"}
     return ", then ".join(f"{key['metric']} ({ends[key['order']]})" for key in keys)
 

@@ -43,7 +43,7 @@ class Flag(Document):
 
 
 class Plausibility(Document):
-    """Shares published beside the score, never folded into it (PROTOCOL.md 5)."""
+    """Shares published beside the score, never folded into it (docs/protocol.md section 5)."""
 
     shares: dict[str, float | None]
     flags: tuple[Flag, ...] = ()

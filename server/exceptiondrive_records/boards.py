@@ -25,7 +25,7 @@ from exceptiondrive_records.tables import (
 )
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.phase_life import BoardView
+from exceptiondrive_schemas.phase_settings import BoardView
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from exceptiondrive_records.columns import DocumentText, UtcDateTime, enum_text
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -137,7 +137,7 @@ class Phase(Base):
     current_board_id: Mapped[int | None]
     shows_reported: Mapped[bool]
     created_at: Mapped[datetime]
-    life: Mapped[PhaseLife] = mapped_column(DocumentText(PhaseLife), default=PhaseLife())
+    policy: Mapped[PhasePolicy] = mapped_column(DocumentText(PhasePolicy), default=PhasePolicy())
     unfrozen_at: Mapped[datetime | None]
     names_revealed_at: Mapped[datetime | None]
     pseudonym_salt: Mapped[str | None] = mapped_column(deferred=True)

@@ -73,7 +73,7 @@ def view(
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
         is_chosen=is_chosen(session, submission),
-        is_published=not phase.life.entries_private or submission.published_at is not None,
+        is_published=not phase.policy.entries_private or submission.published_at is not None,
         score_kept_back_since=hidden_since,
         known_as=pseudonym_of_team(phase, team.id)
         if is_anonymous(phase) and not team.is_reference

@@ -30,6 +30,8 @@ from exceptiondrive_records.ringing import ring_job
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables import Base, Submission
 from exceptiondrive_records.teams import create_team
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -189,12 +191,14 @@ def seed(site: Site) -> str:
         add_protocol(session, packaged_protocol_toml(), "test")
         create_phase(
             session,
-            "dev",
-            challenge="planning",
-            title="Dev",
-            split_name="withheld",
-            protocol="1.0",
-            quota_per_day=50,
+            NewPhase(
+                id="dev",
+                challenge=ChallengeId.PLANNING,
+                title="Dev",
+                split="withheld",
+                protocol="1.0",
+                quota_per_day=50,
+            ),
             actor="test",
         )
         create_team(session, "alpha", "Alpha", actor="test")

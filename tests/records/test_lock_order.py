@@ -20,6 +20,8 @@ from exceptiondrive_records.phases import create_phase, lock_phase
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import Job, JobState, Submission
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -103,11 +105,13 @@ def test_who_rings_for_boards_waits_for_no_request_that_another_holds(world: Wor
     with world.database.write() as session:
         create_phase(
             session,
-            "other",
-            challenge="planning",
-            title="Other",
-            split_name="sample",
-            protocol="1.0",
+            NewPhase(
+                id="other",
+                challenge=ChallengeId.PLANNING,
+                title="Other",
+                split="sample",
+                protocol="1.0",
+            ),
             actor="test",
         )
     with world.database.write() as held, world.database.write() as session:

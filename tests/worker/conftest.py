@@ -28,6 +28,7 @@ from exceptiondrive_records.roles import Role
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables import Job, Submission
 from exceptiondrive_records.teams import create_team, find_team, list_teams
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.doors import Doors, open_doors
@@ -150,11 +151,8 @@ class World:
             add_protocol(session, packaged_protocol_toml(), "test")
             create_phase(
                 session,
-                phase_id,
-                title=phase_id,
-                split_name=split.name,
+                NewPhase(id=phase_id, title=phase_id, split=split.name, **usual | options),
                 actor="test",
-                **usual | options,
             )
 
     def submit(

@@ -1,4 +1,4 @@
-"""Every setting of the block that lost and doubled nothing (research/reliability.md A5)."""
+"""Celery's settings, one by one (docs/decisions/0003-sql-is-the-queue.md says why)."""
 
 import pytest
 from celery import Celery

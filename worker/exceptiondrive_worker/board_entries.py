@@ -64,7 +64,7 @@ class _Rows:
         self._challenge = challenge
         self._protocol = protocol
         self._ranking = protocol.ranking
-        self._order = protocol.ranking.order[challenge.id]
+        self._order = protocol.ranking.order_of(challenge)
         self._rounding = Rounding(challenge, protocol.publication)
 
     def ranks(self, sheets: Sequence[ScoreSheet]) -> list[int | None]:

@@ -1,4 +1,4 @@
-"""Rules for one prediction of `exceptiondrive.planning/1` (PROTOCOL.md sections 1 and 5)."""
+"""Rules for one prediction of `exceptiondrive.planning/1` (docs/protocol.md sections 1 and 5)."""
 
 from __future__ import annotations  # array[float] is no runtime type before 3.12
 

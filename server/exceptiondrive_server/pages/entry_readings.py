@@ -93,7 +93,7 @@ def _sheet(session: Session, key: str, board: Board) -> ScoreSheet | None:
 
 def _is_kept_private(session: Session, submission: Submission) -> bool:
     phase = session.get_one(Phase, submission.phase_id)
-    return phase.life.entries_private and submission.published_at is None
+    return phase.policy.entries_private and submission.published_at is None
 
 
 def _past(session: Session, submission: Submission) -> tuple[PastStanding, ...]:

@@ -30,6 +30,7 @@ from exceptiondrive_schemas.board import (
 )
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
@@ -45,6 +46,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.api import boards
 from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
@@ -53,6 +55,7 @@ from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_spli
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
 ROUTES.include_router(pages.router)
 ROUTES.include_router(team_pages.router)
+ROUTES.include_router(boards.router, prefix="/api/v1")
 
 
 class Services:
@@ -107,13 +110,15 @@ class Site:
             register_split(session, MANIFEST, COUNTS, "test")
             create_phase(
                 session,
-                phase_id,
-                challenge=challenge,
-                title=phase_id.replace("-", " ").title(),
-                split_name="sample",
-                protocol="1.0",
+                NewPhase(
+                    id=phase_id,
+                    challenge=ChallengeId(challenge),
+                    title=phase_id.replace("-", " ").title(),
+                    split="sample",
+                    protocol="1.0",
+                    **more,
+                ),
                 actor="test",
-                **more,
             )
 
     def publish_split(self) -> None:

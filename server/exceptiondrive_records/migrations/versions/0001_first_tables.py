@@ -194,7 +194,7 @@ def create_phases() -> None:
         sa.Column("current_board_id", sa.Integer()),
         sa.Column("shows_reported", sa.Boolean(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
-        sa.Column("life", sa.Text(), nullable=False),
+        sa.Column("policy", sa.Text(), nullable=False),
         sa.Column("unfrozen_at", TIME),
         sa.Column("names_revealed_at", TIME),
         sa.Column("pseudonym_salt", sa.String()),
