@@ -1,0 +1,134 @@
+"""Signed-in browsers: a random secret in a cookie, its digest here, and whose rights it has.
+
+A session that was opened with a token may do what the token may, and ends with it. A person's has
+the rights of a member of one team, or of an organizer, as they are at the moment of each request.
+"""
+
+import hashlib
+import secrets
+from datetime import timedelta
+
+from sqlalchemy import delete, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.people import is_member, teams_of
+from exceptiondrive_records.accounts.tables import BrowserSession, Person, Token
+from exceptiondrive_records.accounts.tokens import (
+    ORGANIZER_SCOPES,
+    TEAM_SCOPES,
+    Principal,
+    principal_of,
+)
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.teams.tables import Team
+
+LIFETIME = timedelta(hours=12)
+MAX_SECRET_LENGTH = 100
+
+
+def open_token_session(session: Session, principal: Principal) -> str:
+    """Open a session with the rights of a token; its secret is returned here and never again."""
+    return _open(session, principal.actor, principal.token_id, token_id=principal.token_id)
+
+
+def open_person_session(session: Session, person: Person) -> str:
+    """Open a session of a person; its secret is returned here and never again.
+
+    An organizer begins as one; anybody else acts for the first of their teams.
+    """
+    teams = [] if person.is_organizer else teams_of(session, person.id)
+    team_id = teams[0].id if teams else None
+    return _open(session, f"person:{person.id}", person.id, person_id=person.id, team_id=team_id)
+
+
+def find_session(session: Session, secret: str) -> Principal | None:
+    """Return who signed in, with the rights of this moment; None when the session has ended.
+
+    The secret has 256 bits and is looked up by its digest, so that no timing tells of it.
+    """
+    if not secret or len(secret) > MAX_SECRET_LENGTH:
+        return None
+    found = session.get(BrowserSession, secret_digest(secret))
+    if found is None or found.expires_at <= database_now(session):
+        return None
+    if found.token_id is not None:
+        return principal_of(session, session.get_one(Token, found.token_id))
+    person = session.get_one(Person, found.person_id)
+    team = None
+    if found.team_id is not None and is_member(session, found.team_id, person.id):
+        team = session.get(Team, found.team_id)
+    return _principal(person, team)
+
+
+def act_for(session: Session, secret: str, person_id: str, team_id: int | None) -> None:
+    """Let a signed-in person act for another of their teams, or for none.
+
+    Raises:
+        NotAllowed: The person does not belong to the team.
+    """
+    if team_id is not None and not is_member(session, team_id, person_id):
+        raise NotAllowed("You do not belong to this team.")
+    session.execute(
+        update(BrowserSession)
+        .where(BrowserSession.secret_digest == secret_digest(secret))
+        .values(team_id=team_id)
+    )
+
+
+def end_session(session: Session, secret: str) -> None:
+    """End a session; ending it twice does nothing."""
+    digest = secret_digest(secret)
+    session.execute(delete(BrowserSession).where(BrowserSession.secret_digest == digest))
+
+
+def secret_digest(secret: str) -> str:
+    """Return what is kept of a secret."""
+    return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _open(
+    session: Session,
+    actor: str,
+    subject: str,
+    *,
+    token_id: str | None = None,
+    person_id: str | None = None,
+    team_id: int | None = None,
+) -> str:
+    """Add the row, and remove the sessions that have run out."""
+    now = database_now(session)
+    session.execute(delete(BrowserSession).where(BrowserSession.expires_at <= now))
+    secret = secrets.token_urlsafe(32)
+    session.add(
+        BrowserSession(
+            secret_digest=secret_digest(secret),
+            token_id=token_id,
+            person_id=person_id,
+            team_id=team_id,
+            created_at=now,
+            expires_at=now + LIFETIME,
+        )
+    )
+    audit(session, actor, "signed in", subject)
+    return secret
+
+
+def _principal(person: Person, team: Team | None) -> Principal:
+    """A member acts for the team alone: an organizer's rights are never mixed with a team's."""
+    if team is not None:
+        scopes = frozenset(str(scope) for scope in TEAM_SCOPES)
+    else:
+        scopes = frozenset(str(scope) for scope in ORGANIZER_SCOPES if person.is_organizer)
+    return Principal(
+        token_id="",
+        token_name="",
+        scopes=scopes,
+        expires_at=None,
+        team_id=team.id if team else None,
+        team_slug=team.slug if team else None,
+        team_name=team.name if team else None,
+        person_id=person.id,
+        person_name=person.name,
+    )
