@@ -20,7 +20,7 @@ from starlette.datastructures import FormData
 from exceptiondrive_records.accounts.sessions import LIFETIME, find_session
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.oidc import LOOPBACK
+from exceptiondrive_server.accounts.sign_in_provider import LOOPBACK
 from exceptiondrive_server.submissions.upload_form import FORM_TOKEN
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem

@@ -12,14 +12,13 @@ import secrets
 import time
 from collections.abc import Mapping
 from typing import Any
-from urllib.parse import urlsplit
 
 import httpx2
 import structlog
 from authlib.common.errors import AuthlibBaseError  # type: ignore[import-untyped]
-from authlib.integrations.starlette_client import (
-    OAuth,  # type: ignore[import-untyped]
-    StarletteIntegration,  # type: ignore[import-untyped]
+from authlib.integrations.starlette_client import (  # type: ignore[import-untyped]
+    OAuth,
+    StarletteIntegration,
 )
 from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
@@ -28,32 +27,14 @@ from starlette.middleware.sessions import SessionMiddleware
 from starlette.requests import Request
 
 from exceptiondrive_records.accounts.people import Identity
+from exceptiondrive_server.accounts.sign_in_provider import (
+    CALLBACK,
+    ProviderAway,
+    SignInRefused,
+    is_private_url,
+)
 from exceptiondrive_server.submissions.receipts import read_or_make_key
 from exceptiondrive_server.web.settings import ServerSettings
-
-# What the site says of its sign-in provider without speaking OpenID: a light module.
-#
-# `oidc` brings cryptography along; only a server that has a provider imports it.
-
-
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
-CALLBACK = "/sign-in/callback"
-"""Where the provider sends people back to, below the public address."""
-
-
-class ProviderAway(Exception):  # noqa: N818 - says what happened
-    """The provider does not answer, or not as a provider does."""
-
-
-class SignInRefused(Exception):  # noqa: N818 - says what happened
-    """The provider answered, and nobody is signed in by it."""
-
-
-def is_private_url(url: str) -> bool:
-    """Whether nobody on the way can read along: https, or this very machine."""
-    parts = urlsplit(url)
-    return parts.scheme == "https" or (parts.scheme == "http" and parts.hostname in LOOPBACK)
-
 
 ALGORITHMS = ("RS256", "RS384", "RS512", "PS256", "PS384", "PS512", "ES256", "ES384", "ES512")
 """Signatures with a key pair. Never `none`, never a shared secret."""

@@ -32,7 +32,7 @@ from exceptiondrive_server.accounts.browser_session import (
     require_private_channel,
     require_same_origin,
 )
-from exceptiondrive_server.accounts.oidc import CALLBACK, ProviderAway, SignInRefused
+from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import private_page, safe_back
