@@ -132,7 +132,7 @@ def test_the_owner_and_strangers_are_no_roles(
     ("program", "command"),
     [
         ("exceptiondrive_worker", "register-splits"),
-        ("exceptiondrive_server", "list-teams"),
+        ("exceptiondrive_server", "list-tokens"),
     ],
 )
 def test_a_service_without_its_rights_is_told_who_gives_them(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from exceptiondrive.cli import options, phase_commands, protocol_commands, rescore_commands
-from exceptiondrive.cli.output import show, show_json
+from exceptiondrive.cli.output import say, show, show_json
 from exceptiondrive.cli.records_table import show_records
 from exceptiondrive.cli.similarity_commands import similar
 from exceptiondrive.errors import ExceptionDriveError
@@ -32,13 +32,20 @@ def create_team(
     reference: Annotated[
         bool, typer.Option("--reference", help="Its entries are shown and never ranked.")
     ] = False,
+    with_token: Annotated[
+        bool, typer.Option("--with-token", help="Issue its first token too; shown this once.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Make a team."""
     with _organizer(server) as organizer:
         team = organizer.create_team(team_id, name, is_reference=reference)
-    _show_record(team, f"team {team['id']} made", json)
+        if with_token:
+            team["token"] = organizer.issue_token(team_id, "first token")["token"]
+    if with_token:
+        say(f"team {team['id']} made; its token, shown this once:")
+    _show_record(team, team.get("token") or f"team {team['id']} made", json)
 
 
 def approve_team(
