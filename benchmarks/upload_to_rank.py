@@ -21,10 +21,10 @@ from typing import Any
 import httpx2
 from rich.console import Console
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_records.accounts.tokens import issue_token
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 

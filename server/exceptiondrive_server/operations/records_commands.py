@@ -1,0 +1,219 @@
+"""Operator commands on tokens: how an organizer comes in first, and how a lost token is ended.
+
+Every other deed is an organizer's: `exceptiondrive organizer ...`, over the API.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from sqlalchemy import make_url
+from sqlalchemy.exc import DBAPIError
+
+from exceptiondrive_records.accounts import tokens
+from exceptiondrive_records.accounts.people import list_people, set_organizer
+from exceptiondrive_records.db.database import Database, sentence_of
+from exceptiondrive_records.db.settings import PREFIX, RecordsSettings, SettingsError, load_settings
+from exceptiondrive_records.migrations import is_usable
+from exceptiondrive_records.teams.teams import switch_self_registration
+from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.layout import Layout
+from exceptiondrive_server.web.settings import ServerSettings
+
+# How operator commands reach the records, and how they speak.
+
+
+ACTOR = "operator"
+
+DataOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--data",
+        help="Folder of `exceptiondrive-server run`; needed unless it is ./data or "
+        "EXCEPTIONDRIVE_DATABASE_URL is set.",
+    ),
+]
+
+
+def say(text: str) -> None:
+    """Tell the operator something, on stderr: stdout is for results."""
+    typer.echo(text, err=True)
+
+
+def records_settings(data: Path | None) -> RecordsSettings:
+    """Return the settings; with `data`, those of the embedded default in that folder."""
+    if data is None:
+        return load_settings(RecordsSettings)
+    chosen = Layout(data).environment(os.environ)
+    return load_settings(
+        RecordsSettings,
+        **{name.removeprefix(PREFIX).lower(): value for name, value in chosen.items()},
+    )
+
+
+@contextmanager
+def opened(settings: RecordsSettings) -> Iterator[Database]:
+    """Open records that exist and have the newest schema.
+
+    Raises:
+        SettingsError: They do not; the text says what to do.
+    """
+    url = make_url(settings.database_url)
+    if url.get_backend_name() == "sqlite" and not Path(url.database or "").is_file():
+        raise SettingsError(
+            f"there are no records at {url.database}. Name the folder of the running server with "
+            "--data, set EXCEPTIONDRIVE_DATABASE_URL, or make them: exceptiondrive-server migrate"
+        )
+    database = Database(settings.database_url)
+    try:
+        if not is_usable(database):
+            raise SettingsError("the records are not up to date: run exceptiondrive-server migrate")
+        yield database
+    except DBAPIError as error:
+        raise SettingsError(sentence_of(error)) from None
+    finally:
+        database.dispose()
+
+
+records_app = typer.Typer()
+
+
+@records_app.command("create-organizer")
+def create_organizer(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Who the organizer is.")],
+    days: Annotated[
+        int | None, typer.Option(min=1, help="Days until the token expires; default never.")
+    ] = None,
+    data: DataOption = None,
+) -> None:
+    """Issue a token with which an organizer may do everything, and print it, once."""
+    expires_at = None if days is None else datetime.now(UTC) + timedelta(days=days)
+    with opened(records_settings(data)) as database, database.write() as session:
+        text, _ = tokens.issue_token(
+            session, None, name, tokens.ORGANIZER_SCOPES, expires_at, actor=ACTOR
+        )
+    say("the token, shown this once (put it into EXCEPTIONDRIVE_TOKEN):")
+    typer.echo(text)
+
+
+@records_app.command("list-tokens")
+def list_tokens(data: DataOption = None) -> None:
+    """List all tokens, those of organizers too: id, name, scopes, state."""
+    with opened(records_settings(data)) as database, database.read() as session:
+        for row in tokens.list_tokens(session):
+            state = "revoked" if row.revoked_at else "live"
+            typer.echo("\t".join((row.id, row.name, ",".join(row.scopes), state)))
+
+
+@records_app.command("revoke-token")
+def revoke_token(
+    token_id: Annotated[str, typer.Argument(metavar="ID", help="The eight letters of its id.")],
+    data: DataOption = None,
+) -> None:
+    """Revoke a token for good."""
+    with opened(records_settings(data)) as database, database.write() as session:
+        tokens.revoke_token(session, token_id, actor=ACTOR)
+    say(f"token {token_id} revoked")
+
+
+# Operator commands on people and self-registration.
+
+
+people_app = typer.Typer()
+
+
+class Switch(StrEnum):
+    """On or off."""
+
+    ON = "on"
+    OFF = "off"
+
+
+@people_app.command("list-people")
+def list_people_command(data: DataOption = None) -> None:
+    """List who signed in through the provider: id, name, email, whether an organizer."""
+    with opened(records_settings(data)) as database, database.read() as session:
+        for person in list_people(session):
+            role = "organizer" if person.is_organizer else ""
+            typer.echo("\t".join((person.id, person.name, person.email or "", role)))
+
+
+@people_app.command("set-organizer")
+def set_organizer_command(
+    person: Annotated[str, typer.Argument(metavar="PERSON", help="Id; list-people shows it.")],
+    switch: Annotated[Switch, typer.Argument(help="on or off")] = Switch.ON,
+    data: DataOption = None,
+) -> None:
+    """Make a person an organizer, or no longer."""
+    with opened(records_settings(data)) as database, database.write() as session:
+        row = set_organizer(session, person, switch is Switch.ON, actor=ACTOR)
+        name = row.name
+    say(f"{name} is {'an organizer' if switch is Switch.ON else 'no organizer'} now")
+
+
+@people_app.command("self-registration")
+def self_registration_command(
+    switch: Annotated[Switch, typer.Argument(help="on or off")], data: DataOption = None
+) -> None:
+    """Let teams register themselves, or no longer; they submit when an organizer approves."""
+    with opened(records_settings(data)) as database, database.write() as session:
+        switch_self_registration(session, switch is Switch.ON, actor=ACTOR)
+    say(
+        f"self-registration is {switch} (EXCEPTIONDRIVE_SELF_REGISTRATION=false would force it off)"
+    )
+
+
+# The operator's commands about keys: the first secrets of a server, the key that signs receipts.
+
+
+receipts_app = typer.Typer()
+
+
+@receipts_app.command("new-receipt-key")
+def new_receipt_key(data: DataOption = None) -> None:
+    """Replace the key that signs receipts; restart the server to use it.
+
+    Receipts of the former key stay valid: its public half stays published.
+    """
+    from exceptiondrive_server.submissions.receipts import write_new_key
+
+    chosen = {} if data is None else Layout(data).environment(os.environ)
+    given = {name.removeprefix(PREFIX).lower(): value for name, value in chosen.items()}
+    path = load_settings(ServerSettings, **given).receipt_key_file
+    with _writing(path):
+        write_new_key(path, replace=True)
+    say(f"a new key is in {path}; restart the server to use it")
+
+
+@receipts_app.command("init-secrets")
+def init_secrets(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Made where it is not there.")],
+    host: Annotated[
+        str, typer.Option("--host", help="Name of the server, for its first TLS certificate.")
+    ] = "localhost",
+) -> None:
+    """Write every secret that compose.yaml names into DIR, with passwords of its own."""
+    from exceptiondrive_server.operations.secrets import write_first_secrets
+
+    with _writing(folder):
+        written = write_first_secrets(folder, host)
+    say(f"{len(written)} files are in {folder}; keep a copy where backups are kept")
+    say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Say in one sentence what cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise LaunchError(
+            f"{path} cannot be written: {reason}. A file that is mounted as a secret is replaced "
+            "where it comes from: `rotate keys` in docs/operating.md."
+        ) from None
