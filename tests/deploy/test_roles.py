@@ -131,7 +131,7 @@ def test_the_owner_and_strangers_are_no_roles(
     ("program", "command"),
     [
         ("exceptiondrive_worker.operator_cli", "register-splits"),
-        ("exceptiondrive_server.operations.cli", "list-teams"),
+        ("exceptiondrive_server.operations.cli", "list-tokens"),
     ],
 )
 def test_a_service_without_its_rights_is_told_who_gives_them(
