@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_server.pages.entry_facts import challenge_of
-from exceptiondrive_server.pages.entry_page import EntryReading
+from exceptiondrive_server.pages.entry_readings import EntryReading
 from exceptiondrive_server.pages.numbers import Digits
 from exceptiondrive_server.pages.scales import px
 

@@ -24,7 +24,7 @@ from exceptiondrive_server.pages.board_query import (
 from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.board_selection import count_by_source, select
 from exceptiondrive_server.pages.ceiling_chart import CeilingChart, ceiling_chart
-from exceptiondrive_server.pages.comparison import Comparison, compare_entries, default_pair
+from exceptiondrive_server.pages.comparison import Comparison, default_pair
 from exceptiondrive_server.pages.effect_arrows import EffectLine, effect_lines
 from exceptiondrive_server.pages.entry_facts import BADGES, challenge_of
 from exceptiondrive_server.pages.heat_map import HeatMap, heat_map
@@ -165,7 +165,7 @@ def board_view(
         chart=ceiling_chart(board, drawn, average) if pair else None,
         narrow_chart=ceiling_chart(board, drawn, average, width=350, height=400) if pair else None,
         heat=heat_map(board, setter.heat, rows, query),
-        comparison=compare_entries(board, *pair, digits) if pair else None,
+        comparison=Comparison(board, *pair, digits) if pair else None,
         effects=effect_lines(board, digits),
         sort_sentence=_sort_sentence(challenge, query, metric_columns(challenge, query)),
     )

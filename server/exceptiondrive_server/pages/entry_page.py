@@ -1,163 +1,107 @@
-"""The page of one entry: its score sheet, breakdown, plausibility, history and receipt."""
+"""The page of one entry: what its template needs besides the documents that were read."""
 
-from dataclasses import dataclass
-from datetime import datetime
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES
-from exceptiondrive_server.pages.board_rows import Row, RowSetter
-from exceptiondrive_server.pages.breakdown import BreakdownLine, breakdown_lines
+from exceptiondrive_server.pages.board_rows import RowSetter
 from exceptiondrive_server.pages.effect_table import effect_tables
 from exceptiondrive_server.pages.entry_facts import (
     board_fields,
     challenge_of,
     entry_key,
-    interval_of,
+    outcome_parts,
 )
-from exceptiondrive_server.pages.entry_history import History, PastStanding, history
-from exceptiondrive_server.pages.entry_standing import Standing, standing_of
-from exceptiondrive_server.pages.extra_tables import ExtraTable, extra_tables
-from exceptiondrive_server.pages.numbers import Digits, fixed, unit_of
-from exceptiondrive_server.pages.plausibility_words import PlausibilityLine, plausibility_lines
-from exceptiondrive_server.pages.sample_drawings import DrawnGroup, drawn_groups
+from exceptiondrive_server.pages.entry_readings import EntryReading
+from exceptiondrive_server.pages.entry_standing import standing_of
+from exceptiondrive_server.pages.extra_tables import extra_tables
+from exceptiondrive_server.pages.family_tiles import SMALL_FAMILY
+from exceptiondrive_server.pages.numbers import Digits
+from exceptiondrive_server.pages.plausibility_words import plausibility_lines
+from exceptiondrive_server.pages.sample_drawings import panels
+from exceptiondrive_server.pages.scales import Scale, nice_scale
 
 
-@dataclass(frozen=True)
-class Receipt:
-    """What was uploaded, and when it came."""
+class Part(NamedTuple):
+    """One family or task of an entry."""
 
-    file_digest: str
-    size_bytes: int
-    received_at: datetime
-
-
-@dataclass(frozen=True)
-class EntryReading:
-    """What the records say of an entry."""
-
-    board: Board
-    entry: BoardEntry
-    protocol: Protocol
-    phase_title: str
-    is_current: bool
-    sheet: ScoreSheet | None
-    receipt: Receipt | None
-    past: tuple[PastStanding, ...]
-    drawings: EntryDrawings | None
-
-
-@dataclass(frozen=True)
-class AggregateLine:
-    """One metric under both averages."""
-
-    metric: Metric
-    unit: str
-    headline: str | None
-    other: str | None
-    interval: str | None
-
-
-@dataclass(frozen=True)
-class StripMark:
-    """One entry on the strip that shows where all stand."""
-
-    at: float
-    source: str
-    is_this: bool
+    id: str
     title: str
+    hazard: str
+    """Of a task; a family has none of its own."""
+    row: BreakdownRow
+    interval: Interval | None
+    """Of the first metric."""
+    is_family: bool
+
+    @property
+    def is_small(self) -> bool:
+        """Whether its numbers come from few samples."""
+        return self.row.n is not None and self.row.n < SMALL_FAMILY
+
+    def bar(self, challenge: Challenge) -> dict[str, float] | None:
+        """Return the outcome's three shares; of a paper that prints one metric alone, that one."""
+        values = self.row.metrics
+        first = values.get(challenge.metrics[0].key)
+        alone = None if first is None else {"kept": first, "lost": 0.0, "hit": 0.0}
+        parts = outcome_parts(challenge, values)
+        return alone if parts is None else {str(name): share for name, share in parts.items()}
 
 
-@dataclass(frozen=True)
-class EntryPage:
-    """Everything that `entry.html` needs."""
-
-    reading: EntryReading
-    challenge: Challenge
-    row: Row
-    standing: Standing
-    board_url: str
-    """The board that shows it, current, late or old."""
-    picture_url: str
-    axis: tuple[str, str]
-    strip: tuple[StripMark, ...]
-    headline_title: str
-    other_title: str
-    aggregates: tuple[AggregateLine, ...]
-    lines: tuple[BreakdownLine, ...]
-    outcome_words: dict[str, str]
-    plausibility: tuple[PlausibilityLine, ...]
-    history: History | None
-    drawn: tuple[DrawnGroup, ...]
-    extra: tuple[ExtraTable, ...]
-    neighbours: tuple[tuple[str, str, str], ...]
-    key: str
-
-
-def entry_page(reading: EntryReading) -> EntryPage:
-    """Set what was read of an entry."""
-    board, entry = reading.board, reading.entry
+def entry_page(reading: EntryReading) -> dict[str, Any]:
+    """Return what `entry.html` shows of an entry."""
+    board, entry, sheet = reading.board, reading.entry, reading.sheet
     challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
     setter = RowSetter.of(board, board.headline, digits, is_current=reading.is_current)
-    first = challenge.metrics[0]
-    low, high = setter.axes[first.key].domain
-    other = "micro" if board.headline == "macro_family" else "macro_family"
-    sheet, row = reading.sheet, setter.row(entry)
-    section = reading.protocol.plausibility
-    return EntryPage(
-        reading=reading,
-        challenge=challenge,
-        row=row,
-        standing=standing_of(row, board),
-        board_url=f"/?{urlencode(board_fields(board, reading.is_current))}#board",
-        picture_url=f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
-        axis=(fixed(low * 100, 0), fixed(high * 100, 0)),
-        strip=_strip(setter, entry),
-        headline_title=AVERAGE_TITLES[board.headline],
-        other_title="over samples" if other == "micro" else "over families",
-        aggregates=tuple(_aggregate(board, entry, metric, digits) for metric in challenge.metrics),
-        lines=breakdown_lines(board, entry, sheet, reading.protocol, digits),
-        outcome_words={str(k): v for k, v in challenge.words.outcome.items()},
-        plausibility=plausibility_lines(sheet.plausibility, section) if sheet else (),
-        history=history(reading.past, board, digits),
-        drawn=drawn_groups(reading.drawings, board, entry, reading.protocol, reading.is_current),
-        extra=(
+    row, plausibility = setter.row(entry), reading.protocol.plausibility
+    is_macro = board.headline == "macro_family"
+    return {
+        "reading": reading,
+        "challenge": challenge,
+        "digits": digits,
+        "row": row,
+        "standing": standing_of(row, board),
+        "axis": setter.axes[challenge.metrics[0].key],
+        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
+        "other": entry.micro if is_macro else entry.macro_family,
+        "parts": tuple(_parts(reading, challenge.metrics[0])),
+        "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
+        "past_axis": _past_axis(reading, challenge.metrics[0]),
+        "panels": panels(reading),
+        "tables": (
             *effect_tables(board, entry, digits),
             *(extra_tables(sheet, reading.protocol, digits) if sheet else ()),
         ),
-        neighbours=_neighbours(reading),
-        key=entry_key(entry),
-    )
+        "neighbours": _neighbours(reading),
+        "board_url": f"/?{urlencode(board_fields(board, reading.is_current))}#board",
+        "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
+    }  # fmt: skip
 
 
-def _aggregate(board: Board, entry: BoardEntry, metric: Metric, digits: Digits) -> AggregateLine:
-    interval = interval_of(entry, board, board.headline, metric.key)
-    other = entry.micro if board.headline == "macro_family" else entry.macro_family
-    return AggregateLine(
-        metric=metric,
-        unit=unit_of(metric),
-        headline=digits.text(metric, entry.metrics.get(metric.key)),
-        other=digits.text(metric, other.get(metric.key)),
-        interval=f"{digits.text(metric, interval[0])} to {digits.text(metric, interval[1])}"
-        if interval
-        else None,
-    )
+def _parts(reading: EntryReading, first: Metric) -> Iterator[Part]:
+    """Each family of an entry, followed by its tasks where a score sheet is known."""
+    tasks = reading.sheet.tasks if reading.sheet else {}
+    for head in reading.board.families:
+        cell = reading.entry.families.get(head.id)
+        if cell is not None:
+            yield Part(head.id, head.title, "", cell, cell.intervals.get(first.key), True)
+            for task in reading.protocol.taxonomy.tasks_of(head.id):
+                if task.id in tasks:
+                    yield Part(task.id, task.title, task.hazard, tasks[task.id], None, False)
 
 
-def _strip(setter: RowSetter, this: BoardEntry) -> tuple[StripMark, ...]:
-    metric = setter.challenge.metrics[0]
-    marks = []
-    for entry in setter.board.entries:
-        value = entry.metrics.get(metric.key)
-        if value is not None:
-            text = f"{entry.method} {setter.digits.text(metric, value)} {unit_of(metric)}"
-            at = setter.axes[metric.key].clamped(value)
-            marks.append(StripMark(at, entry.source, entry is this, text))
-    return tuple(sorted(marks, key=lambda mark: mark.is_this))
+def _past_axis(reading: EntryReading, metric: Metric) -> Scale:
+    """One axis for all protocols under which the entry stood."""
+    values: list[float | None] = []
+    for past in reading.past:
+        interval = past.entry.intervals.get(metric.key) or ()
+        values += [past.entry.metrics.get(metric.key), *interval]
+    known = [value for value in values if value is not None]
+    return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
 
 
 def _picture_query(board: Board) -> str:
@@ -166,16 +110,16 @@ def _picture_query(board: Board) -> str:
     return urlencode(given)
 
 
-def _neighbours(reading: EntryReading) -> tuple[tuple[str, str, str], ...]:
-    """Comparisons with the entries just above and below on this board: words, method, address."""
+def _neighbours(reading: EntryReading) -> list[tuple[str, BoardEntry, str]]:
+    """Comparisons with the entries just above and below on this board: words, entry, address."""
     board, entry = reading.board, reading.entry
     ranked = [other for other in board.entries if other.rank is not None]
     if entry not in ranked:
-        others = [("the leader", ranked[0])] if ranked else []
+        others = [("the leader", other) for other in ranked[:1]]
     else:
         place = ranked.index(entry)
-        others = [("the entry above", ranked[place - 1])] if place else []
-        others += [("the entry below", ranked[place + 1])] if place + 1 < len(ranked) else []
+        others = [("the entry above", other) for other in ranked[max(place - 1, 0) : place]]
+        others += [("the entry below", other) for other in ranked[place + 1 : place + 2]]
     given = (*board_fields(board, reading.is_current), ("a", entry_key(entry)))
     base = f"/compare?{urlencode(given)}&b="
-    return tuple((words, other.method, base + entry_key(other)) for words, other in others)
+    return [(words, other, base + entry_key(other)) for words, other in others]

@@ -16,7 +16,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.entry_facts import board_name, challenge_of, primary_metrics
-from exceptiondrive_server.pages.entry_page import EntryReading
+from exceptiondrive_server.pages.entry_readings import EntryReading
 from exceptiondrive_server.pages.entry_standing import Standing, standing_of
 from exceptiondrive_server.pages.headline import headline
 from exceptiondrive_server.pages.numbers import Digits, day

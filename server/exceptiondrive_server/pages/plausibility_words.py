@@ -1,43 +1,27 @@
 """Plausibility shares of an entry in words, each with the threshold of the protocol."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from exceptiondrive_schemas.protocol import PlausibilitySection
-from exceptiondrive_schemas.score_sheet import Flag, Plausibility
-from exceptiondrive_server.pages.numbers import fixed
+from exceptiondrive_schemas.score_sheet import Plausibility
 
 
-@dataclass(frozen=True)
-class PlausibilityLine:
-    """One share: what it counts, its value in per cent, when it raises a flag."""
+class PlausibilityLine(NamedTuple):
+    """One share: what it counts, its value, what raises a flag, whether it is raised."""
 
     words: str
-    value: str | None
+    share: float | None
     threshold: str
-    flag: Flag | None
+    is_raised: bool
 
 
 def plausibility_lines(
     plausibility: Plausibility, section: PlausibilitySection
-) -> tuple[PlausibilityLine, ...]:
-    """Return a line for every share that the score sheet publishes."""
-    words = _words(section)
-    raised = {flag.code: flag for flag in plausibility.flags}
-    return tuple(
-        PlausibilityLine(
-            words=words.get(key, (key.replace("_", " "), "", ""))[0],
-            value=None if share is None else fixed(share * 100, 1),
-            threshold=words.get(key, ("", "", ""))[1],
-            flag=raised.get(words.get(key, ("", "", ""))[2]),
-        )
-        for key, share in _in_order(plausibility.shares, words)
-    )
-
-
-def _words(section: PlausibilitySection) -> dict[str, tuple[str, str, str]]:
-    """Share to its words, its threshold in words, and the flag that it may raise."""
+) -> list[PlausibilityLine]:
+    """Return a line for every share that the score sheet publishes, known ones first."""
     still = f"end less than {section.stationary_below_m:g} m from the start"
-    return {
+    turning = f"turning tighter than {section.min_turn_radius_m:g} m"
+    known = {  # share to its words, its threshold, the flag that it may raise
         "edited_stationary": (
             f"edited trajectories that {still}",
             f"more than {section.flag_edited_stationary_excess:.0%} above the source share",
@@ -54,19 +38,14 @@ def _words(section: PlausibilitySection) -> dict[str, tuple[str, str, str]]:
             "blind_to_the_edit",
         ),
         "impossible": (
-            (
-                f"edited trajectories above {section.max_acceleration_mps2:g} m/s\u00b2 or turning "
-                f"tighter than {section.min_turn_radius_m:g} m"
-            ),
+            f"edited trajectories above {section.max_acceleration_mps2:g} m/s\u00b2 or {turning}",
             f"above {section.flag_impossible:.0%}",
             "impossible_motion",
         ),
     }
-
-
-def _in_order(
-    shares: dict[str, float | None], words: dict[str, tuple[str, str, str]]
-) -> list[tuple[str, float | None]]:
-    """Known shares in the order of the protocol's section, then any others."""
-    keys = [key for key in words if key in shares] + [key for key in shares if key not in words]
-    return [(key, shares[key]) for key in keys]
+    raised = {flag.code for flag in plausibility.flags}
+    lines = []
+    for key in sorted(plausibility.shares, key=lambda key: [*known, key].index(key)):
+        words, threshold, flag = known.get(key, (key.replace("_", " "), "", ""))
+        lines.append(PlausibilityLine(words, plausibility.shares[key], threshold, flag in raised))
+    return lines

@@ -7,10 +7,12 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.pages import numbers
+from exceptiondrive_server.pages.comparison import family_value, is_sure
 from exceptiondrive_server.pages.condense import Condensed
-from exceptiondrive_server.pages.entry_facts import board_name
+from exceptiondrive_server.pages.entry_facts import BADGES, board_name, entry_url, rank_range
 from exceptiondrive_server.pages.scales import px
 
 FOLDER = Path(__file__).parent
@@ -53,6 +55,11 @@ def with_article(noun: str) -> str:
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
 
 
+def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
+    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
+    return Markup(shapes(sample, width, height))
+
+
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -65,7 +72,9 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
+    made.globals.update(
+        asset=asset, THIN_SPACE=numbers.THIN_SPACE, BADGES=BADGES, entry_url=entry_url
+    )
     made.filters.update(
         day=numbers.day,
         minute=numbers.minute,
@@ -80,7 +89,12 @@ def environment() -> Environment:
         stars=stars,
         a=with_article,
         board_name=board_name,
+        rank_range=rank_range,
+        shapes=drawn,
+        unit=numbers.unit_of,
+        family_value=family_value,
     )
+    made.tests["sure"] = is_sure
     return made
 
 
