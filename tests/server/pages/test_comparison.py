@@ -8,7 +8,7 @@ from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifferen
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow
-from exceptiondrive_server.pages.comparison import (
+from exceptiondrive_server.entries.comparison import (
     Comparison,
     Sheets,
     default_pair,
@@ -16,7 +16,7 @@ from exceptiondrive_server.pages.comparison import (
     find_pair,
     is_sure,
 )
-from exceptiondrive_server.pages.numbers import Digits
+from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()
 

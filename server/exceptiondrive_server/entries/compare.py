@@ -1,0 +1,118 @@
+"""The compare page: entries of one board, the first two in full, all of them side by side."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+from urllib.parse import urlencode
+
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_server.boards.page import entry_choices
+from exceptiondrive_server.entries.comparison import (
+    Comparison,
+    difference_table,
+    find_pair,
+    is_sure,
+)
+from exceptiondrive_server.entries.facts import board_fields, challenge_of, entry_key
+from exceptiondrive_server.entries.queries import MAX_COMPARED, ComparisonReading
+from exceptiondrive_server.web.numbers import Digits, listed
+
+
+def compare_page(reading: ComparisonReading) -> dict[str, Any]:
+    """Return what `compare.html` shows; without two entries there is nothing to compare."""
+    shown, board, entries = reading.board, reading.board.board, reading.entries
+    digits = Digits.of(shown.protocol.publication)
+    keys = tuple(entry_key(entry) for entry in entries)
+    if board is not None:
+        challenge = challenge_of(board)
+    else:
+        challenge = shown.phase.challenge if shown.phase else next(iter(CHALLENGES.values()))
+    page = {
+        "shown": shown,
+        "board": board,
+        "challenge": challenge,
+        "digits": digits,
+        "entries": entries,
+        "keys": keys,
+        "has_room": len(keys) < MAX_COMPARED,
+        "both": None,
+        "kept_fields": board_fields(board, shown.is_current) if board else (),
+        "picture_url": _picture_url(board),
+    }
+    if board is None or len(entries) < 2:
+        return page
+    both = Comparison(board, entries[0], entries[1], digits)
+    offered = entry_choices(board)
+    known = dict(offered)
+    rest = tuple((key, e.method) for key, e in zip(keys, entries, strict=True) if key not in known)
+    fields = board_fields(board, shown.is_current)
+    return page | {
+        "both": both,
+        "choices": (*offered, *rest),
+        "differences": difference_table(both, shown.protocol, reading.sheets),
+        "against": [[against(board, one, other, digits) for other in entries] for one in entries],
+        "verdict": verdict(board, entries, digits) if len(entries) > 2 else both.verdict,
+        "address": _address(board_fields(board), keys),
+        "swap_url": _address(fields, (keys[1], keys[0], *keys[2:])),
+    }
+
+
+def _picture_url(board: Board | None) -> str:
+    """Address of the picture that other sites show."""
+    fields = board_fields(board) if board and board.view == "main" else ()
+    return "/pictures/board.png" + (f"?{urlencode(fields)}" if fields else "")
+
+
+def _address(fields: Sequence[tuple[str, str]], keys: Sequence[str]) -> str:
+    given = (*fields, ("a", keys[0]), ("b", keys[1]), *(("more", key) for key in keys[2:]))
+    return f"/compare?{urlencode(given)}"
+
+
+class Against(NamedTuple):
+    """One entry against another: `sure`, `open`, `unknown`, or itself."""
+
+    kind: str
+    text: str = ""
+    note: str = ""
+
+
+def against(board: Board, one: BoardEntry, other: BoardEntry, digits: Digits) -> Against:
+    """Compare two entries by the metric that ranks first, one minus the other."""
+    if one is other:
+        return Against("self")
+    first = challenge_of(board).metrics[0]
+    text = digits.difference(first, one.metrics.get(first.key), other.metrics.get(first.key))
+    pair = find_pair(board, entry_key(one), entry_key(other))
+    if pair is None:
+        return Against("unknown", text or "none", "no interval")
+    found = pair.overall[first.key]
+    if not is_sure(found):
+        return Against("open", text or "none", "not separable")
+    is_better = ((found.difference or 0) > 0) == (first.better == "higher")
+    return Against("sure", text or "none", f"surely {'better' if is_better else 'worse'}")
+
+
+def verdict(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> str:
+    """Say whom the leader of these is surely ahead of, and from whom the split cannot tell it."""
+    first = challenge_of(board).metrics[0]
+    leader = _leader(entries, first)
+    if leader is None:
+        return f"None of them has {first.label}."
+    groups: dict[str, list[str]] = {"sure": [], "open": [], "unknown": []}
+    for other in entries:
+        if other is not leader:
+            groups[against(board, leader, other, digits).kind].append(other.method)
+    parts = [f"Of these, {leader.method} has the best {first.label}"]
+    if groups["sure"]:
+        parts.append(f"it is surely better than {listed(groups['sure'])}")
+    if groups["open"]:
+        parts.append(f"this split does not tell it from {listed(groups['open'], 'or')}")
+    if groups["unknown"]:
+        parts.append(f"against {listed(groups['unknown'])} no paired interval is known")
+    return "; ".join(parts) + "."
+
+
+def _leader(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:
+    sign = -1 if metric.better == "higher" else 1
+    known = [entry for entry in entries if entry.metrics.get(metric.key) is not None]
+    return min(known, key=lambda e: sign * (e.metrics[metric.key] or 0.0), default=None)

@@ -1,0 +1,210 @@
+"""The page of one entry: what its template needs besides the documents that were read."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+from urllib.parse import urlencode
+
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.protocol import PlausibilitySection
+from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
+from exceptiondrive_server.boards.extra_tables import effect_tables, extra_tables
+from exceptiondrive_server.boards.family_tiles import SMALL_FAMILY
+from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.boards.rows import Row, RowSetter
+from exceptiondrive_server.boards.scales import Scale, nice_scale
+from exceptiondrive_server.entries.facts import board_fields, challenge_of, entry_key, outcome_parts
+from exceptiondrive_server.entries.queries import EntryReading
+from exceptiondrive_server.entries.sample_drawings import panels
+from exceptiondrive_server.web.numbers import Digits
+
+# What pages, badge and picture of an entry say of its rank: held, none, or none as it came late.
+
+
+NO_RANK = "–"
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The rank of an entry in the words of its page."""
+
+    rank: str
+    """The rank held on the board; a dash where none is held."""
+    note: str
+    """Small print under the rank."""
+    why: tuple[str, str] | None
+    """Why no rank is held: what it is called, and the sentence; None where one is held."""
+    words: str
+    """All of it in one line."""
+
+
+def standing_of(row: Row, board: Board) -> Standing:
+    """Say what rank an entry holds. One that came after the deadline holds none on any board."""
+    if row.entry.is_late:
+        return _late(row, board)
+    if row.rank is None:
+        return Standing(NO_RANK, "", ("Not ranked.", _sentence(row.rank_words)), row.rank_words)
+    note = f"{row.rank_interval} possible" if row.rank_interval else ""
+    return Standing(row.rank, note, None, row.rank_words)
+
+
+def _late(row: Row, board: Board) -> Standing:
+    why = "It came after the deadline, so it holds no rank and moves none."
+    if row.rank is None:
+        return Standing(NO_RANK, "", ("Late.", f"{why} {_sentence(row.rank_words)}"), "late")
+    n_ranked = sum(1 for entry in board.entries if entry.rank is not None)
+    sentence = f"{why} Among all {n_ranked} of the late view it would be number {row.rank}."
+    words = f"late, not ranked; it would be number {row.rank}"
+    return Standing(NO_RANK, f"would be {row.rank}", ("Late.", sentence), words)
+
+
+def _sentence(words: str) -> str:
+    return words[0].upper() + words[1:] + ("" if words.endswith(".") else ".")
+
+
+# Plausibility shares of an entry in words, each with the threshold of the protocol.
+
+
+class PlausibilityLine(NamedTuple):
+    """One share: what it counts, its value, what raises a flag, whether it is raised."""
+
+    words: str
+    share: float | None
+    threshold: str
+    is_raised: bool
+
+
+def plausibility_lines(
+    plausibility: Plausibility, section: PlausibilitySection
+) -> list[PlausibilityLine]:
+    """Return a line for every share that the score sheet publishes, known ones first."""
+    still = f"end less than {section.stationary_below_m:g} m from the start"
+    turning = f"turning tighter than {section.min_turn_radius_m:g} m"
+    known = {  # share to its words, its threshold, the flag that it may raise
+        "edited_stationary": (
+            f"edited trajectories that {still}",
+            f"more than {section.flag_edited_stationary_excess:.0%} above the source share",
+            "stands_still",
+        ),
+        "source_stationary": (
+            f"source trajectories that {still}",
+            f"above {section.flag_source_stationary:.0%}",
+            "source_stands_still",
+        ),
+        "blind": (
+            f"pairs that differ by less than {section.blind_shift_below_m:g} m",
+            f"above {section.flag_blind:.0%}",
+            "blind_to_the_edit",
+        ),
+        "impossible": (
+            f"edited trajectories above {section.max_acceleration_mps2:g} m/s\u00b2 or {turning}",
+            f"above {section.flag_impossible:.0%}",
+            "impossible_motion",
+        ),
+    }
+    raised = {flag.code for flag in plausibility.flags}
+    lines = []
+    for key in sorted(plausibility.shares, key=lambda key: [*known, key].index(key)):
+        words, threshold, flag = known.get(key, (key.replace("_", " "), "", ""))
+        lines.append(PlausibilityLine(words, plausibility.shares[key], threshold, flag in raised))
+    return lines
+
+
+class Part(NamedTuple):
+    """One family or task of an entry."""
+
+    id: str
+    title: str
+    hazard: str
+    """Of a task; a family has none of its own."""
+    row: BreakdownRow
+    interval: Interval | None
+    """Of the first metric."""
+    is_family: bool
+
+    @property
+    def is_small(self) -> bool:
+        """Whether its numbers come from few samples."""
+        return self.row.n is not None and self.row.n < SMALL_FAMILY
+
+    def bar(self, challenge: Challenge) -> dict[str, float] | None:
+        """Return the outcome's three shares; of a paper that prints one metric alone, that one."""
+        values = self.row.metrics
+        first = values.get(challenge.metrics[0].key)
+        alone = None if first is None else {"kept": first, "lost": 0.0, "hit": 0.0}
+        parts = outcome_parts(challenge, values)
+        return alone if parts is None else {str(name): share for name, share in parts.items()}
+
+
+def entry_page(reading: EntryReading) -> dict[str, Any]:
+    """Return what `entry.html` shows of an entry."""
+    board, entry, sheet = reading.board, reading.entry, reading.sheet
+    challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
+    setter = RowSetter.of(board, board.headline, digits, is_current=reading.is_current)
+    row, plausibility = setter.row(entry), reading.protocol.plausibility
+    is_macro = board.headline == "macro_family"
+    return {
+        "reading": reading,
+        "challenge": challenge,
+        "digits": digits,
+        "row": row,
+        "standing": standing_of(row, board),
+        "axis": setter.axes[challenge.metrics[0].key],
+        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
+        "other": entry.micro if is_macro else entry.macro_family,
+        "parts": tuple(_parts(reading, challenge.metrics[0])),
+        "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
+        "past_axis": _past_axis(reading, challenge.metrics[0]),
+        "panels": panels(reading),
+        "tables": (
+            *effect_tables(board, entry, digits),
+            *(extra_tables(sheet, reading.protocol, digits) if sheet else ()),
+        ),
+        "neighbours": _neighbours(reading),
+        "board_url": f"/?{urlencode(board_fields(board, reading.is_current))}#board",
+        "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
+    }  # fmt: skip
+
+
+def _parts(reading: EntryReading, first: Metric) -> Iterator[Part]:
+    """Each family of an entry, followed by its tasks where a score sheet is known."""
+    tasks = reading.sheet.tasks if reading.sheet else {}
+    for head in reading.board.families:
+        cell = reading.entry.families.get(head.id)
+        if cell is not None:
+            yield Part(head.id, head.title, "", cell, cell.intervals.get(first.key), True)
+            for task in reading.protocol.taxonomy.tasks_of(head.id):
+                if task.id in tasks:
+                    yield Part(task.id, task.title, task.hazard, tasks[task.id], None, False)
+
+
+def _past_axis(reading: EntryReading, metric: Metric) -> Scale:
+    """One axis for all protocols under which the entry stood."""
+    values: list[float | None] = []
+    for past in reading.past:
+        interval = past.entry.intervals.get(metric.key) or ()
+        values += [past.entry.metrics.get(metric.key), *interval]
+    known = [value for value in values if value is not None]
+    return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
+
+
+def _picture_query(board: Board) -> str:
+    """A picture of the late view follows it; one of a board never changes."""
+    given = (("phase", board.phase),) if board.view == "late" else board_fields(board)
+    return urlencode(given)
+
+
+def _neighbours(reading: EntryReading) -> list[tuple[str, BoardEntry, str]]:
+    """Comparisons with the entries just above and below on this board: words, entry, address."""
+    board, entry = reading.board, reading.entry
+    ranked = [other for other in board.entries if other.rank is not None]
+    if entry not in ranked:
+        others = [("the leader", other) for other in ranked[:1]]
+    else:
+        place = ranked.index(entry)
+        others = [("the entry above", other) for other in ranked[max(place - 1, 0) : place]]
+        others += [("the entry below", other) for other in ranked[place + 1 : place + 2]]
+    given = (*board_fields(board, reading.is_current), ("a", entry_key(entry)))
+    base = f"/compare?{urlencode(given)}&b="
+    return [(words, other, base + entry_key(other)) for words, other in others]
