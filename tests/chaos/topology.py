@@ -28,7 +28,7 @@ from tests.chaos.users import Users, as_user
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role, grant_to_files
-from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.splits.splits import manifest_of
 from exceptiondrive_records.submissions.file_store import FileStore

@@ -33,7 +33,7 @@ class Digits:
         if value is None:
             return None
         if metric.unit == "fraction":
-            return self.fraction(value)
+            return fixed(value * 100, self.percent)
         return fixed(value, self.metre)
 
     def fraction(self, value: float) -> str:

@@ -95,11 +95,6 @@ def stars(text: str) -> Markup:
     return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
 
 
-def shown(value: object) -> object:
-    """Clean a text of what turns, hides or steers, whatever was let into the records."""
-    return printable(value) if type(value) is str else value
-
-
 def https_only(url: str | None) -> str:
     """Return a link that readers may follow; anything but an https address is left out."""
     return url if url is not None and url.startswith("https://") else ""
@@ -127,7 +122,6 @@ def environment() -> Environment:
         ),
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=shown,
         extensions=[Condensed],
         trim_blocks=True,
         lstrip_blocks=True,
@@ -159,8 +153,8 @@ def environment() -> Environment:
 
 
 def render(template: str, **values: object) -> str:
-    """Fill a template."""
-    return environment().get_template(template).render(**values)
+    """Fill a template, and clean it of what turns, hides or steers, whatever the records let in."""
+    return printable(environment().get_template(template).render(**values))
 
 
 SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
