@@ -16,9 +16,9 @@ from typing import Any
 import httpx
 import pytest
 from sqlalchemy import func, select
-from tests.access.conftest import free_port
-from tests.conftest import as_role
-from tests.sample_documents import make_manifest
+from tests.support.databases import as_role
+from tests.support.documents import make_manifest
+from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database

@@ -17,6 +17,7 @@ from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.accounts.browser_session import Holder, holder_of
 from exceptiondrive_server.boards.scales import px
 from exceptiondrive_server.entries.comparison import family_value, is_sure
 from exceptiondrive_server.entries.facts import BADGES, board_name, entry_url, rank_range
@@ -32,10 +33,6 @@ from exceptiondrive_server.web.services import services_of
 
 
 THEME_COOKIE = "theme"
-SESSION_COOKIES = ("__Host-session", "session")
-"""Secure, on https; plain, on this machine alone."""
-ORGANIZER_COOKIE = "organizer"
-"""Shows the link to the organizers' pages; it opens nothing."""
 YEAR_S = 365 * 24 * 3600
 
 
@@ -52,12 +49,16 @@ def origin_of(request: Request) -> str:
 
 def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
-    cookies, query = request.cookies, request.url.query
+    query, holder = request.url.query, holder_of(request)
     here = request.url.path + (f"?{query}" if query else "")
-    has_session = any(name in cookies for name in SESSION_COOKIES)
-    is_organizer = has_session and cookies.get(ORGANIZER_COOKIE) == "yes"
-    theme = theme_of(cookies.get(THEME_COOKIE))
-    return Site(theme, here, current, has_session, origin_of(request), is_organizer)
+    return Site(
+        theme_of(request.cookies.get(THEME_COOKIE)),
+        here,
+        current,
+        has_session=holder is not Holder.VISITOR,
+        origin=origin_of(request),
+        is_organizer=holder is Holder.ORGANIZER,
+    )
 
 
 def safe_back(path: str) -> str:
