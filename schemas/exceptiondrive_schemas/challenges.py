@@ -7,7 +7,9 @@ submission file's form. Check, upload, jobs, records, rescoring, boards and page
 from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenge_words import (
@@ -25,7 +27,12 @@ class ChallengeId(StrEnum):
 
 
 class Metric(Document):
-    """One column of a board: what it is called, which way is better, what it may decide."""
+    """One column of a board: what it is called, which way is better, what it may decide.
+
+    `aggregation` says what the values of samples become in a task, a family and overall: their mean,
+    the share of ones (the mean of zeros and ones), their minimum, or a quantile without
+    interpolation: the least value that a share of `level` of the samples does not exceed.
+    """
 
     key: str
     label: str
@@ -34,6 +41,20 @@ class Metric(Document):
     better: Literal["higher", "lower"] | None
     role: Literal["primary", "diagnostic"]
     meaning: str
+    aggregation: Literal["mean", "share", "minimum", "quantile"] = "mean"
+    level: float | None = Field(default=None, gt=0, le=1)
+    """Of a quantile: 0.5 is the median."""
+
+    @model_validator(mode="after")
+    def _a_quantile_has_a_level(self) -> Self:
+        if (self.aggregation == "quantile") != (self.level is not None):
+            raise ValueError("a quantile, and nothing else, has a level")
+        return self
+
+    @property
+    def order_level(self) -> float | None:
+        """Which order statistic of the samples it is, 0 for the minimum; None where it is a mean."""
+        return {"minimum": 0.0, "quantile": self.level}.get(self.aggregation)
 
 
 class RankKey(Document):
@@ -112,6 +133,7 @@ PLANNING = Challenge(
             unit="fraction",
             better="lower",
             role="primary",
+            aggregation="share",
             meaning="Share of samples in which the collision tube touches the hazard region.",
         ),
         Metric(
@@ -170,6 +192,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better="higher",
             role="primary",
+            aggregation="share",
             meaning="Share of samples whose strategy is in the acceptable set.",
         ),
         Metric(
@@ -179,6 +202,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better="lower",
             role="primary",
+            aggregation="share",
             meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
         ),
         Metric(
@@ -188,6 +212,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better=None,
             role="diagnostic",
+            aggregation="share",
             meaning="Wrong, but not too little caution.",
         ),
         Metric(
@@ -197,6 +222,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better="lower",
             role="diagnostic",
+            aggregation="share",
             meaning="No answer given; counted as wrong and under-warning.",
         ),
     ),

@@ -53,14 +53,14 @@ class BreakdownRow(Document):
     """One family or task: `n` and the metrics, flat: `{"n": 12, "hcc": 0.4, ...}`."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, RowValue] = Field(init=False)
+    __pydantic_extra__: dict[str, RowValue]
 
     n: int | None
 
     @classmethod
-    def of(cls, n: int | None, metrics: MetricRow, **more: Any) -> Self:
-        """Return the row of `n` samples with these metrics, and what else a subclass holds."""
-        return cls.model_validate({"n": n, **METRIC_ROW.validate_python(metrics), **more})
+    def of(cls, n: int | None, metrics: MetricRow) -> Self:
+        """Return the row of `n` samples with these metrics."""
+        return cls.model_validate({"n": n, **METRIC_ROW.validate_python(metrics)})
 
     @property
     def metrics(self) -> MetricRow:

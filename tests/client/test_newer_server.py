@@ -90,7 +90,8 @@ def made(schema: dict[str, Any]) -> Any:
             return None
         case kind:
             assert kind in ("integer", "number"), schema
-            return schema.get("minimum", schema.get("exclusiveMinimum", 0) + 1)
+            number = schema.get("minimum", schema.get("exclusiveMinimum", 0) + 1)
+            return int(number) if kind == "integer" else number
 
 
 def widened(value: Any, schema: dict[str, Any]) -> Any:

@@ -9,7 +9,7 @@ from exceptiondrive_schemas.check import UnreadableFileError, check, inflate
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.upload_reader import FAST_READERS, read_upload
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"

@@ -11,8 +11,7 @@ from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.leakage import PublishedCells
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.exact_sheet import exact_sheet
+from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_store import LoadedSplit, load_split, read_split
 

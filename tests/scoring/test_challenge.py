@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.support.strategies import answers_alone
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.sheet import aggregate
-from exceptiondrive_scoring.strategy import StrategyAnswers
 
 MakeSplit = Callable[..., SplitArrays]
 N = 6
@@ -21,7 +21,7 @@ N = 6
 def _answers(challenge_id: ChallengeId) -> dict[str, NDArray[Any]]:
     drive = np.cumsum(np.full((N, 6, 2), [2.0, 0.1]), axis=1)
     drive[0] = np.nan
-    strategies = StrategyAnswers.without_reminders(np.array([-1, 2, 2, 2, 2, 2]))
+    strategies = answers_alone(np.array([-1, 2, 2, 2, 2, 2]))
     return {
         ChallengeId.PLANNING: {"source": drive.copy(), "edited": drive},
         ChallengeId.STRATEGY: strategies.columns(),
@@ -48,7 +48,7 @@ def test_every_challenge_goes_the_same_way_to_a_sheet(
     sheet = aggregate(scores, split, protocol.taxonomy)
     assert set(sheet.micro) == set(scores.metric_keys)
     assert scoring.coverage(measurements)["edited"] == pytest.approx(5 / 6)
-    scoring.plausibility(measurements, protocol)
+    scoring.plausibility(measurements, split, protocol)
     scoring.extra(measurements, split, protocol)
 
 

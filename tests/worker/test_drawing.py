@@ -28,8 +28,8 @@ from exceptiondrive_schemas.drawing import EntryDrawings, packaged_drawing, pict
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import Split, SplitRef
 from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.drawing import protocol_drawing as draw_made_up
 from exceptiondrive_scoring.footprint import footprints_m
-from exceptiondrive_scoring.made_up_sample import protocol_drawing as draw_made_up
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.drawing import WithheldSplitError, drawings_of, packaged_drawing_text

@@ -109,7 +109,7 @@ def test_every_motion_is_one_a_car_can_make(
     scoring = SCORING[ChallengeId.PLANNING]
     columns = columns_of(predictions(planner, samples, SEED))
     measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
-    assert scoring.plausibility(measurements, protocol).shares["impossible"] == 0
+    assert scoring.plausibility(measurements, loaded.arrays, protocol).shares["impossible"] == 0
     assert np.nanmax(measurements["peak_acceleration_mps2"]) < 10
 
 

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.upload_reader import FAST_READERS, read_upload
 
 PROTOCOL = packaged_protocol()

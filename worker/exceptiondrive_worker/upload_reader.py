@@ -23,7 +23,7 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.fast_planning import read_planning
 from exceptiondrive_worker.fast_strategy import read_strategy
 

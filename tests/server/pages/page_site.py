@@ -43,8 +43,8 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server import pages, team_pages
 from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.settings import ServerSettings
