@@ -1,15 +1,17 @@
-"""The two challenges as data: which file they take, which metrics they give, what ranks.
+"""The challenges as data: which file they take, which metrics they give, what ranks.
 
-A challenge differs from its sibling only here, in the scoring package (measure, grade) and in the
-submission file's form. Check, upload, jobs, records, rescoring, boards and pages are the same code.
+A challenge differs from its siblings only in three places, each registered under its identifier:
+here and in how its file is checked (`exceptiondrive_schemas.check.register`), and in how it is
+measured and graded (`exceptiondrive_scoring.challenge.register`, which the server never imports).
+Upload, jobs, records, rescoring, boards and pages are the same code.
 """
 
-from collections.abc import Mapping
-from enum import StrEnum
-from types import MappingProxyType
-from typing import Literal, Self
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, Literal, NewType, Self, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenge_words import (
@@ -18,12 +20,20 @@ from exceptiondrive_schemas.challenge_words import (
     ChallengeWords,
 )
 
+ChallengeId = NewType("ChallengeId", str)
+"""Identifier of a challenge: the key of its registration. No enumeration, because challenges can be
+added; a reader of answers takes one that it does not know."""
 
-class ChallengeId(StrEnum):
-    """Identifier of a challenge."""
 
-    PLANNING = "planning"
-    STRATEGY = "strategy"
+class UnknownChallengeError(KeyError):
+    """Nothing is registered under this identifier."""
+
+    def __init__(self, challenge_id: str, known: Iterable[str]) -> None:
+        self.sentence = f"There is no challenge {challenge_id!r} here; known: {', '.join(known)}."
+        super().__init__(self.sentence)
+
+    def __str__(self) -> str:
+        return self.sentence
 
 
 class Metric(Document):
@@ -109,7 +119,7 @@ class Challenge(Document):
 
 
 PLANNING = Challenge(
-    id=ChallengeId.PLANNING,
+    id=ChallengeId("planning"),
     title="Planning",
     file_schema="exceptiondrive.planning/1",
     words=PLANNING_WORDS,
@@ -178,7 +188,7 @@ PLANNING = Challenge(
 )
 
 STRATEGY = Challenge(
-    id=ChallengeId.STRATEGY,
+    id=ChallengeId("strategy"),
     title="Strategy",
     file_schema="exceptiondrive.strategy/1",
     words=STRATEGY_WORDS,
@@ -228,9 +238,67 @@ STRATEGY = Challenge(
     ),
 )
 
-CHALLENGES: Mapping[ChallengeId, Challenge] = MappingProxyType(
-    {challenge.id: challenge for challenge in (PLANNING, STRATEGY)}
-)
-CHALLENGE_OF_FILE_SCHEMA: Mapping[str, Challenge] = MappingProxyType(
-    {challenge.file_schema: challenge for challenge in CHALLENGES.values()}
-)
+Registered = TypeVar("Registered")
+
+
+class Registry(Mapping[ChallengeId, Registered]):
+    """One thing for each challenge; looking up a challenge that is not there says which are."""
+
+    def __init__(self) -> None:
+        self._registered: dict[ChallengeId, Registered] = {}
+
+    def register(self, challenge_id: ChallengeId, thing: Registered) -> None:
+        """Add the thing of a challenge.
+
+        Raises:
+            ValueError: The challenge has one.
+        """
+        if challenge_id in self:
+            raise ValueError(f"the challenge {challenge_id} is registered already")
+        self._registered[challenge_id] = thing
+
+    def __getitem__(self, challenge_id: str) -> Registered:
+        try:
+            return self._registered[ChallengeId(challenge_id)]
+        except KeyError:
+            raise UnknownChallengeError(challenge_id, self) from None
+
+    def __iter__(self) -> Iterator[ChallengeId]:
+        return iter(self._registered)
+
+    def __len__(self) -> int:
+        return len(self._registered)
+
+
+CHALLENGES: Registry[Challenge] = Registry()
+for _challenge in (PLANNING, STRATEGY):
+    CHALLENGES.register(_challenge.id, _challenge)
+
+
+def challenge_of_file(file_schema: str) -> Challenge | None:
+    """Return the challenge whose files name this schema."""
+    return next((each for each in CHALLENGES.values() if each.file_schema == file_schema), None)
+
+
+class _Known:
+    """Asks for a registered challenge, and lists them in JSON Schemas."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return no_info_after_validator_function(_known, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {**handler(schema), "enum": list(CHALLENGES)}
+
+
+def _known(challenge_id: str) -> ChallengeId:
+    if challenge_id not in CHALLENGES:
+        raise ValueError(f"must be one of {', '.join(CHALLENGES)}")
+    return ChallengeId(challenge_id)
+
+
+KnownChallenge = Annotated[ChallengeId, _Known()]
+"""A challenge as a request names it."""

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Self
 from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.split import SplitRef
 
 MetricRow = dict[str, float | None]
@@ -75,7 +76,7 @@ class BreakdownRow(Document):
 class ScoreSheet(Document):
     """Totals, families and tasks of one (submission, protocol version, split revision)."""
 
-    challenge: str
+    challenge: ChallengeId
     protocol: ProtocolRef
     split: SplitRef
     scorer_version: str

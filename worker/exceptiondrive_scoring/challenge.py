@@ -5,13 +5,12 @@ what a store keeps, and what every function here takes.
 """
 
 import typing
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import Challenge, Registry
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol
@@ -82,9 +81,20 @@ class ChallengeScoring(typing.Protocol):
         """Pictures of some samples, regions and all; None where there is nothing to draw."""
 
 
-SCORING: Mapping[ChallengeId, ChallengeScoring] = MappingProxyType(
-    {scoring.challenge.id: scoring for scoring in (PlanningScoring(), StrategyScoring())}
-)
+SCORING: Registry[ChallengeScoring] = Registry()
+
+
+def register(scoring: ChallengeScoring) -> None:
+    """Make known how a challenge is measured and graded.
+
+    Raises:
+        ValueError: That of this challenge is known.
+    """
+    SCORING.register(scoring.challenge.id, scoring)
+
+
+register(PlanningScoring())
+register(StrategyScoring())
 
 
 def document_columns(
@@ -110,7 +120,7 @@ def exact_sheet(
     breakdown = aggregate(scores, split, protocol.taxonomy)
     coverage = scoring.coverage(measured)
     return ScoreSheet(
-        challenge=scoring.challenge.id.value,
+        challenge=scoring.challenge.id,
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
         split=split_ref,
         scorer_version=SCORER_VERSION,
