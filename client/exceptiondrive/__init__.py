@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from exceptiondrive.checking import check_file
     from exceptiondrive.client import Client, Submission
+    from exceptiondrive.dataframes import to_dataframe
     from exceptiondrive.errors import (
         ExceptionDriveError,
         InvalidArgumentError,
@@ -48,6 +49,7 @@ __all__ = [
     "WaitTimeoutError",
     "check_file",
     "evaluate_file",
+    "to_dataframe",
 ]
 
 _HOMES = {
@@ -57,6 +59,7 @@ _HOMES = {
     "Submission": "client",
     "check_file": "checking",
     "evaluate_file": "evaluation",
+    "to_dataframe": "dataframes",
 }
 
 

@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 
 from exceptiondrive_records.errors import (
     ConcurrentQuotaExceeded,
+    InvalidRecord,
     QuotaExceeded,
     RecordsError,
     RejectedCapExceeded,
@@ -56,7 +57,9 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
     """Return the answer that states a problem."""
     status = STATUS_OF[problem.code]
     if wants_page(request):
-        answer = pages.problem_page(request, status, problem.code, problem.detail)
+        fields = (f"{name}: {words}." for name, words in problem.fields.items())
+        detail = " ".join([problem.detail, *fields])
+        answer = pages.problem_page(request, status, problem.code, detail)
         if problem.retry_after_s is not None:
             answer.headers["Retry-After"] = str(problem.retry_after_s)
         return answer
@@ -110,7 +113,8 @@ async def _records_error(request: Request, error: Exception) -> Response:
 
 def problem_of_records(error: RecordsError) -> ApiProblem:
     """Return what the records refused, as a problem."""
-    problem = ApiProblem(error.code, str(error))
+    fields = error.fields if isinstance(error, InvalidRecord) else None
+    problem = ApiProblem(error.code, str(error), fields=fields)
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
     if isinstance(error, TooManyAttempts):

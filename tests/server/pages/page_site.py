@@ -46,6 +46,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.api import boards
 from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
@@ -54,6 +55,7 @@ from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_spli
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
 ROUTES.include_router(pages.router)
 ROUTES.include_router(team_pages.router)
+ROUTES.include_router(boards.router, prefix="/api/v1")
 
 
 class Services:
