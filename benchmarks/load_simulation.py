@@ -5,7 +5,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 from benchmarks.load_traffic import FLOOD, arrivals
-from exceptiondrive_records.turns import TeamQueue, served, team_to_serve
+from exceptiondrive_records.work.turns import TeamQueue, served, team_to_serve
 
 _START = datetime(2026, 1, 1, tzinfo=UTC)
 SLOTS = (1, 2, 4, 8, 16, 32)

@@ -14,17 +14,18 @@ from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 from tests.chaos.history import BoardSeen, Call, History, Sighting
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.boards import claim_board, publish_board
-from exceptiondrive_records.claims import Finish
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import Job, ScoreSheetRow, Submission
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.claims import Finish
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase

@@ -10,9 +10,9 @@ import redis
 from tests.chaos.junk import JUNK
 from tests.chaos.run import Run, percentile, slowest_s
 
-from exceptiondrive_records.broker_options import KEY_PREFIX
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.tables import Job, JobState
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.work.doorbell import KEY_PREFIX, Doorbell
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus as Status
 

@@ -9,7 +9,7 @@ import time
 
 from tests.chaos.run import Run
 
-from exceptiondrive_records.tables import JobState
+from exceptiondrive_records.db.base import JobState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 

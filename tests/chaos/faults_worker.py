@@ -10,8 +10,8 @@ from tests.chaos.run import Hit, Run
 from tests.chaos.saboteur import VISIBILITY_S
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS
 
-from exceptiondrive_records.attention import attention
-from exceptiondrive_records.tables import JobState
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.operations.dashboard import attention
 
 _DRAINS_WITHIN_S = 10.0
 

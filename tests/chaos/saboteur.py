@@ -50,7 +50,7 @@ def _once(name: str) -> bool:
 
 def _sabotage_worker() -> Callable[[], None]:
     import exceptiondrive_scoring
-    from exceptiondrive_records import broker_options
+    from exceptiondrive_records.work import doorbell as broker_options
 
     exceptiondrive_scoring.SCORER_VERSION = os.environ.get(
         SCORER, exceptiondrive_scoring.SCORER_VERSION
@@ -82,8 +82,8 @@ def _sabotage_worker() -> Callable[[], None]:
 
 
 def _sabotage_server() -> Callable[[], None]:
-    from exceptiondrive_server import operator_cli
-    from exceptiondrive_server import submitting as module
+    from exceptiondrive_server.operations import cli as operator_cli
+    from exceptiondrive_server.submissions import accepting as module
 
     submitting: Any = module
 

@@ -167,7 +167,7 @@ def running(
 ) -> Iterator[Running]:
     """Start the application, without a worker."""
     from exceptiondrive_server.app import create_app
-    from exceptiondrive_server.settings import ServerSettings
+    from exceptiondrive_server.web.settings import ServerSettings
     from exceptiondrive_worker.doors import open_doors
     from exceptiondrive_worker.settings import WorkerSettings
 
@@ -201,7 +201,10 @@ def running(
 
 def _fill_records(doors: "Doors") -> tuple[str, str]:
     """Make protocol, split, two phases, a team and its token, an organizer and theirs."""
-    from exceptiondrive_records import phases, protocols, teams, tokens
+    from exceptiondrive_records.accounts import tokens
+    from exceptiondrive_records.phases import phases
+    from exceptiondrive_records.protocols import protocols
+    from exceptiondrive_records.teams import teams
     from exceptiondrive_schemas.challenges import ChallengeId
     from exceptiondrive_schemas.phase_settings import NewPhase
     from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
@@ -248,7 +251,8 @@ def working(running: Running) -> Iterator[Running]:
 def _work(doors: "Doors", stop: threading.Event) -> None:
     from sqlalchemy import select
 
-    from exceptiondrive_records.tables import BoardRequest, Job, JobState
+    from exceptiondrive_records.db.base import JobState
+    from exceptiondrive_records.work.tables import BoardRequest, Job
     from exceptiondrive_worker.board_run import build_board
     from exceptiondrive_worker.scoring_run import score_submission
 

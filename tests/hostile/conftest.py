@@ -12,16 +12,17 @@ import structlog
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import Job, Submission
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_records.accounts.tokens import issue_token
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.doors import Doors, open_doors
 from exceptiondrive_worker.scoring_run import score_submission

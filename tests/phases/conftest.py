@@ -16,18 +16,19 @@ from sqlalchemy import select
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.tables import BoardRequest, Job, JobState
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.doors import Doors, open_doors
 from exceptiondrive_worker.scoring_run import score_submission

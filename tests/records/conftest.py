@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import pytest
 from tests.sample_documents import make_manifest, make_sheet
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.claims import Claim, Finish
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.submissions import Accepted, accept
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.submissions.submissions import Accepted, accept
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.claims import Claim, Finish
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml

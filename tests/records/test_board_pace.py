@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from exceptiondrive_records import boards
-from exceptiondrive_records.board_rings import (
+from exceptiondrive_records.boards import boards
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.work.board_rings import (
     LONGEST_PAUSE_S,
     PAUSE_FACTOR,
     build_after,
@@ -16,9 +17,8 @@ from exceptiondrive_records.board_rings import (
     ring_due_boards,
     take_due_boards,
 )
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.tables import BoardRequest
+from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef

@@ -4,8 +4,8 @@ import json
 import signal
 from typing import Any
 
-from exceptiondrive_records import doorbell as doorbell_module
-from exceptiondrive_records.doorbell import Doorbell
+from exceptiondrive_records.work import doorbell as doorbell_module
+from exceptiondrive_records.work.doorbell import Doorbell
 from exceptiondrive_schemas.jobs import Lane
 
 Broker = Any

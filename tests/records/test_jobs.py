@@ -4,10 +4,12 @@ from typing import Any
 
 from sqlalchemy import update
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.audit import count_audit_lines, verify_audit
-from exceptiondrive_records.claims import Claim, Finish
-from exceptiondrive_records.tables import BoardRequest, Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.claims import Claim, Finish
+from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -22,17 +22,20 @@ from hypothesis.stateful import (
 )
 from sqlalchemy import func, select
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.audit import verify_audit
-from exceptiondrive_records.claims import Claim, Finish
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.errors import Conflict
-from exceptiondrive_records.reconciler import reconcile_once
-from exceptiondrive_records.ringing import outstanding, ring_job
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import AuditLine, Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.claims import Claim, Finish
+from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.reconciler import reconcile_once
+from exceptiondrive_records.work.ringing import outstanding, ring_job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus

@@ -9,17 +9,19 @@ from sqlalchemy.exc import OperationalError
 from tests.records.conftest import World
 from tests.records.test_boards import board, take
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.board_rings import take_due_boards
-from exceptiondrive_records.boards import publish_board
-from exceptiondrive_records.claims import Finish
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phase_boards import want_boards
-from exceptiondrive_records.phases import create_phase, lock_phase
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import Job, JobState, Submission
+from exceptiondrive_records.boards.boards import publish_board
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.phases.phases import create_phase, lock_phase
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.board_rings import take_due_boards
+from exceptiondrive_records.work.claims import Finish
+from exceptiondrive_records.work.phase_boards import want_boards
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.submission import SubmissionStatus

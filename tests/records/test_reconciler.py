@@ -6,15 +6,22 @@ from typing import Any
 
 from sqlalchemy import update
 
-from exceptiondrive_records.audit import count_audit_lines
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.heartbeats import beat
-from exceptiondrive_records.leaders import give_up_lead, take_lead
-from exceptiondrive_records.reconciler import Pass, reconcile_once, run_reconciler
-from exceptiondrive_records.ringing import ring_job
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.tables import BoardRequest, Job, JobState, Leader, Submission
+from exceptiondrive_records.audit.log import count_audit_lines
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_records.work.reconciler import (
+    Pass,
+    give_up_lead,
+    reconcile_once,
+    run_reconciler,
+    take_lead,
+)
+from exceptiondrive_records.work.ringing import ring_job
+from exceptiondrive_records.work.tables import BoardRequest, Job, Leader
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -8,9 +8,13 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.ringing import (
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.ringing import (
     due_jobs,
     hand_ring_over,
     mark_rung,
@@ -18,11 +22,8 @@ from exceptiondrive_records.ringing import (
     ring_due_jobs,
     ring_job,
 )
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import Job, Submission
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.turns import (
+from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.turns import (
     TeamQueue,
     jobs_before,
     next_in_turn,

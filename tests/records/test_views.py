@@ -7,12 +7,13 @@ from sqlalchemy import update
 from tests.records.statements import statements
 from tests.records.test_boards import board, publish
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.heartbeats import beat, forget_worker, live_workers
-from exceptiondrive_records.submissions import find_submission, withdraw
-from exceptiondrive_records.tables import Job, JobState, WorkerHeartbeat
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.views import recent_scoring_s, view, views
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.submissions.submissions import find_submission, withdraw
+from exceptiondrive_records.submissions.views import recent_scoring_s, view, views
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.heartbeats import beat, forget_worker, live_workers
+from exceptiondrive_records.work.tables import Job, WorkerHeartbeat
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView

@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.jobs import claim, finish_failed
-from exceptiondrive_records.phase_changes import freeze_phase
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.phases.changes import freeze_phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.tables import Job, JobState
+from exceptiondrive_records.work.jobs import claim, finish_failed
+from exceptiondrive_records.work.tables import Job
 
 Stage = Any
 Make = Callable[..., str]

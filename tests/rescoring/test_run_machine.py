@@ -27,16 +27,18 @@ from sqlalchemy import select
 from tests.rescoring.documents import new_protocol
 from tests.rescoring.stage import Stage, open_stage
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.errors import Conflict, InvalidRecord
-from exceptiondrive_records.invariants import unfinished, violations
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.keys import OPEN, UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.rescoring.pairs import count_pairs
-from exceptiondrive_records.retries import retry_submission
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import BoardRequest, Job, Phase, Submission
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.jobs import retry_submission
+from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.rescoring import RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_worker.scoring_run import score_submission

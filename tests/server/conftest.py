@@ -20,25 +20,26 @@ from starlette.testclient import TestClient
 from tests.conftest import as_role
 from tests.sample_documents import REVISION, make_manifest, make_sheet
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import claim_board, publish_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.roles import Role
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.tables import BoardRow, Job
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.services import Services
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.settings import ServerSettings
 
 PROTOCOL = packaged_protocol()
 PREFIX = "/api/v1"

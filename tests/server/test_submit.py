@@ -10,8 +10,9 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.tables import Job, Submission
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import SubmissionView
 

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.tables import Job
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ def test_my_lists_the_teams_own_with_status_and_place(api: "Api", alpha: "TeamBr
 def test_my_goes_on_to_older_submissions(
     api: "Api", alpha: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("exceptiondrive_server.team_pages.my_routes.SHOWN", 1)
+    monkeypatch.setattr("exceptiondrive_server.teams.my_pages.SHOWN", 1)
     first, second = (api.submit(text).json()["id"] for text in "ab")
     page = alpha.get("/my").text
     assert first not in page

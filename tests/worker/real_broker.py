@@ -5,8 +5,11 @@ from typing import Any
 
 from sqlalchemy import func, select
 
-from exceptiondrive_records.heartbeats import live_workers
-from exceptiondrive_records.tables import AuditLine, Job, JobState, ScoreSheetRow, Submission
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work.heartbeats import live_workers
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus

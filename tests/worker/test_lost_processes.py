@@ -7,9 +7,9 @@ import pytest
 from sqlalchemy import select
 from tests.worker.real_broker import assert_all_scored_once, count_leased, count_scored, submit_many
 
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.ringing import ring_job
-from exceptiondrive_records.tables import Job
+from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.ringing import ring_job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.split import Split
 
 World = Any

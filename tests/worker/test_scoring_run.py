@@ -8,10 +8,12 @@ import pytest
 from billiard.exceptions import SoftTimeLimitExceeded
 from sqlalchemy import func, select
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.submissions import new_job
-from exceptiondrive_records.tables import BoardRequest, Job, JobState, ScoreSheetRow
+from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.submissions import new_job
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split

@@ -17,10 +17,10 @@ from tests.worker.real_broker import (
     live_slots,
 )
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.ringing import ring_job
-from exceptiondrive_records.tables import Job
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.ringing import ring_job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split

@@ -2,7 +2,7 @@
 
 from celery import Celery
 
-from exceptiondrive_records.broker_options import lane_queues, transport_options
+from exceptiondrive_records.work.doorbell import lane_queues, transport_options
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.ring_transport import RingAmqp
 from exceptiondrive_worker.settings import WorkerSettings

@@ -3,9 +3,9 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.work.doorbell import Doorbell
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane

@@ -10,7 +10,7 @@ import structlog
 from celery import Celery
 from celery.signals import worker_process_init, worker_process_shutdown
 
-from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.app import create_app
 from exceptiondrive_worker.doors import Doors, open_doors

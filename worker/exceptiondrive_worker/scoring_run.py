@@ -5,14 +5,16 @@ from dataclasses import dataclass
 
 import structlog
 
-from exceptiondrive_records.board_rings import ring_boards, ring_due_boards, take_due_boards
-from exceptiondrive_records.claims import Claim
-from exceptiondrive_records.jobs import claim, finish_failed, finish_rejected, finish_scored
-from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.rescoring.reading import accepted_under
-from exceptiondrive_records.ringing import hand_ring_over, ring_due_jobs
-from exceptiondrive_records.tables import Job, Phase, Submission
-from exceptiondrive_records.turns import NextJob, is_live_work_open, next_in_turn
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.keys import accepted_under
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.board_rings import ring_boards, ring_due_boards, take_due_boards
+from exceptiondrive_records.work.claims import Claim
+from exceptiondrive_records.work.jobs import claim, finish_failed, finish_rejected, finish_scored
+from exceptiondrive_records.work.ringing import hand_ring_over, ring_due_jobs
+from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.turns import NextJob, is_live_work_open, next_in_turn
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import Protocol

@@ -11,8 +11,8 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from exceptiondrive_records.similarity import ScoredFile, keep_alike, scored_files
-from exceptiondrive_records.turns import live_job_waits
+from exceptiondrive_records.submissions.similarity import ScoredFile, keep_alike, scored_files
+from exceptiondrive_records.work.turns import live_job_waits
 from exceptiondrive_schemas.similarity import AlikeSubmission
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.challenge import SCORING

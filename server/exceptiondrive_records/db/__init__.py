@@ -1,0 +1,1 @@
+"""The database under all nouns: base, session, columns, roles."""

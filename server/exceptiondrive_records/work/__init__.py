@@ -1,0 +1,1 @@
+"""What there is to do: queue, leases and dispatch."""
