@@ -90,8 +90,8 @@ def made(schema: dict[str, Any]) -> Any:
             return None
         case kind:
             assert kind in ("integer", "number"), schema
-            number = schema.get("minimum", schema.get("exclusiveMinimum", 0) + 1)
-            return int(number) if kind == "integer" else number
+            least = schema.get("minimum", schema.get("exclusiveMinimum", 0) + 1)
+            return int(least) if kind == "integer" else least  # OpenAPI writes bounds as 1.0
 
 
 def widened(value: Any, schema: dict[str, Any]) -> Any:

@@ -9,8 +9,12 @@ from tests.sample_documents import make_sheet
 from tests.server.nasty_strings import ALL, steering_in
 
 from exceptiondrive.cli.output import console, say, show, show_json
-from exceptiondrive.cli.records_table import show_records
-from exceptiondrive.cli.tables import board_view, submission_view, submissions_table
+from exceptiondrive.cli.tables import (
+    board_view,
+    records_table,
+    submission_view,
+    submissions_table,
+)
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import ProtocolRef
@@ -42,7 +46,7 @@ def entry(text: str) -> BoardEntry:
 
 def board() -> Board:
     return Board(
-        challenge="planning",
+        challenge=PLANNING.id,
         phase="\x1b[2J",
         split=SplitRef(name="\x1b[2J", revision="r"),
         protocol=ProtocolRef(version="\x9b2J", digest="d"),
@@ -60,7 +64,7 @@ def submission(text: str) -> SubmissionView:
     return SubmissionView(
         id=text,
         phase=text,
-        challenge="planning",
+        challenge=PLANNING.id,
         team=text,
         method=text,
         description=text,
@@ -81,7 +85,7 @@ def test_tables_and_sentences_hold_nothing_that_steers(capsys: pytest.CaptureFix
     for view in views:
         show(*submission_view(view, f"http://server/{view.id}", view.method))
         say(f"error: {view.method}")
-    show_records([{"a": text, "b": [text]} for text in ALL.values()], ("a", "b"), json=False)
+    show(records_table([{"a": text, "b": [text]} for text in ALL.values()], ("a", "b")))
     shown = capsys.readouterr()
     for text in (shown.out, shown.err):
         assert len(text) > 200

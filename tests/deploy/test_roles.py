@@ -130,8 +130,8 @@ def test_the_owner_and_strangers_are_no_roles(
 @pytest.mark.parametrize(
     ("program", "command"),
     [
-        ("exceptiondrive_worker", "register-splits"),
-        ("exceptiondrive_server", "list-teams"),
+        ("exceptiondrive_worker.operator_cli", "register-splits"),
+        ("exceptiondrive_server.operations.cli", "list-teams"),
     ],
 )
 def test_a_service_without_its_rights_is_told_who_gives_them(
@@ -150,7 +150,7 @@ def test_a_service_without_its_rights_is_told_who_gives_them(
     monkeypatch.setenv("EXCEPTIONDRIVE_SPLITS_DIR", str(tmp_path))
     monkeypatch.setattr("sys.argv", [program, command])
     monkeypatch.setattr("exceptiondrive_worker.operator_cli.configure_logging", lambda: None)
-    main = importlib.import_module(f"{program}.operator_cli").main
+    main = importlib.import_module(program).main
     with pytest.raises(SystemExit) as ended:
         main()
     said = capsys.readouterr().err

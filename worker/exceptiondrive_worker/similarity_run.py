@@ -112,7 +112,7 @@ class _Comparing:
     def sketch(self, file: ScoredFile) -> Sketch | None:
         """Return the sketched answers (S, P, C) of a file; None where it cannot be read any more."""
         private = self._doors.private
-        key = content_key("sketch", file.file_digest, self._like.challenge.id.value, self._seed)
+        key = content_key("sketch", file.file_digest, self._like.challenge.id, self._seed)
         kept = private.read_columns(Shelf.SKETCHES, key)
         if kept is not None:
             return kept["ways"]

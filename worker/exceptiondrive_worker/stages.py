@@ -253,7 +253,7 @@ def _graded_key(what: str, measurement_key: str, target: Target) -> str:
     return content_key(
         what,
         SCORER_VERSION,
-        target.challenge.id.value,
+        target.challenge.id,
         measurement_key,
         target.protocol.grading_digest,
         target.split.grading_digest,

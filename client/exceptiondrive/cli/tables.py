@@ -1,6 +1,7 @@
 """Documents of the API as people read them in a terminal."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -8,7 +9,7 @@ from rich.text import Text
 
 from exceptiondrive.errors import utc_text
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.protocol import Protocol, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
@@ -36,9 +37,25 @@ def plain_table(*titles: str) -> Table:
     return table
 
 
+def records_table(records: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
+    """Return records of the API as a table of these columns."""
+    table = plain_table(*(column.replace("_", " ") for column in columns))
+    for record in records:
+        table.add_row(*(_cell(record.get(column)) for column in columns))
+    return table
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else str(value)
+
+
 def challenge_of(challenge_id: str) -> Challenge:
     """Return the challenge with this id."""
-    return CHALLENGES[ChallengeId(challenge_id)]
+    return CHALLENGES[challenge_id]
 
 
 def metric_head(metric: Metric) -> str:

@@ -8,10 +8,10 @@ import hmac
 import secrets
 from dataclasses import dataclass
 from typing import Annotated
-from urllib.parse import urlsplit
+from urllib.parse import urlencode, urlsplit
 
-from fastapi import Depends, Request
-from fastapi.responses import Response
+from fastapi import Depends, FastAPI, Request
+from fastapi.responses import RedirectResponse, Response
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.sessions import LIFETIME
@@ -188,3 +188,20 @@ def _own_origins(request: Request) -> set[str]:
     own = {f"{request.url.scheme}://{request.url.netloc}"}
     parts = urlsplit(services_of(request).settings.public_url)
     return own | {f"{parts.scheme}://{parts.netloc}"} if parts.netloc else own
+
+
+def lead_to_sign_in(app: FastAPI) -> None:
+    """Lead a browser that is not signed in to the sign-in page, and from there back."""
+    app.add_exception_handler(SignInNeeded, _to_sign_in)
+    app.add_exception_handler(TeamNeeded, _to_team)
+
+
+async def _to_sign_in(request: Request, error: Exception) -> Response:
+    back = request.url.path if request.method in ("GET", "HEAD") else "/my"
+    query = urlencode({"back": back})
+    headers = {"Cache-Control": "no-store"}
+    return RedirectResponse(f"/sign-in?{query}", status_code=303, headers=headers)
+
+
+async def _to_team(request: Request, error: Exception) -> Response:
+    return RedirectResponse("/my/team", status_code=303, headers={"Cache-Control": "no-store"})

@@ -31,7 +31,7 @@ BADGES: dict[EntrySource, Badge] = {
 
 def challenge_of(board: Board) -> Challenge:
     """Return the challenge of a board."""
-    return next(challenge for key, challenge in CHALLENGES.items() if key == board.challenge)
+    return CHALLENGES[board.challenge]
 
 
 def primary_metrics(challenge: Challenge) -> tuple[Metric, ...]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY
 from exceptiondrive_schemas.drawing import ProtocolDrawing
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.taxonomy import Family, RegionKind, Strategy, Task
@@ -101,6 +101,8 @@ class ProtocolPage:
     scene: SceneDrawing
     cards: tuple[MetricCard, ...]
     strategy_cards: tuple[MetricCard, ...]
+    further_cards: tuple[tuple[str, tuple[MetricCard, ...]], ...]
+    """Title and metrics of each further challenge."""
     rules: tuple[RankRule, ...]
     families: tuple[FamilyBlock, ...]
     strategies: tuple[Strategy, ...]
@@ -112,14 +114,18 @@ def protocol_page(
     protocol: Protocol, versions: Sequence[Protocol], drawing: ProtocolDrawing
 ) -> ProtocolPage:
     """Set a protocol; `versions` are all of them, oldest first."""
-    cards, strategy_cards = (metric_cards(challenge) for challenge in CHALLENGES.values())
     previous = _previous(protocol, versions)
     return ProtocolPage(
         protocol=protocol,
         versions=tuple(versions),
         scene=scene_drawing(drawing, protocol),
-        cards=cards,
-        strategy_cards=strategy_cards,
+        cards=metric_cards(PLANNING),
+        strategy_cards=metric_cards(STRATEGY),
+        further_cards=tuple(
+            (each.title, metric_cards(each))
+            for key, each in CHALLENGES.items()
+            if key not in (PLANNING.id, STRATEGY.id)
+        ),
         rules=_rank_rules(protocol),
         families=_families(protocol),
         strategies=_by_caution(protocol),

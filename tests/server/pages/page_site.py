@@ -30,7 +30,7 @@ from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
 )
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
@@ -47,17 +47,17 @@ from exceptiondrive_schemas.score_sheet import (
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards import api as boards
-from exceptiondrive_server.web import public_pages as pages
-from exceptiondrive_server.web import team_pages
+from exceptiondrive_server.routes import PAGES
 from exceptiondrive_server.web.problems import install_problem_handlers
+from exceptiondrive_server.web.responses import mount_static
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
-ROUTES.include_router(pages.router)
-ROUTES.include_router(team_pages.router)
+ROUTES.include_router(PAGES)
 ROUTES.include_router(boards.router, prefix="/api/v1")
 
 
@@ -79,8 +79,8 @@ class Site:
         self.app.state.services = Services(database)
         self.app.router.routes.extend(ROUTES.routes)
         install_problem_handlers(self.app)
-        team_pages.lead_to_sign_in(self.app)
-        pages.mount_static(self.app)
+        lead_to_sign_in(self.app)
+        mount_static(self.app)
 
     async def get(self, path: str, **headers: str) -> httpx.Response:
         return await self._send("GET", path, headers)
@@ -215,7 +215,7 @@ def sheet_of(entry: BoardEntry) -> ScoreSheet:
         "impossible": None,
     }
     return ScoreSheet(
-        challenge="planning",
+        challenge=PLANNING.id,
         protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
         split=MANIFEST.ref,
         scorer_version="1.0.0",
@@ -243,7 +243,7 @@ def real_drawings(planner: int = 4) -> EntryDrawings:
         for side in ("source", "edited")
     }
     split = split_arrays(sample_split().samples, PROTOCOL.taxonomy)
-    scoring = SCORING[ChallengeId.PLANNING]
+    scoring = SCORING[PLANNING.id]
     measured = scoring.measure(columns, split, PROTOCOL.geometry)
     drawings = scoring.drawings(columns, measured, ids, split, PROTOCOL)
     assert drawings is not None
