@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.taxonomy import Family, RegionKind, Strategy, Task
@@ -114,18 +114,17 @@ def protocol_page(
     protocol: Protocol, versions: Sequence[Protocol], drawing: ProtocolDrawing
 ) -> ProtocolPage:
     """Set a protocol; `versions` are all of them, oldest first."""
+    (_, cards), (_, strategy_cards), *further = (
+        (each.title, metric_cards(each)) for each in CHALLENGES.values()
+    )
     previous = _previous(protocol, versions)
     return ProtocolPage(
         protocol=protocol,
         versions=tuple(versions),
         scene=scene_drawing(drawing, protocol),
-        cards=metric_cards(PLANNING),
-        strategy_cards=metric_cards(STRATEGY),
-        further_cards=tuple(
-            (each.title, metric_cards(each))
-            for key, each in CHALLENGES.items()
-            if key not in (PLANNING.id, STRATEGY.id)
-        ),
+        cards=cards,
+        strategy_cards=strategy_cards,
+        further_cards=tuple(further),
         rules=_rank_rules(protocol),
         families=_families(protocol),
         strategies=_by_caution(protocol),
