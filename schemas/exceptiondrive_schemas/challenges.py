@@ -13,6 +13,7 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_va
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
 
+from exceptiondrive_schemas import formulas
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenge_words import (
     PLANNING_WORDS,
@@ -51,6 +52,8 @@ class Metric(Document):
     better: Literal["higher", "lower"] | None
     role: Literal["primary", "diagnostic"]
     meaning: str
+    formula: str = ""
+    """Its equation as MathML; empty where words are enough."""
     aggregation: Literal["mean", "share", "minimum", "quantile"] = "mean"
     level: float | None = Field(default=None, gt=0, le=1)
     """Of a quantile: 0.5 is the median."""
@@ -135,6 +138,7 @@ PLANNING = Challenge(
             role="primary",
             meaning="Zero inside the hazard, then grows with clearance until the required "
             "clearance is met.",
+            formula=formulas.HCC,
         ),
         Metric(
             key="ur",
@@ -145,6 +149,7 @@ PLANNING = Challenge(
             role="primary",
             aggregation="share",
             meaning="Share of samples in which the collision tube touches the hazard region.",
+            formula=formulas.UR,
         ),
         Metric(
             key="hpr",
@@ -155,6 +160,7 @@ PLANNING = Challenge(
             role="diagnostic",
             meaning="Peaks where clearance equals the required clearance; too close and too far "
             "both cost. Not a safety score.",
+            formula=formulas.HPR,
         ),
         Metric(
             key="cts",
@@ -165,6 +171,7 @@ PLANNING = Challenge(
             role="diagnostic",
             meaning="How far the trajectory moved once the hazard appeared. Moving is not the "
             "same as avoiding.",
+            formula=formulas.CTS,
         ),
         Metric(
             key="cts_x",
@@ -204,6 +211,7 @@ STRATEGY = Challenge(
             role="primary",
             aggregation="share",
             meaning="Share of samples whose strategy is in the acceptable set.",
+            formula=formulas.ACCURACY,
         ),
         Metric(
             key="under_warning",
@@ -214,6 +222,7 @@ STRATEGY = Challenge(
             role="primary",
             aggregation="share",
             meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
+            formula=formulas.UNDER_WARNING,
         ),
         Metric(
             key="over_warning",

@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 
 import pytest
 from rich.progress import Progress
-from tests.sample_documents import make_sheet
 from tests.server.nasty_strings import ALL, steering_in
+from tests.support.documents import make_sheet
 
 from exceptiondrive.cli.output import console, say, show, show_json
 from exceptiondrive.cli.tables import (

@@ -15,7 +15,7 @@ def ranks(
     coverage_suffices: Sequence[bool],
     order: Sequence[RankKey],
 ) -> list[int | None]:
-    """Rank entries (PROTOCOL.md section 4).
+    """Rank entries (docs/protocol.md section 4).
 
     Args:
         values: Metric key to the value of each of K entries, rounded to the published precision.
@@ -54,7 +54,7 @@ def _sort_key(
 def rank_intervals(
     entries: Sequence[Uncertainty], order: Literal["descending", "ascending"]
 ) -> IntArray:
-    """Best and worst rank of each entry that the draws leave open (PROTOCOL.md section 4).
+    """Best and worst rank of each entry that the draws leave open (docs/protocol.md section 4).
 
     Entry i is surely better than j if the interval of their paired difference lies wholly above
     zero, that is if it is better in all draws but those that the interval cuts off. The range is

@@ -50,7 +50,7 @@ class Breakdown:
 
 
 def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> Breakdown:
-    """Totals, families and tasks of one submission (PROTOCOL.md section 3).
+    """Totals, families and tasks of one submission (docs/protocol.md section 3).
 
     Samples are summed once, by task; families and the total are sums of those. A metric that is no
     mean is taken from the samples of each group. The macro average of a metric is taken over the
