@@ -1,4 +1,4 @@
-"""Clearance: Euclidean distance of collision tube and hazard region (PROTOCOL.md section 2).
+"""Clearance: Euclidean distance of collision tube and hazard region (docs/protocol.md section 2).
 
 The tube is a union of convex pieces and the region of one or two, so the clearance is the least
 distance over all pairs of pieces. Most pairs cannot be the nearest; two bounds, both cheap in the
@@ -19,7 +19,7 @@ from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.convex_distance import gap_along_axes, hull_distance_m
 from exceptiondrive_scoring.footprint import Footprints, footprints
-from exceptiondrive_scoring.positions import positions, steps
+from exceptiondrive_scoring.kinematics import positions, steps
 from exceptiondrive_scoring.region import PreparedRegions
 
 BLOCK_COLUMNS = 640

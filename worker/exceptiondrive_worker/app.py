@@ -1,4 +1,7 @@
-"""The Celery app. Celery only distributes: the records are the queue (research/reliability.md A5)."""
+"""The Celery app. Celery only distributes: the records are the queue.
+
+docs/decisions/0003-sql-is-the-queue.md gives the reason of each setting.
+"""
 
 from celery import Celery
 
@@ -9,7 +12,7 @@ from exceptiondrive_worker.settings import WorkerSettings
 
 
 def create_app(settings: WorkerSettings) -> Celery:
-    """Return the app with the settings that lost and doubled nothing in any trial.
+    """Return the app with settings that neither lose nor double a job.
 
     Jobs are acknowledged before they run: the lease in the records brings them back. There is no
     result backend; a job takes ids and returns nothing. Junk in a queue is dropped (`rings`), and

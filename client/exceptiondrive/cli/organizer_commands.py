@@ -8,7 +8,7 @@ import typer
 
 from exceptiondrive.checking import chosen_protocol, read_file
 from exceptiondrive.cli import options, phase_commands, rescore_commands
-from exceptiondrive.cli.output import show_result
+from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import ExceptionDriveError
@@ -98,13 +98,19 @@ def create_team(
     reference: Annotated[
         bool, typer.Option("--reference", help="Its entries are shown and never ranked.")
     ] = False,
+    with_token: Annotated[
+        bool, typer.Option("--with-token", help="Issue its first token too; shown this once.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Make a team."""
     with open_organizer(server) as organizer:
         team = organizer.create_team(team_id, name, is_reference=reference)
-    show_result(team, json, f"team {team['id']} made")
+        if with_token:
+            team["token"] = organizer.issue_token(team_id, "first token")["token"]
+            say(f"team {team['id']} made; its token, shown this once:")
+    show_result(team, json, team.get("token") or f"team {team['id']} made")
 
 
 def approve_team(

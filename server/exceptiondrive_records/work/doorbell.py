@@ -16,7 +16,7 @@ from redis.exceptions import RedisError
 
 from exceptiondrive_schemas.jobs import JobName, Lane
 
-# What everyone who speaks to the broker must agree on (research/reliability.md A5).
+# What everyone who speaks to the broker must agree on (docs/decisions/0003-sql-is-the-queue.md).
 
 
 KEY_PREFIX = "ed:"

@@ -1,4 +1,4 @@
-"""The status machine of jobs: every step is one fenced compare-and-set (research/reliability.md A4).
+"""The status machine of jobs: every step is one fenced compare-and-set.
 
 A claim raises the fence; whoever comes with an older fence has lost the lease and changes nothing.
 """

@@ -2,7 +2,7 @@
 
 A job is *rung* while a message for it is under way; a claim ends that. Messages may be lost, so a
 job rung long ago is due again; at most a window of them is outstanding, so that a dead worker
-does not fill the broker (research/reliability.md A4).
+does not fill the broker (docs/decisions/0003-sql-is-the-queue.md).
 
 A live ring says "come", not "take this one": the worker takes the job whose turn it is when it
 comes (`turns`). So the marks of waiting live jobs only count the messages under way.

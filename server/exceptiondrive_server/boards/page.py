@@ -29,7 +29,7 @@ from exceptiondrive_server.boards.headline import (
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.entries.comparison import Comparison, compare_entries, default_pair
+from exceptiondrive_server.entries.comparison import Comparison, default_pair
 from exceptiondrive_server.entries.facts import board_fields, entry_key
 from exceptiondrive_server.entries.scene_drawing import SceneDrawing, scene_drawing
 from exceptiondrive_server.web.numbers import Digits, minute
@@ -83,7 +83,7 @@ def _shown(
         if pair
         else None,
         effects=effect_lines(board, digits),
-        comparison=compare_entries(board, *pair, digits) if pair else None,
+        comparison=Comparison(board, *pair, digits) if pair else None,
         entry_choices=entry_choices(board),
     )
 
