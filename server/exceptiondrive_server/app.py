@@ -39,6 +39,8 @@ def create_app(settings: ServerSettings) -> FastAPI:
     services = Services.open(settings)
     app.state.services = services
     limit_bytes = settings.max_upload_bytes + MULTIPART_OVERHEAD_BYTES
+    if services.provider is not None:
+        services.provider.keep_flows(app)
     app.add_middleware(BodyLimit, upload_limit_bytes=limit_bytes)
     app.add_middleware(Overload, at_once=settings.uploads_at_once)
     app.add_middleware(RequestContext, metrics=services.metrics)

@@ -9,8 +9,7 @@ import psycopg
 import pytest
 from psycopg import errors
 from sqlalchemy import make_url
-from tests.conftest import as_role
-from tests.postgres_server import Postgres
+from tests.support.databases import Postgres, as_role
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -67,8 +66,8 @@ REFUSED = [
         ("DROP TABLE", ""), ("ALTER TABLE", " DISABLE TRIGGER ALL"),
     )),
     *((role, f"SELECT * FROM {table}") for role in (Role.WORKER, Role.RECONCILER) for table in (
-        "tokens", "page_sessions", "person_sessions", "people", "invitations", "memberships",
-        "sign_in_flows", "sign_in_attempts", "site_settings",
+        "tokens", "sessions", "people", "invitations", "memberships",
+        "sign_in_attempts", "site_settings",
     )),
     *((role, f"{change} {table}{rest}") for role in (Role.API, Role.RECONCILER)
       for table in ("score_sheets", "boards", "entry_drawings") for change, rest in (

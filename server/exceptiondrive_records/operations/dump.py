@@ -1,7 +1,7 @@
 """All rows of all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
 
 Documents keep their exact text. What describes running processes only (signs of life, leadership)
-and sign-ins that are under way is left out: it means nothing elsewhere.
+is left out: it means nothing elsewhere.
 """
 
 import base64
@@ -14,12 +14,11 @@ from sqlalchemy import JSON, Column, Enum, LargeBinary, MetaData, Table, Text, f
 from sqlalchemy.orm import Session
 from sqlalchemy.types import TypeEngine
 
-from exceptiondrive_records.accounts.tables import SignInFlow
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, UtcDateTime
 from exceptiondrive_records.work.tables import Leader, WorkerHeartbeat
 
-_PASSING = {Leader.__tablename__, SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}
+_PASSING = {Leader.__tablename__, WorkerHeartbeat.__tablename__}
 _AT_ONCE = 500
 
 

@@ -14,10 +14,13 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.accounts.browser_session import Holder, holder_of
 from exceptiondrive_server.boards.scales import px
-from exceptiondrive_server.entries.facts import board_name
+from exceptiondrive_server.entries.comparison import family_value, is_sure
+from exceptiondrive_server.entries.facts import BADGES, board_name, entry_url, rank_range
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
@@ -30,10 +33,6 @@ from exceptiondrive_server.web.services import services_of
 
 
 THEME_COOKIE = "theme"
-SESSION_COOKIES = ("__Host-session", "session")
-"""Secure, on https; plain, on this machine alone."""
-ORGANIZER_COOKIE = "organizer"
-"""Shows the link to the organizers' pages; it opens nothing."""
 YEAR_S = 365 * 24 * 3600
 
 
@@ -50,12 +49,16 @@ def origin_of(request: Request) -> str:
 
 def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
-    cookies, query = request.cookies, request.url.query
+    query, holder = request.url.query, holder_of(request)
     here = request.url.path + (f"?{query}" if query else "")
-    has_session = any(name in cookies for name in SESSION_COOKIES)
-    is_organizer = has_session and cookies.get(ORGANIZER_COOKIE) == "yes"
-    theme = theme_of(cookies.get(THEME_COOKIE))
-    return Site(theme, here, current, has_session, origin_of(request), is_organizer)
+    return Site(
+        theme_of(request.cookies.get(THEME_COOKIE)),
+        here,
+        current,
+        has_session=holder is not Holder.VISITOR,
+        origin=origin_of(request),
+        is_organizer=holder is Holder.ORGANIZER,
+    )
 
 
 def safe_back(path: str) -> str:
@@ -103,6 +106,11 @@ def with_article(noun: str) -> str:
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
 
 
+def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
+    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
+    return Markup(shapes(sample, width, height))
+
+
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -119,7 +127,9 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
+    made.globals.update(
+        asset=asset, THIN_SPACE=numbers.THIN_SPACE, BADGES=BADGES, entry_url=entry_url
+    )
     made.filters.update(
         day=numbers.day,
         minute=numbers.minute,
@@ -134,7 +144,12 @@ def environment() -> Environment:
         stars=stars,
         a=with_article,
         board_name=board_name,
+        rank_range=rank_range,
+        shapes=drawn,
+        unit=numbers.unit_of,
+        family_value=family_value,
     )
+    made.tests["sure"] = is_sure
     return made
 
 
