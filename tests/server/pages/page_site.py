@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import httpx2
+import httpx
 import numpy as np
 from fastapi import APIRouter, FastAPI
 from tests.server.pages.invented_board import (
@@ -82,19 +82,19 @@ class Site:
         lead_to_sign_in(self.app)
         mount_static(self.app)
 
-    async def get(self, path: str, **headers: str) -> httpx2.Response:
+    async def get(self, path: str, **headers: str) -> httpx.Response:
         return await self._send("GET", path, headers)
 
-    async def post(self, path: str, data: dict[str, str]) -> httpx2.Response:
+    async def post(self, path: str, data: dict[str, str]) -> httpx.Response:
         return await self._send("POST", path, {}, data)
 
     async def _send(
         self, method: str, path: str, headers: dict[str, str], data: dict[str, str] | None = None
-    ) -> httpx2.Response:
-        transport = httpx2.ASGITransport(app=self.app)
+    ) -> httpx.Response:
+        transport = httpx.ASGITransport(app=self.app)
         named = {key.replace("_", "-"): value for key, value in headers.items()}
         named = {"accept": "text/html", **named}
-        async with httpx2.AsyncClient(transport=transport, base_url="http://site.test") as client:
+        async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
             return await client.request(method, path, headers=named, data=data)
 
     def publish(self, board: Board, late: Board | None = None) -> None:
