@@ -1,6 +1,7 @@
 """HTML answers: headers, ETag and 304, problems as pages."""
 
 import hashlib
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -151,6 +152,12 @@ def environment() -> Environment:
     )
     made.tests["sure"] = is_sure
     return made
+
+
+def macro(template: str, name: str) -> Callable[..., Markup]:
+    """Return a macro of a template, for a part of a page that is made once."""
+    found: Callable[..., Markup] = getattr(environment().get_template(template).module, name)
+    return found
 
 
 def render(template: str, **values: object) -> str:
