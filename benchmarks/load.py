@@ -37,9 +37,10 @@ from benchmarks.load_simulation import SLOTS, simulated_waits
 from benchmarks.load_traffic import FLOOD, Readers, Reading, Uploads, arrivals, file_maker, upload
 from benchmarks.report import note
 from exceptiondrive_records.invariants import unfinished, violations
-from exceptiondrive_records.tables import BoardRequest, BoardRow, Job, Submission, Team
+from exceptiondrive_records.tables import BoardRow, Submission, Team
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_records.work.tables import BoardRequest, Job
 
 _CLIENTS = 12
 _TIMES = {

@@ -4,8 +4,9 @@ import heapq
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
-from benchmarks.load_traffic import FLOOD, arrivals
 from exceptiondrive_records.turns import TeamQueue, served, team_to_serve
+
+from benchmarks.load_traffic import FLOOD, arrivals
 
 _START = datetime(2026, 1, 1, tzinfo=UTC)
 SLOTS = (1, 2, 4, 8, 16, 32)

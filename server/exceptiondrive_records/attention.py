@@ -9,9 +9,10 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.heartbeats import HEARTBEAT_TTL_S
-from exceptiondrive_records.rescoring.keys import HELD, OPEN
-from exceptiondrive_records.tables import Job, JobState, Submission, Team, WorkerHeartbeat
+from exceptiondrive_records.rescoring.keys import OPEN
+from exceptiondrive_records.tables import Submission, Team, WorkerHeartbeat
 from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -77,13 +78,13 @@ def attention(session: Session) -> Attention:
 
 def lane_queue(session: Session, lane: Lane) -> LaneQueue:
     """Count the jobs of a lane that wait, run, or are held by a paused run."""
-    waits = (Job.lane == lane, Job.state == JobState.QUEUED)
-    oldest = session.scalar(select(func.min(Job.created_at)).where(*waits, Job.available_at < HELD))
+    waits = (Job.lane == lane, Job.state == WorkState.QUEUED)
+    oldest = session.scalar(select(func.min(Job.created_at)).where(*waits))
     return LaneQueue(
         lane=lane,
-        waiting=_count(session, *waits, Job.available_at < HELD),
-        running=_count(session, Job.lane == lane, Job.state == JobState.LEASED),
-        held=_count(session, *waits, Job.available_at >= HELD),
+        waiting=_count(session, *waits),
+        running=_count(session, Job.lane == lane, Job.state == WorkState.LEASED),
+        held=_count(session, Job.lane == lane, Job.state == WorkState.HELD),
         oldest_s=_age_s(session, oldest),
     )
 

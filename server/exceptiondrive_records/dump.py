@@ -15,10 +15,10 @@ from sqlalchemy.orm import Session
 from sqlalchemy.types import TypeEngine
 
 from exceptiondrive_records.columns import DocumentText, UtcDateTime
-from exceptiondrive_records.tables import Base, Leader, WorkerHeartbeat
+from exceptiondrive_records.tables import Base, WorkerHeartbeat
 from exceptiondrive_records.tables_people import SignInFlow
 
-_PASSING = {Leader.__tablename__, SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}
+_PASSING = {SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}
 _AT_ONCE = 500
 
 

@@ -1,7 +1,7 @@
 """What must hold of records and files at any moment, however often processes died.
 
 Reads only; changes nothing. `exceptiondrive-server verify` and `restore` report what it finds, and
-the fault suite asks it after every fault (DESIGN.md section 7).
+the fault suite asks it after every fault (docs/trust.md).
 """
 
 from collections import Counter
@@ -17,27 +17,20 @@ from exceptiondrive_records.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.errors import Conflict, NotFound, StoreError
 from exceptiondrive_records.file_store import FileDamaged, FileStore
 from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.tables import (
-    AuditLine,
-    BoardRequest,
-    Job,
-    JobState,
-    ProtocolRow,
-    ScoreSheetRow,
-    Submission,
-)
+from exceptiondrive_records.tables import AuditLine, ProtocolRow, ScoreSheetRow, Submission
 from exceptiondrive_records.violations import Violation
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.protocol import ProtocolError
 from exceptiondrive_schemas.submission import SubmissionStatus as Status
 
 _JOB_STATES_OF = {
-    Status.RECEIVED: {JobState.QUEUED},
-    Status.QUEUED: {JobState.QUEUED},
-    Status.SCORING: {JobState.LEASED},
-    Status.SCORED: {JobState.DONE},
-    Status.REJECTED: {JobState.DONE},
-    Status.FAILED: {JobState.FAILED, JobState.DEAD},
-    Status.WITHDRAWN: {JobState.CANCELLED, JobState.DONE},
+    Status.RECEIVED: {WorkState.QUEUED},
+    Status.QUEUED: {WorkState.QUEUED},
+    Status.SCORING: {WorkState.LEASED},
+    Status.SCORED: {WorkState.DONE},
+    Status.REJECTED: {WorkState.DONE},
+    Status.FAILED: {WorkState.FAILED, WorkState.DEAD},
+    Status.WITHDRAWN: {WorkState.CANCELLED, WorkState.DONE},
 }
 _SHEET_KEY = (
     ScoreSheetRow.submission_id,
@@ -80,12 +73,12 @@ def violations(session: Session) -> list[Violation]:
 
 def unfinished(session: Session) -> list[Violation]:
     """Return what is still to be done: nothing, some time after the last fault."""
-    open_jobs = select(Job).where(Job.state.in_((JobState.QUEUED, JobState.LEASED)))
+    open_jobs = select(Job).where(Job.state.in_(OPEN_STATES))
     found = [
         Violation("unfinished", job.submission_id, f"its job is {job.state} still")
         for job in session.scalars(open_jobs)
     ]
-    wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+    wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
     found += [
         Violation("unfinished", row.phase_id, "a newer board is wanted than was built")
         for row in session.scalars(wanted)
@@ -127,7 +120,7 @@ def _first_jobs(held: _Held) -> Iterator[Violation]:
 
 def _leases(held: _Held) -> Iterator[Violation]:
     for job in held.jobs:
-        if (job.state is JobState.LEASED) != (job.lease_until is not None):
+        if (job.state is WorkState.LEASED) != (job.lease_until is not None):
             yield Violation("lease and state differ", job.submission_id, f"job is {job.state}")
         if job.state.is_final != (job.finished_at is not None):
             yield Violation("end and state differ", job.submission_id, f"job is {job.state}")
@@ -138,7 +131,7 @@ def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
     done = {
         (job.submission_id, job.protocol_digest, job.split_revision)
         for job in held.jobs
-        if job.state is JobState.DONE
+        if job.state is WorkState.DONE
     }
     for key in held.sheets - done:
         yield Violation("sheet without a finished job", key[0], f"under {key[1]}")

@@ -22,7 +22,7 @@ from exceptiondrive_records.dump import dumped_tables, file_digests
 from exceptiondrive_records.errors import StoreError
 from exceptiondrive_records.file_store import FileStore, StoredFile
 from exceptiondrive_records.identifiers import random_id
-from exceptiondrive_records.leaders import take_lead
+from exceptiondrive_records.work.lease import take_lead
 
 _log = structlog.get_logger("exceptiondrive.reconciler")
 

@@ -3,8 +3,7 @@
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import is_board_wanted
+from exceptiondrive_records.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.rescoring.keys import companion_key, key_of_phase

@@ -1,7 +1,5 @@
 """An operator's second chance for what failed by our own fault."""
 
-from datetime import datetime
-
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -11,7 +9,9 @@ from exceptiondrive_records.errors import Conflict, NotFound
 from exceptiondrive_records.identifiers import checked_reason
 from exceptiondrive_records.rescoring.fan_out import score_waiting_under
 from exceptiondrive_records.rescoring.keys import key_of_phase
-from exceptiondrive_records.tables import Job, JobState, Phase, Submission
+from exceptiondrive_records.tables import Phase, Submission
+from exceptiondrive_records.work.jobs import queue_again
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -42,10 +42,10 @@ def retry_submission(
     if _same_bytes_since(session, submission):
         raise Conflict("The team has submitted the same file again since; that one counts.")
     now = database_now(session)
-    ended = Job.state.in_((JobState.FAILED, JobState.DEAD))
+    ended = Job.state.in_((WorkState.FAILED, WorkState.DEAD))
     query = select(Job).where(Job.submission_id == submission_id, ended).with_for_update()
     for job in session.scalars(query):
-        _queue_again(job, now)
+        queue_again(job, now)
     submission.status = SubmissionStatus.RECEIVED
     submission.status_at = now
     submission.failure_code = submission.failure_message = None
@@ -54,14 +54,6 @@ def retry_submission(
     detail = {} if reason is None else {"reason": checked_reason(reason)}
     audit(session, actor, "scoring retried by hand", submission_id, detail)
     return submission
-
-
-def _queue_again(job: Job, now: datetime) -> None:
-    job.state = JobState.QUEUED
-    job.attempts = job.rings = 0
-    job.fence += 1
-    job.available_at = now
-    job.rung_at = job.lease_until = job.finished_at = None
 
 
 def _same_bytes_since(session: Session, submission: Submission) -> bool:

@@ -20,9 +20,8 @@ class Role(StrEnum):
     RECONCILER = "exceptiondrive_reconciler"
 
 
-R, RD, RI, RU, RIU, RID, RIUD = (
+R, RI, RU, RIU, RID, RIUD = (
     "SELECT",
-    "SELECT, DELETE",
     "SELECT, INSERT",
     "SELECT, UPDATE",
     "SELECT, INSERT, UPDATE",
@@ -40,14 +39,10 @@ RIGHTS = MappingProxyType(
         _VERSIONS: (R, R, R),
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
         "board_flips": (RI, RI, R),
-        "board_requests": (RIU, RIU, RIU),
         "boards": (R, RI, R),  # only workers publish
         "contact_points": (RIUD, R, R),
-        "deliveries": (RIU, RI, RIU),
         "entry_drawings": (R, RI, R),
         "invitations": (RIUD, NONE, NONE),
-        "jobs": (RIUD, RU, RIUD),
-        "leaders": (R, NONE, RIUD),
         "memberships": (RID, NONE, NONE),
         "notifications": (RIUD, RI, RI),
         "page_sessions": (RID, NONE, NONE),
@@ -65,11 +60,11 @@ RIGHTS = MappingProxyType(
         "site_settings": (RIU, NONE, NONE),
         "splits": (R, RIU, R),
         "submissions": (RIU, _STATUS, _STATUS),
-        "team_turns": (RD, RIU, R),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),
         "verification_items": (RI, RU, RU),
         "verifications": (RI, RU, RU),
+        "work": (RIUD, RIU, RIUD),
         "worker_heartbeats": (R, RIUD, R),
     }
 )

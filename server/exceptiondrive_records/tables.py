@@ -1,53 +1,19 @@
 """The tables of the system of record. Nothing in them may be withheld information."""
 
 from datetime import datetime
-from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import JSON, ForeignKey, ForeignKeyConstraint, Index, String, Text, UniqueConstraint
+from sqlalchemy import ForeignKey, ForeignKeyConstraint, Index, Text, UniqueConstraint
 from sqlalchemy import text as sql_text
-from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.orm import Mapped, mapped_column
 
-from exceptiondrive_records.columns import DocumentText, UtcDateTime, enum_text
+from exceptiondrive_records.columns import DocumentText
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.phase_life import PhaseLife
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import SubmissionStatus
-
-
-class JobState(StrEnum):
-    """Where a job stands. The last four are final."""
-
-    QUEUED = "queued"
-    LEASED = "leased"
-    DONE = "done"
-    FAILED = "failed"
-    DEAD = "dead"
-    """Every attempt ended without an answer."""
-    CANCELLED = "cancelled"
-    """The submission was withdrawn first."""
-
-    @property
-    def is_final(self) -> bool:
-        """Whether the job has ended."""
-        return self not in (JobState.QUEUED, JobState.LEASED)
-
-
-class Base(DeclarativeBase):
-    """Column types common to all tables."""
-
-    type_annotation_map = {  # noqa: RUF012 - SQLAlchemy reads it once
-        datetime: UtcDateTime(),
-        SubmissionStatus: enum_text(SubmissionStatus),
-        JobState: enum_text(JobState),
-        Lane: enum_text(Lane),
-        dict[str, Any]: JSON(),
-        dict[str, int]: JSON(),
-        list[str]: JSON(),
-        str: String(),
-    }
 
 
 class Team(Base):
@@ -188,35 +154,6 @@ class Submission(Base):
     """When the team made it public, in a phase that keeps entries private."""
 
 
-class Job(Base):
-    """One scoring run to be done: submission x protocol x split revision."""
-
-    __tablename__ = "jobs"
-    __table_args__ = (
-        UniqueConstraint("submission_id", "protocol_digest", "split_revision"),
-        Index("ix_jobs_queue", "state", "lane", "created_at"),
-        Index("ix_jobs_finished", "finished_at"),
-    )
-    id: Mapped[str] = mapped_column(primary_key=True)
-    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
-    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
-    split_revision: Mapped[str]
-    lane: Mapped[Lane]
-    is_first: Mapped[bool]
-    """The submission shows the fate of this job; a rescoring job leaves it untouched."""
-    state: Mapped[JobState]
-    attempts: Mapped[int]
-    fence: Mapped[int]
-    created_at: Mapped[datetime]
-    available_at: Mapped[datetime]
-    leased_at: Mapped[datetime | None]
-    lease_until: Mapped[datetime | None]
-    finished_at: Mapped[datetime | None]
-    rung_at: Mapped[datetime | None]
-    """When a worker was last called for it and has not come yet."""
-    rings: Mapped[int]
-
-
 class ScoreSheetRow(Base):
     """The published, rounded score sheet of one scoring run, immutable."""
 
@@ -229,23 +166,6 @@ class ScoreSheetRow(Base):
     measurement_key: Mapped[str]
     scorer_version: Mapped[str]
     created_at: Mapped[datetime]
-
-
-class BoardRequest(Base):
-    """A board is to be built while `wanted` is above `built`."""
-
-    __tablename__ = "board_requests"
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
-    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
-    split_revision: Mapped[str] = mapped_column(primary_key=True)
-    wanted: Mapped[int]
-    built: Mapped[int]
-    fence: Mapped[int]
-    lease_until: Mapped[datetime | None]
-    rung_at: Mapped[datetime | None]
-    built_at: Mapped[datetime | None]
-    build_s: Mapped[float | None]
-    """How long the last build took, by the database's clock."""
 
 
 class BoardRow(Base):
@@ -314,20 +234,11 @@ class ReceiptKeyRow(Base):
     first_used_at: Mapped[datetime]
 
 
-class Leader(Base):
-    """Who may do what only one process may do."""
-
-    __tablename__ = "leaders"
-    name: Mapped[str] = mapped_column(primary_key=True)
-    holder: Mapped[str]
-    lease_until: Mapped[datetime]
-
-
 from exceptiondrive_records import (  # noqa: F401 - one metadata
     tables_access,
     tables_drawings,
     tables_people,
     tables_rescoring,
     tables_similarity,
-    tables_turns,
 )
+from exceptiondrive_records.work import tables as work_tables  # noqa: F401

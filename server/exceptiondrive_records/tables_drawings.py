@@ -6,7 +6,7 @@ from sqlalchemy import ForeignKeyConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.columns import DocumentText
-from exceptiondrive_records.tables import Base
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_schemas.drawing import EntryDrawings, ProtocolDrawing
 
 

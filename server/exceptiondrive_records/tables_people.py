@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import ForeignKey, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from exceptiondrive_records.tables import Base
+from exceptiondrive_records.db.base import Base
 
 
 class Person(Base):

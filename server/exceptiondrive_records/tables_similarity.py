@@ -5,7 +5,7 @@ from datetime import datetime
 from sqlalchemy import ForeignKey, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from exceptiondrive_records.tables import Base
+from exceptiondrive_records.db.base import Base
 
 
 class SimilarityRow(Base):

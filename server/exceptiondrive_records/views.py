@@ -14,15 +14,9 @@ from exceptiondrive_records.heartbeats import LiveWorkers, live_workers
 from exceptiondrive_records.phase_life import is_anonymous, is_late, pseudonym_of_team
 from exceptiondrive_records.published_forms import score_kept_back_since, shown_sheet
 from exceptiondrive_records.quotas import WAITING
-from exceptiondrive_records.tables import (
-    Job,
-    JobState,
-    Phase,
-    ScoreSheetRow,
-    Submission,
-    Team,
-)
-from exceptiondrive_records.turns import live_jobs_ahead
+from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
+from exceptiondrive_records.work.fair_share import jobs_ahead
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -93,7 +87,7 @@ def views(session: Session, submissions: Sequence[Submission]) -> tuple[Submissi
 def queue_place(
     session: Session, submission: Submission, *, heartbeat_ttl_s: float = 15.0
 ) -> QueuePlace | None:
-    """Return how many live jobs come before it as turns go now, and how long that may take.
+    """Return how many live jobs come before it in fair order now, and how long that may take.
 
     None when it has ended.
     """
@@ -103,7 +97,7 @@ def queue_place(
     job = session.scalars(query).first()
     if job is None or job.state.is_final:
         return None
-    position = 0 if job.state is JobState.LEASED else live_jobs_ahead(session, job)
+    position = 0 if job.state is WorkState.LEASED else jobs_ahead(session, job)
     alive = live_workers(session, Lane.LIVE, ttl_s=heartbeat_ttl_s)
     return QueuePlace(
         position=position,
@@ -136,7 +130,7 @@ def recent_scoring_s(session: Session) -> float | None:
     """Return the median duration of the last live scoring runs, measured by the database's clock."""
     query = (
         select(Job.leased_at, Job.finished_at)
-        .where(Job.lane == Lane.LIVE, Job.state == JobState.DONE, Job.finished_at.is_not(None))
+        .where(Job.lane == Lane.LIVE, Job.state == WorkState.DONE, Job.finished_at.is_not(None))
         .order_by(Job.finished_at.desc())
         .limit(_RECENT)
     )

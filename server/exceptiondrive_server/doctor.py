@@ -27,7 +27,8 @@ from exceptiondrive_records.heartbeats import live_workers, scorers_at_work
 from exceptiondrive_records.migrations import is_current, is_usable
 from exceptiondrive_records.reconciler import LEADERSHIP
 from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.tables import Job, JobState, Leader, Phase
+from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 _CLOCK_SKEW_S = 2.0
@@ -143,11 +144,11 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
     with database.read() as session:
         now = database_now(session)
         oldest = session.scalar(
-            select(Job.created_at).where(Job.state == JobState.QUEUED).order_by(Job.created_at)
+            select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
         )
         workers = live_workers(session, Lane.LIVE, ttl_s=settings.heartbeat_ttl_s).workers
         scorers = scorers_at_work(session)
-        leading = (Leader.name == LEADERSHIP, Leader.lease_until > now)
+        leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
         leads = session.scalar(select(Leader.holder).where(*leading))
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
     if not workers:
@@ -216,7 +217,7 @@ def _broker(url: str) -> Iterator[Finding]:
     if policy not in (None, "noeviction"):
         yield Finding(
             Severity.WARNING,
-            f"the broker's maxmemory-policy is {policy}: it may throw rings away",
+            f"the broker's maxmemory-policy is {policy}: it may throw messages away",
             "set maxmemory-policy noeviction; until then scoring is only slower",
         )
     elif not limit:

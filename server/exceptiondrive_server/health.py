@@ -10,9 +10,9 @@ from pydantic import BaseModel
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
-from exceptiondrive_records.broker_options import transport_options
 from exceptiondrive_records.heartbeats import live_workers
 from exceptiondrive_records.migrations import is_usable
+from exceptiondrive_records.work.dispatch import transport_options
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.metrics import exposition
 from exceptiondrive_server.services import Services, services_of

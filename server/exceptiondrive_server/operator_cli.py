@@ -10,7 +10,6 @@ import typer
 import uvicorn
 
 from exceptiondrive_records.database import Database
-from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.notices.outbox import run_outbox
@@ -21,6 +20,7 @@ from exceptiondrive_records.reconciler import run_reconciler
 from exceptiondrive_records.role_grants import grant_to_files
 from exceptiondrive_records.roles import Role, grants
 from exceptiondrive_records.settings import SettingsError, load_settings
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.launcher.errors import LaunchError
 from exceptiondrive_server.launcher.launch import launch
 from exceptiondrive_server.launcher.layout import Layout
@@ -115,13 +115,13 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
 
 @app.command()
 def reconcile(data: DataOption = None) -> None:
-    """Ring for waiting jobs, give up exhausted ones; any number may run, one of them leads."""
+    """Wake workers for what waits, give up exhausted jobs; any number may run, one of them leads."""
     settings = records_settings(data)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     with opened(settings) as database:
-        doorbell = Doorbell(settings.broker_url)
+        dispatcher = Dispatcher(settings.broker_url)
         outbox = threading.Thread(
             target=run_outbox, args=(database, _notice_settings(data), stop), name="outbox"
         )
@@ -132,12 +132,12 @@ def reconcile(data: DataOption = None) -> None:
         outbox.start()
         sweeper.start()
         try:
-            run_reconciler(database, doorbell, settings, stop)
+            run_reconciler(database, dispatcher, settings, stop)
         finally:
             stop.set()
             outbox.join()
             sweeper.join(timeout=5)  # whatever it is at is left as it should be
-            doorbell.close()
+            dispatcher.close()
 
 
 def _notice_settings(data: Path | None) -> NoticeSettings:

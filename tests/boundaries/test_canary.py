@@ -18,18 +18,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from exceptiondrive_records.ringing import ring_job
 from sqlalchemy import select
 
 from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.database import Database
-from exceptiondrive_records.doorbell import Doorbell
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.ringing import ring_job
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables import Base, Submission
 from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -99,7 +99,7 @@ class Site:
         )
         return done.stdout + done.stderr
 
-    def submit(self, data: bytes, method: str, doorbell: Doorbell, settings: Any) -> str:
+    def submit(self, data: bytes, method: str, doorbell: Dispatcher, settings: Any) -> str:
         digest, size = self.files.put_stream([data], limit_bytes=2**20)
         with self.database.write() as session:
             accepted = accept(
@@ -207,7 +207,7 @@ def test_no_canary_leaves_the_worker(
 ) -> None:
     eavesdropper = Eavesdropper(site.broker_url)
     printed = seed(site)
-    doorbell = Doorbell(site.broker_url)
+    doorbell = Dispatcher(site.broker_url)
     good = site.submit(upload(1.0), "good", doorbell, world_settings)
     hit = site.submit(upload(4.5), "hit", doorbell, world_settings)
     bad = site.submit(upload(1.0, split="other"), "bad", doorbell, world_settings)

@@ -17,8 +17,9 @@ from exceptiondrive_records.database import Database
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.invariants import damaged_uploads, unfinished, violations
 from exceptiondrive_records.quotas import COSTS_NOTHING
-from exceptiondrive_records.tables import BoardRow, Job, Phase, ScoreSheetRow, Submission, Team
+from exceptiondrive_records.tables import BoardRow, Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_records.violations import Violation
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _LIMIT_BYTES = 2**26

@@ -13,18 +13,20 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 from tests.chaos.history import BoardSeen, Call, History, Sighting
+from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.boards import claim_board, publish_board
-from exceptiondrive_records.claims import Finish
+from exceptiondrive_records.boards import publish_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.file_store import FileStore
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import Job, ScoreSheetRow, Submission
+from exceptiondrive_records.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.jobs import Finish
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import Coverage, Plausibility, ProtocolRef, ScoreSheet
@@ -131,7 +133,7 @@ class _Teller:
         with self.database.write() as session:
             row = session.get_one(Submission, submission_id)
             (job_id,) = session.scalars(select(Job.id).where(Job.submission_id == row.id))
-            claim = jobs.claim(session, job_id, 60, 3)
+            claim = claim_this(session, job_id, 60, 3)
         assert claim is not None
         with self.database.write() as session:
             if hcc is None:
@@ -152,7 +154,7 @@ class _Teller:
 
     def publish(self, ranked: tuple[str, ...]) -> None:
         with self.database.write() as session:
-            claim = claim_board(session, "dev", self.protocol.digest, 60)
+            claim = claim_board_of(session, "dev", self.protocol.digest)
             assert claim is not None
             entries = tuple(
                 self._entry(session, submission_id, rank)

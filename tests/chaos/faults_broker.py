@@ -10,9 +10,8 @@ import redis
 from tests.chaos.junk import JUNK
 from tests.chaos.run import Run, percentile, slowest_s
 
-from exceptiondrive_records.broker_options import KEY_PREFIX
-from exceptiondrive_records.doorbell import Doorbell
-from exceptiondrive_records.tables import Job, JobState
+from exceptiondrive_records.work.dispatch import KEY_PREFIX, Dispatcher
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus as Status
 
@@ -64,7 +63,7 @@ def down_at_submit(run: Run) -> str:
 def flush(run: Run) -> str:
     run.slowly(0.6)
     run.clients.stream(10, every_s=0.02)
-    run.topology.wait_until(lambda: run.count(JobState.QUEUED) >= 3, "jobs that wait")
+    run.topology.wait_until(lambda: run.count(WorkState.QUEUED) >= 3, "jobs that wait")
     with run.topology.broker.client() as client:
         client.flushall()
     waiting = run.waiting()
@@ -214,7 +213,7 @@ def deliver_again(run: Run) -> str:
     """Ten messages while it is scored, at once from several sides, and ten after it."""
     scored = run.lines("submission scored")
     call = run.upload(order="1")
-    doorbell = Doorbell(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
+    doorbell = Dispatcher(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
     job = run.job_of(call)
 
     def ring(_: int) -> bool:

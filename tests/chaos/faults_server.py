@@ -7,13 +7,13 @@ import sys
 import time
 from pathlib import Path
 
+from exceptiondrive_records.ringing import outstanding, window
 from sqlalchemy import func, select, text
 from tests.chaos.history import Call
 from tests.chaos.run import OPEN, Run
 from tests.chaos.topology import HEARTBEAT_TTL_S
 
 from exceptiondrive.receipts import verify_receipt
-from exceptiondrive_records.ringing import outstanding, window
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_schemas.jobs import Lane

@@ -13,7 +13,8 @@ from sqlalchemy.orm import Session
 from tests.chaos.checker import check
 from tests.chaos.history import BoardSeen, Call, Sighting
 
-from exceptiondrive_records.tables import BoardRow, Job, ScoreSheetRow, Submission
+from exceptiondrive_records.tables import BoardRow, ScoreSheetRow, Submission
+from exceptiondrive_records.work.tables import Job
 
 if TYPE_CHECKING:
     from tests.chaos.conftest import Story

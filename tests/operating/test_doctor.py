@@ -14,8 +14,8 @@ from sqlalchemy import text
 from tests.operating.conftest import Lived
 
 from exceptiondrive_records.heartbeats import beat
-from exceptiondrive_records.leaders import take_lead
 from exceptiondrive_records.settings import RecordsSettings
+from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_server.doctor import Finding, Severity, examine
 
 BIN = Path(sys.executable).parent

@@ -6,15 +6,16 @@ from dataclasses import dataclass
 
 import pytest
 from tests.sample_documents import make_manifest, make_sheet
+from tests.support.work import claim_this
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.claims import Claim, Finish
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.submissions import Accepted, accept
 from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.work.jobs import Finish, finish_scored
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
@@ -43,18 +44,18 @@ class World:
                 size_bytes=len(content),
             )
 
-    def claim(self, job_id: str | None, max_attempts: int = 4) -> Claim:
+    def claim(self, job_id: str | None, max_attempts: int = 4) -> Job:
         assert job_id is not None
         with self.database.write() as session:
-            claim = jobs.claim(session, job_id, 120, max_attempts)
-        assert claim is not None
-        return claim
+            job = claim_this(session, job_id, 120, max_attempts)
+        assert job is not None
+        return job
 
-    def finish(self, claim: Claim, hcc: float = 0.5) -> Finish:
+    def finish(self, job: Job, hcc: float = 0.5) -> Finish:
         with self.database.write() as session:
-            return jobs.finish_scored(
+            return finish_scored(
                 session,
-                claim,
+                job,
                 self.sheet(hcc),
                 exact_digest=f"sha256:{hcc}",
                 measurement_key="m",

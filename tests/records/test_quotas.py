@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from exceptiondrive_records import jobs
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import (
     ConcurrentQuotaExceeded,
@@ -21,6 +20,7 @@ from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.quotas import quota_of
 from exceptiondrive_records.submissions import accept, withdraw
 from exceptiondrive_records.tables import Phase, Submission
+from exceptiondrive_records.work import jobs
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 

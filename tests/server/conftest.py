@@ -19,18 +19,20 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 from tests.conftest import as_role
 from tests.sample_documents import REVISION, make_manifest, make_sheet
+from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records import jobs
 from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import claim_board, publish_board
+from exceptiondrive_records.boards import publish_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.roles import Role
 from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.tables import BoardRow, Job
+from exceptiondrive_records.tables import BoardRow
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
@@ -138,7 +140,7 @@ class Api:
         """Do what a worker does when it has scored."""
         with self.database.write() as session:
             job = session.query(Job).filter_by(submission_id=submission_id).one()
-            claim = jobs.claim(session, job.id, 120, 4)
+            claim = claim_this(session, job.id, 120, 4)
         assert claim is not None
         with self.database.write() as session:
             jobs.finish_scored(
@@ -168,7 +170,7 @@ class Api:
             entries=entries,
         )
         with self.database.write() as session:
-            claim = claim_board(session, phase, PROTOCOL.digest, 30)
+            claim = claim_board_of(session, phase, PROTOCOL.digest)
             assert claim is not None
             row = publish_board(session, claim, board)
         assert row is not None

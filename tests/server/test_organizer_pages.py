@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from fastapi.routing import APIRoute
 from sqlalchemy import select, text
+from tests.support.work import claim_this
 
-from exceptiondrive_records import jobs
 from exceptiondrive_records.heartbeats import beat
 from exceptiondrive_records.registrations import register_team
-from exceptiondrive_records.tables import AuditLine, Job
+from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_server.organizer_pages import (
     audit_routes,
     overview_routes,
@@ -43,7 +45,7 @@ def fail(api: "Api", submission_id: str) -> None:
     """Do what a worker does when our own part is broken for good."""
     with api.database.write() as session:
         job = session.query(Job).filter_by(submission_id=submission_id).one()
-        claim = jobs.claim(session, job.id, 120, 1)
+        claim = claim_this(session, job.id, 120, 1)
     assert claim is not None
     with api.database.write() as session:
         jobs.finish_failed(session, claim, "store_broken", "The store is away.", retry=False)

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import httpx
 import pytest
 from sqlalchemy import func, select
+from tests.support.work import claim_this
 
-from exceptiondrive_records import jobs
-from exceptiondrive_records.tables import Job, Submission
+from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import SubmissionView
 
@@ -137,7 +139,7 @@ def test_rejected_files_cost_no_quota_but_are_capped(api: "Api", as_problem: Pro
     )
     with api.database.write() as session:
         job = session.query(Job).filter_by(submission_id=taken["id"]).one()
-        claim = jobs.claim(session, job.id, 120, 4)
+        claim = claim_this(session, job.id, 120, 4)
         assert claim is not None
         jobs.finish_rejected(session, claim, report)
     quota = api.get("/phases/strict", "alpha").json()["quota"]

@@ -11,10 +11,10 @@ from exceptiondrive_records.tables import Phase, Submission, Team
 from exceptiondrive_records.tables_rescoring import (
     ContactPoint,
     Delivery,
-    DeliveryState,
     Notification,
     RescoringRun,
 )
+from exceptiondrive_records.work.lease import new_item
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.rescoring import (
     Comparison,
@@ -101,16 +101,8 @@ def _tell(
         ContactPoint.team_id == team.id, ContactPoint.removed_at.is_(None)
     )
     for contact in session.scalars(contacts):
-        session.add(
-            Delivery(
-                id=random_id(),
-                notification_id=row.id,
-                contact_id=contact.id,
-                state=DeliveryState.WAITING,
-                attempts=0,
-                available_at=now,
-            )
-        )
+        key = f"{row.id}/{contact.id}"
+        session.add(new_item(Delivery, key, now, notification_id=row.id, contact_id=contact.id))
     return row
 
 

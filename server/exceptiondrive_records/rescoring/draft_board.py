@@ -6,8 +6,8 @@ from functools import lru_cache
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.board_records import entry_ids_for_board
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import is_board_wanted, latest_board
+from exceptiondrive_records.board_requests import is_board_wanted, want_board
+from exceptiondrive_records.boards import latest_board
 from exceptiondrive_records.rescoring.keys import ScoringKey
 from exceptiondrive_records.tables import BoardRow
 

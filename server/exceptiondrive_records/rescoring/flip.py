@@ -26,8 +26,9 @@ from exceptiondrive_records.rescoring.keys import (
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import move_run, require_state
-from exceptiondrive_records.tables import BoardRow, Job, JobState, Phase, Submission
+from exceptiondrive_records.tables import BoardRow, Phase, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.work.tables import WAITING_STATES, Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import RunState
 
@@ -179,12 +180,7 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
                 Job.protocol_digest == key.protocol_digest,
                 Job.split_revision == key.split_revision,
             )
-            .values(
-                is_first=is_first,
-                lane=Lane.LIVE if is_first else Lane.RESCORE,
-                rung_at=None,
-                rings=0,
-            )
+            .values(is_first=is_first, lane=Lane.LIVE if is_first else Lane.RESCORE)
             .execution_options(synchronize_session=False)
         )
 
@@ -198,7 +194,7 @@ def _waiting_under(phase_id: str, key: ScoringKey) -> Select[str]:
             Submission.status.in_(WAITING),
             Job.protocol_digest == key.protocol_digest,
             Job.split_revision == key.split_revision,
-            Job.state == JobState.QUEUED,
+            Job.state.in_(WAITING_STATES),
         )
     )
 

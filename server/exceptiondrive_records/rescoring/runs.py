@@ -27,8 +27,9 @@ from exceptiondrive_records.rescoring.keys import (
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs
 from exceptiondrive_records.rescoring.readable import require_readable
 from exceptiondrive_records.splits import find_split
-from exceptiondrive_records.tables import Job, JobState, Phase
+from exceptiondrive_records.tables import Phase
 from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.rescoring import RunState
 
 __all__ = ["cancel_run", "close_run", "create_run", "pause_run", "resume_run", "start_run"]
@@ -187,11 +188,9 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
             Job.split_revision == key.split_revision,
         )
         .values(
-            state=JobState.QUEUED,
+            state=WorkState.QUEUED,
             attempts=0,
             available_at=now,
-            rung_at=None,
-            rings=0,
             finished_at=None,
         )
         .execution_options(synchronize_session=False)

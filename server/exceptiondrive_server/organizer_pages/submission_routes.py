@@ -8,7 +8,6 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit_page
 from exceptiondrive_records.errors import RecordsError
-from exceptiondrive_records.jobs import jobs_of
 from exceptiondrive_records.phases import list_phases
 from exceptiondrive_records.protocols import list_protocols
 from exceptiondrive_records.retries import retry_submission
@@ -17,6 +16,7 @@ from exceptiondrive_records.tables import Submission, Team
 from exceptiondrive_records.teams import find_team, list_teams
 from exceptiondrive_records.tokens import names_of_actors
 from exceptiondrive_records.views import view
+from exceptiondrive_records.work.jobs import jobs_of
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import PostedForm

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from urllib.parse import urlencode
 
-from exceptiondrive_records.tables import Job, Submission
+from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.organizer_pages.audit_view import HistoryLine
 from exceptiondrive_server.team_pages.status_words import Status, Step, status_of, steps_of

@@ -1,0 +1,1 @@
+"""The database: its connection, clock, column types, and what all tables share."""
