@@ -43,7 +43,7 @@ bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; the
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.upload_to_rank
 
-chaos: $(STAMP)  ## inject every fault of research/reliability.md into real processes; F="F01 F24" picks some, RESUME=1 goes on
+chaos: $(STAMP)  ## inject every fault of docs/faults.md into real processes; F="F01 F24" picks some, RESUME=1 goes on
 	$(BIN)/python -m tests.chaos $(if $(RESUME),--resume) $(F)
 
 fuzz: $(STAMP)  ## change submission files by coverage until the two readers differ; SECONDS_OF_FUZZ=600, kept in .fuzz/
@@ -62,12 +62,14 @@ pictures: $(STAMP) $(VENV)/.browser  ## take the pictures of the README anew, of
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/djhtml --tabwidth 2 --check server
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-format: $(STAMP)  ## rewrite the code in the project's format
+format: $(STAMP)  ## rewrite code and templates in the project's format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+	$(BIN)/djhtml --tabwidth 2 server
 
 lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --all-extras --group dev -o requirements/dev.txt pyproject.toml

@@ -1,10 +1,10 @@
-"""The same arrivals with more slots than this machine has, in the server's own order of turns."""
+"""The same arrivals with more slots than this machine has, in the order of fair share."""
 
 import heapq
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
-from exceptiondrive_records.turns import TeamQueue, served, team_to_serve
+from tests.support.fair_share import TeamQueue, served, team_to_serve
 
 from benchmarks.load_traffic import FLOOD, arrivals
 

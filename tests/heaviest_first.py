@@ -16,7 +16,7 @@ HEAVIEST = (
     "tests/phases/test_in_a_browser.py",
     "tests/chaos/test_short_form.py",
     "tests/server/test_openapi.py",
-    "tests/end_to_end/test_main_job_on_real_files.py",
+    "tests/end_to_end/test_main_job.py",
     "tests/end_to_end/test_in_the_browser.py",
     "tests/operating/test_production_topology.py",
     "tests/worker/test_with_real_broker.py",

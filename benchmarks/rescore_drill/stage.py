@@ -16,6 +16,8 @@ from exceptiondrive_records.preparation import prepare
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
@@ -52,12 +54,14 @@ def prepare_records(
     with database.write() as session:
         create_phase(
             session,
-            PHASE,
-            challenge="planning",
-            title="Drill",
-            split_name="carla-pairs",
-            protocol="1.0",
-            quota_per_day=100_000,
+            NewPhase(
+                id=PHASE,
+                challenge=ChallengeId.PLANNING,
+                title="Drill",
+                split="carla-pairs",
+                protocol="1.0",
+                quota_per_day=100_000,
+            ),
             actor="drill",
         )
         team = create_team(session, _TEAM, "Drill", actor="drill").id

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from exceptiondrive.checking import check_file
-    from exceptiondrive.client import Client
+    from exceptiondrive.client import Client, Submission
+    from exceptiondrive.dataframes import to_dataframe
     from exceptiondrive.errors import (
         ExceptionDriveError,
         InvalidArgumentError,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     )
     from exceptiondrive.evaluation import evaluate_file
     from exceptiondrive.recorder import Recorder, StrategyRecorder
-    from exceptiondrive.submission import Submission
 
 __all__ = [
     "Client",
@@ -49,15 +49,17 @@ __all__ = [
     "WaitTimeoutError",
     "check_file",
     "evaluate_file",
+    "to_dataframe",
 ]
 
 _HOMES = {
     "Client": "client",
     "Recorder": "recorder",
     "StrategyRecorder": "recorder",
-    "Submission": "submission",
+    "Submission": "client",
     "check_file": "checking",
     "evaluate_file": "evaluation",
+    "to_dataframe": "dataframes",
 }
 
 

@@ -1,19 +1,24 @@
-"""The SDK: one object that speaks for a team to one server."""
+"""The SDK: one object that speaks for a team to one server, and the submissions that it follows."""
 
 import os
+import time
+from collections.abc import Callable
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any, Literal, Self, TypeVar
-from urllib.parse import quote
+from typing import Any, Literal, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive.checking import check_file, read_file
-from exceptiondrive.credentials import find_server, find_token, normal_server
-from exceptiondrive.errors import InvalidFileError, NotFoundError, ServerError
-from exceptiondrive.submission import Submission
-from exceptiondrive.transport import Transport
-from exceptiondrive.upload import Progress, UploadBody
+from exceptiondrive.errors import (
+    InvalidFileError,
+    NetworkError,
+    NotFoundError,
+    ScoringFailedError,
+    ServerError,
+    WaitTimeoutError,
+)
+from exceptiondrive.transport import Connection, Progress, UploadBody, quoted
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
@@ -29,12 +34,147 @@ from exceptiondrive_schemas.submission import (
     SubmissionView,
 )
 
+FIRST_PAUSE_S = 0.2
+LONGEST_PAUSE_S = 5.0
+WAIT_FOR_RANK_S = 10.0
+"""A board is built right after the score; longer than this is not waited for it."""
+MAX_OUTAGES = 5
+"""Requests in a row, each with its own retries, that may fail while waiting: about a minute."""
+
+OnChange = Callable[[SubmissionView], None]
+
+
+class Submission:
+    """One submission of the team, as last seen.
+
+    Attributes:
+        view: What the server said last.
+    """
+
+    def __init__(self, client: "Client", view: SubmissionView) -> None:
+        self._client = client
+        self.view = view
+        self._outages = 0
+
+    @property
+    def id(self) -> str:
+        """Id, as `exceptiondrive status ID` takes it."""
+        return self.view.id
+
+    @property
+    def status(self) -> SubmissionStatus:
+        """Status, as last seen."""
+        return self.view.status
+
+    @property
+    def page_url(self) -> str:
+        """Address of its page, from upload to rank; for members of the team."""
+        return self._client.page_url(self.id)
+
+    def refresh(self) -> SubmissionView:
+        """Ask the server again."""
+        is_duplicate = self.view.is_duplicate
+        view = self._client.status(self.id)
+        self.view = view.model_copy(update={"is_duplicate": is_duplicate})
+        return self.view
+
+    def withdraw(self) -> SubmissionView:
+        """Take it off the board."""
+        self.view = self._client.withdraw(self.id)
+        return self.view
+
+    def wait(
+        self, timeout_s: float | None = None, on_change: OnChange | None = None
+    ) -> SubmissionView:
+        """Wait until it is scored, and for its rank.
+
+        Args:
+            timeout_s: Give up after so long; None waits as long as it takes.
+            on_change: Called with each new view.
+
+        Returns:
+            The scored submission, with score sheet and, unless it cannot be ranked, its rank.
+
+        Raises:
+            InvalidFileError: The file was rejected; the error carries every fault.
+            ScoringFailedError: It failed, or was withdrawn meanwhile.
+            WaitTimeoutError: It was not scored in time; it still will be.
+            NetworkError: The server was away for about a minute; the submission is safe.
+        """
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        pause_s = FIRST_PAUSE_S
+        while not self.status.is_terminal:
+            if deadline is not None and time.monotonic() + pause_s > deadline:
+                raise self._timed_out(timeout_s)
+            pause_s = self._look_again(pause_s, on_change)
+        self._raise_unless_scored()
+        self._wait_for_rank(deadline, on_change)
+        return self.view
+
+    def _look_again(self, pause_s: float, on_change: OnChange | None) -> float:
+        """Pause, ask, and return the next pause; a short outage of the network is waited out."""
+        time.sleep(pause_s)
+        before = self.view
+        try:
+            self.refresh()
+        except NetworkError:
+            self._outages += 1
+            if self._outages > MAX_OUTAGES:
+                raise
+            return LONGEST_PAUSE_S
+        self._outages = 0
+        if on_change is not None and self.view != before:
+            on_change(self.view)
+        return min(pause_s * 1.3, LONGEST_PAUSE_S)
+
+    def _wait_for_rank(self, deadline: float | None, on_change: OnChange | None) -> None:
+        until = time.monotonic() + WAIT_FOR_RANK_S
+        until = until if deadline is None else min(until, deadline)
+        pause_s = FIRST_PAUSE_S
+        is_shown = False
+        while self.view.rank is None and not is_shown and time.monotonic() < until:
+            is_shown = self._is_on_board()
+            pause_s = self._look_again(pause_s, on_change)
+
+    def _is_on_board(self) -> bool:
+        """Whether the board shows it, be it unranked; an outage is left to the next look."""
+        try:
+            return self._client.is_on_board(self.id)
+        except NetworkError:
+            return False
+
+    def _raise_unless_scored(self) -> None:
+        view = self.view
+        if view.status is SubmissionStatus.REJECTED and view.report is not None:
+            raise InvalidFileError(view.report)
+        if view.status is SubmissionStatus.WITHDRAWN:
+            raise ScoringFailedError(
+                "withdrawn", f"Submission {view.id} was withdrawn.", "Submit again.", view
+            )
+        if view.status is not SubmissionStatus.SCORED:
+            reason = view.failure.message if view.failure else "no reason was given."
+            raise ScoringFailedError(
+                view.failure.code if view.failure else "failed",
+                f"Submission {view.id} could not be scored: {reason}",
+                "This is a fault on our side; the organizers see it, and it cost no quota.",
+                view,
+            )
+
+    def _timed_out(self, timeout_s: float | None) -> WaitTimeoutError:
+        return WaitTimeoutError(
+            "wait_timed_out",
+            f"Submission {self.id} was not scored within {timeout_s:g} s.",
+            f"It is safe and will be scored; look with: exceptiondrive status {self.id}",
+            self.view,
+        )
+
+
 AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
 PAGE_SIZE = 100
 
 
-class Client:
+class Client(Connection):
     """Submits files of one team and reads boards.
 
     >>> with Client() as client:
@@ -46,20 +186,6 @@ class Client:
         token: Team token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
     """
 
-    def __init__(self, server: str | None = None, token: str | None = None) -> None:
-        self.server = normal_server(server) if server else find_server()
-        self._transport = Transport(self.server, token or find_token(self.server))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the connections."""
-        self._transport.close()
-
     def me(self) -> Me:
         """Return who the token speaks for."""
         return self._get(Me, "/me")
@@ -68,7 +194,7 @@ class Client:
         """Return all phases, with the team's own quota when a token was given."""
         content = self._transport.get("/phases").content
         try:
-            return PHASES.validate_json(content)
+            return PHASES.validate_json(content, extra="allow")
         except ValidationError as error:
             raise _unknown_form("/phases", error) from None
 
@@ -78,19 +204,19 @@ class Client:
         Raises:
             NotFoundError: There is no such phase.
         """
-        return self._get(PhaseView, f"/phases/{_quoted(phase)}")
+        return self._get(PhaseView, f"/phases/{quoted(phase)}")
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""
-        return self._get(Manifest, f"/phases/{_quoted(phase)}/manifest")
+        return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
 
     def protocol(self, version: str) -> Protocol:
         """Return a protocol by its version."""
-        return self._get(Protocol, f"/protocols/{_quoted(version)}")
+        return self._get(Protocol, f"/protocols/{quoted(version)}")
 
     def split(self, name: str) -> Split:
         """Return a development split with its hazard regions; hidden splits are not found."""
-        return self._get(Split, f"/splits/{_quoted(name)}")
+        return self._get(Split, f"/splits/{quoted(name)}")
 
     def check(self, file: str | os.PathLike[str], *, phase: str) -> CheckReport:
         """Check a file on this machine against the samples and the protocol of a phase."""
@@ -158,7 +284,7 @@ class Client:
 
     def status(self, submission_id: str) -> SubmissionView:
         """Return where a submission stands."""
-        return self._get(SubmissionView, f"/submissions/{_quoted(submission_id)}")
+        return self._get(SubmissionView, f"/submissions/{quoted(submission_id)}")
 
     def submissions(
         self, *, phase: str | None = None, status: SubmissionStatus | None = None, limit: int = 100
@@ -202,12 +328,12 @@ class Client:
         return self._say(submission_id, "unpublish")
 
     def _say(self, submission_id: str, what: str) -> SubmissionView:
-        path = f"/submissions/{_quoted(submission_id)}/{what}"
+        path = f"/submissions/{quoted(submission_id)}/{what}"
         return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
 
     def receipt(self, submission_id: str) -> Receipt:
         """Return the signed receipt of a scored submission."""
-        return self._get(Receipt, f"/submissions/{_quoted(submission_id)}/receipt")
+        return self._get(Receipt, f"/submissions/{quoted(submission_id)}/receipt")
 
     def receipt_keys(self) -> ReceiptKeys:
         """Return the public keys of the server's receipts."""
@@ -254,7 +380,7 @@ class Client:
     def is_on_board(self, submission_id: str) -> bool:
         """Whether a current board shows a submission, with a rank or without."""
         try:
-            self._transport.get(f"/entries/{_quoted(submission_id)}")
+            self._transport.get(f"/entries/{quoted(submission_id)}")
         except NotFoundError:
             return False
         return True
@@ -272,7 +398,7 @@ class Client:
 
     def page_url(self, submission_id: str) -> str:
         """Address of the page of a submission, from upload to rank, for members of its team."""
-        return f"{self.server}/submissions/{_quoted(submission_id)}"
+        return f"{self.server}/submissions/{quoted(submission_id)}"
 
     def protocol_of(self, phase: PhaseView) -> Protocol:
         """Return the phase's protocol, from this package where it is the same."""
@@ -287,11 +413,6 @@ class Client:
         self, kind: type[AnyDocument], path: str, query: dict[str, Any] | None = None
     ) -> AnyDocument:
         return _parsed(kind, self._transport.get(path, query).content, path)
-
-
-def _quoted(name: str) -> str:
-    """Return a name as one part of a path, whatever it holds."""
-    return quote(name, safe="") or "-"
 
 
 def _board_query(
@@ -315,7 +436,7 @@ def _board_query(
 
 def _parsed(kind: type[AnyDocument], content: bytes, path: str) -> AnyDocument:
     try:
-        return kind.model_validate_json(content)
+        return kind.read(content)
     except ValidationError as error:
         raise _unknown_form(path, error) from None
 

@@ -73,7 +73,7 @@ def read_split(path: str | os.PathLike[str]) -> Split:
 
 
 def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreSheet:
-    """Score what a sound file says: measure, grade, aggregate (PROTOCOL.md 2 and 3)."""
+    """Score what a sound file says: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
     from exceptiondrive_scoring.challenge import SCORING
     from exceptiondrive_scoring.document_columns import document_columns
     from exceptiondrive_scoring.exact_sheet import exact_sheet

@@ -1,27 +1,15 @@
 """A team's own tokens, over the API; needs a token with the scope `tokens`."""
 
 from collections.abc import Sequence
-from typing import Any, Self
-from urllib.parse import quote
+from typing import Any
 
-from exceptiondrive.credentials import find_server, find_token, normal_server
-from exceptiondrive.transport import Transport
+from exceptiondrive.transport import Connection, quoted
 
 Record = dict[str, Any]
 
 
-class TeamTokens:
+class TeamTokens(Connection):
     """Lists, issues, rotates and revokes the tokens of one's team; arguments as in `Client`."""
-
-    def __init__(self, server: str | None = None, token: str | None = None) -> None:
-        self.server = normal_server(server) if server else find_server()
-        self._transport = Transport(self.server, token or find_token(self.server))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._transport.close()
 
     def all(self) -> list[Record]:
         """Return the team's tokens, newest first, without their secrets."""
@@ -38,20 +26,13 @@ class TeamTokens:
             expires_at: ISO 8601 with zone; else it does not expire.
         """
         wanted = {"name": name, "scopes": scopes and list(scopes), "expires_at": expires_at}
-        return self._post("", {key: value for key, value in wanted.items() if value is not None})
+        return dict(self._transport.post_once("/tokens", wanted))
 
     def rotate(self, token_id: str, *, keep_days: int = 7) -> Record:
         """Issue the successor of a token; the old one works on for `keep_days`."""
-        return self._post(f"/{quote(token_id, safe='')}/rotate", {"keep_days": keep_days})
+        path = f"/tokens/{quoted(token_id)}/rotate"
+        return dict(self._transport.post_once(path, {"keep_days": keep_days}))
 
     def revoke(self, token_id: str) -> Record:
         """Revoke a token for good."""
-        return self._post(f"/{quote(token_id, safe='')}/revoke", None)
-
-    def _post(self, path: str, document: Record | None) -> Record:
-        """POST once: what is issued twice would be two tokens."""
-        arguments = {} if document is None else {"json": document}
-        answer = self._transport.post(
-            f"/tokens{path}", lambda: dict(arguments), is_repeatable=False
-        )
-        return dict(answer.json())
+        return dict(self._transport.post_once(f"/tokens/{quoted(token_id)}/revoke", {}))

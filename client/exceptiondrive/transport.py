@@ -1,16 +1,175 @@
-"""Requests to the server: token, retries with Retry-After, errors as exceptions."""
+"""Requests to the server: token, uploads, retries with Retry-After, errors as exceptions.
 
+The one door to the HTTP library: nothing else in the client imports it.
+"""
+
+import io
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
-from typing import Any
+from typing import Any, NoReturn, Self
+from urllib.parse import quote
 
+import httpx
 import stamina
 from pydantic import ValidationError
 
-from exceptiondrive.errors import NetworkError
-from exceptiondrive.http import httpx
-from exceptiondrive.problem_errors import raise_problem, retry_after_s
+from exceptiondrive.credentials import find_server, find_token, normal_server
+from exceptiondrive.errors import (
+    ExceptionDriveError,
+    InvalidArgumentError,
+    InvalidFileError,
+    NetworkError,
+    NotAllowedError,
+    NotFoundError,
+    NotSignedInError,
+    QuotaError,
+    ServerError,
+)
 from exceptiondrive_schemas.problems import Problem, ProblemCode
+
+Progress = Callable[[int, int], None]
+"""Called with bytes sent and bytes in all."""
+
+
+class UploadBody:
+    """Gives the arguments of one POST each time it is called.
+
+    Args:
+        name: File name, for people who read logs.
+        data: The bytes.
+        fields: Form fields; those that are None or empty are left out.
+        on_progress: Told how far the upload is.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        data: bytes,
+        fields: Mapping[str, str | None],
+        on_progress: Progress | None = None,
+    ) -> None:
+        self._name = name
+        self._data = data
+        self._fields = {key: value for key, value in fields.items() if value}
+        self._on_progress = on_progress
+
+    def __call__(self) -> dict[str, Any]:
+        """Return the keyword arguments of the request."""
+        stream = _CountingStream(self._data, self._on_progress)
+        file = (self._name, stream, "application/octet-stream")
+        return {"data": self._fields, "files": {"file": file}}
+
+
+class _CountingStream(io.BytesIO):
+    """Bytes that tell how many of them were read."""
+
+    def __init__(self, data: bytes, on_progress: Progress | None) -> None:
+        super().__init__(data)
+        self._size = len(data)
+        self._on_progress = on_progress
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        chunk = super().read(size)
+        if self._on_progress is not None:
+            self._on_progress(self.tell(), self._size)
+        return chunk
+
+
+_ADVICE = {
+    ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
+    ProblemCode.NOT_ALLOWED: "Your token may not do this; `exceptiondrive whoami` shows its scopes.",
+    ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
+    ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
+    ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",
+    ProblemCode.STORE_UNAVAILABLE: "Wait a little and run the same command again.",
+}
+_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
+    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
+    ProblemCode.NOT_ALLOWED: NotAllowedError,
+    ProblemCode.PHASE_CLOSED: NotAllowedError,
+    ProblemCode.CONFLICT: NotAllowedError,
+    ProblemCode.NOT_FOUND: NotFoundError,
+    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
+    ProblemCode.STORE_UNAVAILABLE: ServerError,
+    ProblemCode.INTERNAL: ServerError,
+}
+_QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
+
+
+def raise_problem(response: httpx.Response) -> NoReturn:
+    """Raise the error that this answer stands for."""
+    try:
+        problem = Problem.read(response.content)
+    except ValidationError:
+        raise _unknown_answer(response) from None
+    raise error_of(problem, retry_after_s(response))
+
+
+def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveError:
+    """Return the error for a problem document.
+
+    Args:
+        problem: What the server said.
+        wait_s: Seconds of its Retry-After header.
+    """
+    if problem.report is not None and problem.report.faults:
+        return InvalidFileError(problem.report, problem.detail)
+    if problem.code in _QUOTA_CODES:
+        wait_s = problem.retry_after_s if problem.retry_after_s is not None else wait_s
+        return QuotaError(problem.code.value, problem.detail, _reset(wait_s))
+    advice = _ADVICE.get(problem.code, "")
+    is_ours = problem.code is ProblemCode.INTERNAL
+    if is_ours and problem.request_id and problem.request_id not in problem.detail:
+        advice = f"Tell the organizers this request id: {problem.request_id}."
+    kind = _KINDS.get(problem.code)
+    if kind is None:
+        sentence = " ".join([problem.detail, *(f"{k}: {v}" for k, v in problem.fields.items())])
+        return InvalidArgumentError(problem.code.value, sentence, advice, problem.fields)
+    return kind(problem.code.value, problem.detail, advice)
+
+
+def retry_after_s(response: httpx.Response) -> float | None:
+    """Return the seconds of a Retry-After header, or None."""
+    value = response.headers.get("retry-after", "")
+    return float(value) if value.isascii() and value.isdigit() else None
+
+
+def _reset(wait_s: float | None) -> datetime | None:
+    """Return the time in `wait_s` seconds, to the nearest minute."""
+    if wait_s is None:
+        return None
+    moment = datetime.now(UTC) + timedelta(seconds=wait_s + 30)
+    return moment.replace(second=0, microsecond=0)
+
+
+def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
+    """Return the error for an answer in another form, such as that of a proxy on the way."""
+    answered = f"{response.url.copy_with(query=None)} answered {response.status_code}"
+    match response.status_code:
+        case 413:
+            code = ProblemCode.UPLOAD_TOO_LARGE
+            return InvalidArgumentError(
+                code.value, f"{answered}: a proxy on the way takes no file so large.", _ADVICE[code]
+            )
+        case 429:
+            code = ProblemCode.TOO_MANY_REQUESTS
+            return NetworkError(
+                code.value, f"{answered}: a proxy on the way wants fewer requests.", _ADVICE[code]
+            )
+        case 502 | 503 | 504:
+            return ServerError(
+                ProblemCode.STORE_UNAVAILABLE.value,
+                f"{answered}: no server behind this address answers right now.",
+                "Wait a little and run the same command again; a file that is sent twice counts "
+                "once.",
+            )
+    return ServerError(
+        "unexpected_answer",
+        f"{answered}, and not in the form of an ExceptionDrive server.",
+        "Check the address of the server, and that this client is as new as the server.",
+    )
+
 
 RETRIED_STATUSES = frozenset({502, 503, 504})
 LONGEST_RETRY_AFTER_S = 30.0
@@ -22,7 +181,7 @@ Query = Mapping[str, str | int | None]
 class _NotNowError(Exception):
     """The server asked to come back."""
 
-    def __init__(self, response: "httpx.Response") -> None:
+    def __init__(self, response: httpx.Response) -> None:
         self.response = response
         self.wait_s = retry_after_s(response)
 
@@ -55,14 +214,14 @@ class Transport:
 
     def get(
         self, path: str, query: Query | None = None, headers: Mapping[str, str] | None = None
-    ) -> "httpx.Response":
+    ) -> httpx.Response:
         """GET; raises the error of a problem, or `NetworkError`."""
         params = {key: value for key, value in (query or {}).items() if value is not None}
         return self._send(lambda: self._http.get(path, params=params, headers=headers))
 
     def post(
         self, path: str, body: Callable[[], dict[str, Any]], *, is_repeatable: bool = True
-    ) -> "httpx.Response":
+    ) -> httpx.Response:
         """POST; `body` makes the arguments of each attempt anew, streams included.
 
         Args:
@@ -73,13 +232,21 @@ class Transport:
         """
         return self._send(lambda: self._http.post(path, **body()), is_repeatable)
 
-    def patch(self, path: str, body: Callable[[], dict[str, Any]]) -> "httpx.Response":
+    def post_once(self, path: str, document: Mapping[str, Any]) -> Any:
+        """POST a JSON object without a second attempt: what is made twice would be two.
+
+        Members that are None are left out.
+        """
+        body = {"json": {key: value for key, value in document.items() if value is not None}}
+        return self.post(path, lambda: dict(body), is_repeatable=False).json()
+
+    def patch(self, path: str, body: Callable[[], dict[str, Any]]) -> httpx.Response:
         """PATCH; the same change twice is one."""
         return self._send(lambda: self._http.patch(path, **body()))
 
     def _send(
-        self, request: Callable[[], "httpx.Response"], is_repeatable: bool = True
-    ) -> "httpx.Response":
+        self, request: Callable[[], httpx.Response], is_repeatable: bool = True
+    ) -> httpx.Response:
         try:
             response = self._with_retries(request, self._attempts if is_repeatable else 1)
         except _NotNowError as not_now:
@@ -94,9 +261,7 @@ class Transport:
             raise_problem(response)
         return response
 
-    def _with_retries(
-        self, request: Callable[[], "httpx.Response"], attempts: int
-    ) -> "httpx.Response":
+    def _with_retries(self, request: Callable[[], httpx.Response], attempts: int) -> httpx.Response:
         for attempt in stamina.retry_context(
             on=_should_retry, attempts=attempts, wait_initial=0.2, wait_max=5.0, timeout=120.0
         ):
@@ -118,11 +283,39 @@ def _should_retry(error: Exception) -> bool | float:
     return error.wait_s if error.wait_s <= LONGEST_RETRY_AFTER_S else False
 
 
-def _is_too_fast(response: "httpx.Response") -> bool:
+def _is_too_fast(response: httpx.Response) -> bool:
     """Whether the server wants fewer requests a second; a spent quota is another 429."""
     if response.status_code != 429:
         return False
     try:
-        return Problem.model_validate_json(response.content).code is ProblemCode.TOO_MANY_REQUESTS
+        return Problem.read(response.content).code is ProblemCode.TOO_MANY_REQUESTS
     except ValidationError:
         return True
+
+
+class Connection:
+    """Speaks to one server; use it as a context manager.
+
+    Args:
+        server: Address; else EXCEPTIONDRIVE_SERVER, else what `login` kept, else this machine.
+        token: Token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
+    """
+
+    def __init__(self, server: str | None = None, token: str | None = None) -> None:
+        self.server = normal_server(server) if server else find_server()
+        self._transport = Transport(self.server, token or find_token(self.server))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._transport.close()
+
+
+def quoted(name: str) -> str:
+    """Return a name as one part of a path, whatever it holds."""
+    return quote(name, safe="") or "-"

@@ -1,4 +1,4 @@
-"""The one model base, canonical JSON, and content digests.
+"""The one model base, canonical JSON, and content digests. Readers forgive, writers don't.
 
 Anything that is kept, compared or signed is identified by the SHA-256 of its canonical JSON:
 sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity.
@@ -11,6 +11,9 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict
 
+FORGIVING = "reader of answers"
+"""Validation context of `Document.read`."""
+
 
 class Document(BaseModel):
     """Immutable and strict: an unknown key is an error, a number never comes from a string."""
@@ -18,6 +21,18 @@ class Document(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, populate_by_name=True, ser_json_inf_nan="null"
     )
+
+    @classmethod
+    def read(cls, answer: str | bytes) -> Self:
+        """Read an answer of the server, which may be newer: what is not known here is passed over.
+
+        Files from participants and organizers are read by `model_validate_json`, which is strict.
+        Validators that ask for known names look for `FORGIVING` in their context.
+
+        Raises:
+            ValidationError: What is known here is missing, or of another type.
+        """
+        return cls.model_validate_json(answer, extra="allow", context=FORGIVING)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy; what was derived from the fields once is derived anew from the copy's."""

@@ -1,4 +1,4 @@
-"""The published board: an immutable snapshot of ranked entries (DESIGN.md 3)."""
+"""The published board: an immutable snapshot of ranked entries."""
 
 from datetime import datetime
 from functools import cached_property
@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.phase_life import BoardView, SplitPart
+from exceptiondrive_schemas.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Flag,

@@ -36,6 +36,13 @@ class Metric(Document):
     meaning: str
 
 
+class RankKey(Document):
+    """One key of the rank order."""
+
+    metric: str
+    order: Literal["descending", "ascending"]
+
+
 class Challenge(Document):
     """A challenge: the schema of its submission file, its metrics in column order, its words."""
 
@@ -46,6 +53,9 @@ class Challenge(Document):
     words: ChallengeWords
     has_waypoints: bool = False
     """Whether its files hold as many waypoints as the protocol says."""
+    is_ordered_by_protocol: bool = False
+    """Whether every protocol must say what ranks it; else `primary_order` does where it does not.
+    For a challenge that came after the first protocols were stored, which never change."""
     counterpart: str | None = None
     """What a submission may be linked to, and is then compared with; None: links are refused."""
 
@@ -53,6 +63,17 @@ class Challenge(Document):
     def metric_keys(self) -> tuple[str, ...]:
         """Keys of all metrics, in column order."""
         return tuple(metric.key for metric in self.metrics)
+
+    @property
+    def primary_order(self) -> tuple[RankKey, ...]:
+        """Primary metrics in column order, the better value first."""
+        return tuple(
+            RankKey(
+                metric=metric.key, order="ascending" if metric.better == "lower" else "descending"
+            )
+            for metric in self.metrics
+            if metric.role == "primary"
+        )
 
     def metric(self, key: str) -> Metric:
         """Return the metric called `key`.
@@ -71,6 +92,7 @@ PLANNING = Challenge(
     title="Planning",
     file_schema="exceptiondrive.planning/1",
     words=PLANNING_WORDS,
+    is_ordered_by_protocol=True,
     has_waypoints=True,
     metrics=(
         Metric(
@@ -138,6 +160,7 @@ STRATEGY = Challenge(
     title="Strategy",
     file_schema="exceptiondrive.strategy/1",
     words=STRATEGY_WORDS,
+    is_ordered_by_protocol=True,
     counterpart="the same agent without reminder",
     metrics=(
         Metric(

@@ -1,4 +1,4 @@
-"""The planning submission file `exceptiondrive.planning/1` (PROTOCOL.md 1, DESIGN.md 3)."""
+"""The planning submission file `exceptiondrive.planning/1` (docs/protocol.md section 1)."""
 
 from typing import Annotated, Literal
 

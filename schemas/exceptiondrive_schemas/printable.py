@@ -1,4 +1,4 @@
-"""What may reach a screen: the last line of defence, whatever was let in before.
+"""Text that reaches a screen: counted nouns, and the last line of defence against unsafe signs.
 
 Uploads are refused names that cannot be shown (`checked_text`). Outputs do not rely on it: older
 rows, hand-made records and foreign servers are cleaned here once more, just before they are shown.
@@ -30,3 +30,8 @@ def spreadsheet_text(text: str) -> str:
     """Return a cell that no spreadsheet runs as a formula."""
     text = one_line(text)
     return f"'{text}" if text.startswith(_STARTS) else text
+
+
+def counted(count: int, noun: str, plural: str | None = None) -> str:
+    """Return `1 value`, `1,000 values`, `3 entries`."""
+    return f"{count:,} {noun if count == 1 else plural or noun + 's'}"

@@ -1,8 +1,9 @@
-"""The protocol document: every constant that turns a trajectory into a score (PROTOCOL.md).
+"""The protocol document: every constant that turns a trajectory into a score (docs/protocol.md).
 
 A protocol is TOML on disk, immutable once used, and identified by version and content digest.
 Its sections are digested apart, so that a change repeats only the steps that read the section:
-`geometry` -> measure, `grading` and the taxonomy -> grade, `ranking` -> rank.
+`geometry` -> measure, `grading` and the taxonomy -> grade, `ranking` -> rank. A digest holds what a
+document says: a field that came later, with a default, leaves the digests of older ones as they are.
 """
 
 import json
@@ -11,12 +12,12 @@ from collections.abc import Collection, Mapping
 from functools import cached_property
 from importlib import resources
 from types import MappingProxyType
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, RankKey
 from exceptiondrive_schemas.protocol_problems import problems_of, unkeepable
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
@@ -82,13 +83,6 @@ class GradingSection(Document):
         )
 
 
-class RankKey(Document):
-    """One key of the rank order."""
-
-    metric: str
-    order: Literal["descending", "ascending"]
-
-
 class RankingSection(Document):
     """Read by rank: order, coverage that ranks, bootstrap."""
 
@@ -98,13 +92,19 @@ class RankingSection(Document):
     bootstrap_seed: Annotated[int, Field(ge=0, lt=2**63)]
     confidence: Annotated[float, Field(gt=0.5, lt=1)]
 
+    def order_of(self, challenge: Challenge) -> tuple[RankKey, ...]:
+        """What ranks the entries of a challenge, the first key before the others."""
+        return self.order.get(challenge.id, challenge.primary_order)
+
     @model_validator(mode="after")
-    def _order_names_primary_metrics(self) -> Self:
-        if sorted(self.order) != sorted(CHALLENGES):
+    def _order_names_primary_metrics(self, info: ValidationInfo) -> Self:
+        if info.context == FORGIVING:
+            return self
+        needed = [key for key, each in CHALLENGES.items() if each.is_ordered_by_protocol]
+        if not set(needed) <= set(self.order) <= set(CHALLENGES):
             raise ValueError(f"order needs exactly the challenges {', '.join(CHALLENGES)}")
         for challenge_id, keys in self.order.items():
-            challenge = next(c for c in CHALLENGES.values() if c.id == challenge_id)
-            primary = {metric.key for metric in challenge.metrics if metric.role == "primary"}
+            primary = {key.metric for key in CHALLENGES[ChallengeId(challenge_id)].primary_order}
             for key in keys:
                 if key.metric not in primary:
                     raise ValueError(
@@ -180,21 +180,21 @@ class Protocol(Document):
     @cached_property
     def digest(self) -> str:
         """Digest of the whole document."""
-        return content_digest(self)
+        return content_digest(_stated(self))
 
     @cached_property
     def geometry_digest(self) -> str:
         """Digest of what `measure` reads."""
-        return content_digest(self.geometry)
+        return content_digest(_stated(self.geometry))
 
     @cached_property
     def grading_digest(self) -> str:
         """Digest of what `grade` reads besides measurements and the split."""
         return content_digest(
             {
-                "grading": self.grading.model_dump(mode="json"),
-                "plausibility": self.plausibility.model_dump(mode="json"),
-                "taxonomy": self.taxonomy.model_dump(mode="json"),
+                "grading": _stated(self.grading),
+                "plausibility": _stated(self.plausibility),
+                "taxonomy": _stated(self.taxonomy),
             }
         )
 
@@ -202,11 +202,28 @@ class Protocol(Document):
     def ranking_digest(self) -> str:
         """Digest of what `rank` reads besides score sheets."""
         return content_digest(
-            {
-                "ranking": self.ranking.model_dump(mode="json"),
-                "publication": self.publication.model_dump(mode="json"),
-            }
+            {"ranking": _stated(self.ranking), "publication": _stated(self.publication)}
         )
+
+
+_DIGESTED_DEFAULTS = frozenset({"d_safe_scale", "sensitivity_factors", "compared_entries"})
+"""Fields of the first protocols. Every later one needs a default, and none of its own belongs here:
+a protocol that leaves it out keeps its digest, and so every result made under it stays valid."""
+
+
+def _stated(value: Any) -> Any:
+    """Return what digests are made of: the value as JSON without the fields left at a default."""
+    if isinstance(value, Document):
+        return {
+            field.alias or name: _stated(getattr(value, name))
+            for name, field in type(value).model_fields.items()
+            if field.is_required()
+            or name in _DIGESTED_DEFAULTS
+            or getattr(value, name) != field.get_default(call_default_factory=True)
+        }
+    if isinstance(value, dict):
+        return {key: _stated(item) for key, item in value.items()}
+    return [_stated(item) for item in value] if isinstance(value, tuple) else value
 
 
 _MODELS: Mapping[str, type[Document]] = MappingProxyType(

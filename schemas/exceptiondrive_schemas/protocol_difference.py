@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 
@@ -93,7 +94,7 @@ def protocol_difference(
     stages = {change.stage for change in changes} or {Stage.NONE}
     stage = next(stage for stage in _HEAVIEST_FIRST if stage in stages)
     n_repeated = 0 if stage is Stage.NONE else n_sheets
-    work = "" if stage is Stage.NONE else f", {_counted(n_repeated, 'sheet')}"
+    work = "" if stage is Stage.NONE else f", {counted(n_repeated, 'sheet')}"
     return Difference(
         changes=changes,
         stage=stage,
@@ -123,9 +124,9 @@ def split_changes(old: Manifest, new: Manifest) -> tuple[Change, ...]:
     before, after = set(old.sample_ids), set(new.sample_ids)
     sentences = []
     if after - before:
-        sentences.append(f"the split gains {_counted(len(after - before), 'sample')}")
+        sentences.append(f"the split gains {counted(len(after - before), 'sample')}")
     if before - after:
-        sentences.append(f"the split loses {_counted(len(before - after), 'sample')}")
+        sentences.append(f"the split loses {counted(len(before - after), 'sample')}")
     if not sentences:
         sentences.append(
             f"the split's {len(after):,} samples stay; their regions, tasks or scenes change"
@@ -151,15 +152,17 @@ def _protocol_changes(old: Protocol, new: Protocol) -> Iterator[Change]:
 
 def _order_changes(stage: Stage, old: dict[str, Any], new: dict[str, Any]) -> Iterator[Change]:
     """Say by which metrics each challenge ranks, where that changes."""
-    for challenge in (key for key in new if old[key] != new[key]):
-        before, after = (_order_words(side[challenge]) for side in (old, new))
+    for challenge in (key for key in new | old if old.get(key) != new.get(key)):
+        before, after = (_order_words(side.get(challenge)) for side in (old, new))
         yield Change(
             sentence=f"entries of the {challenge} challenge are ranked by {before} -> {after}",
             stage=stage,
         )
 
 
-def _order_words(keys: list[dict[str, str]]) -> str:
+def _order_words(keys: list[dict[str, str]] | None) -> str:
+    if keys is None:
+        return "its primary metrics in order of their columns"
     ends = {"descending": "highest first", "ascending": "lowest first"}
     return ", then ".join(f"{key['metric']} ({ends[key['order']]})" for key in keys)
 
@@ -229,10 +232,6 @@ def _by_caution(ranks: dict[str, int]) -> str:
     for strategy, rank in sorted(ranks.items()):
         groups.setdefault(rank, []).append(strategy)
     return " < ".join(" = ".join(groups[rank]) for rank in sorted(groups))
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
 
 
 def _letters(strategies: list[str]) -> str:

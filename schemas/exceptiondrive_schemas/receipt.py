@@ -8,6 +8,8 @@ the field that was altered.
 from datetime import datetime
 from typing import Literal
 
+from pydantic import ConfigDict
+
 from exceptiondrive_schemas.base import Document, canonical_json, content_digest
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
@@ -16,7 +18,12 @@ ALGORITHM: Literal["ed25519"] = "ed25519"
 
 
 class ReceiptStatement(Document):
-    """What is signed: one submission under one protocol and split revision, as published."""
+    """What is signed: one submission under one protocol and split revision, as published.
+
+    Fields of a newer server are kept: they are signed too, and checked like the others.
+    """
+
+    model_config = ConfigDict(extra="allow")
 
     submission_id: str
     file_digest: str

@@ -1,7 +1,9 @@
 """Protocol updates as the API shows them: runs, previews, history, and what teams are told."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Literal
 
 from pydantic import Field
@@ -32,6 +34,67 @@ class RunState(StrEnum):
     def is_final(self) -> bool:
         """Whether the run has ended."""
         return self in (RunState.CLOSED, RunState.ROLLED_BACK, RunState.CANCELLED)
+
+
+class RunAction(StrEnum):
+    """What an organizer does with a run; each needs a reason."""
+
+    START = "start"
+    PAUSE = "pause"
+    RESUME = "resume"
+    """Goes on with a paused run, and tries failed sheets again in any state that has some."""
+    APPLY = "apply"
+    ROLLBACK = "rollback"
+    CLOSE = "close"
+    CANCEL = "cancel"
+
+
+RETRIES: Mapping[RunState, RunState] = MappingProxyType(
+    {
+        RunState.READY: RunState.SCORING,
+        RunState.APPLIED: RunState.APPLIED,
+    }
+)
+"""Where `resume` is possible for failed sheets alone, and the state after it."""
+TRANSITIONS: Mapping[RunAction, Mapping[RunState, RunState]] = MappingProxyType(
+    {
+        RunAction.START: {RunState.DRAFT: RunState.SCORING},
+        RunAction.PAUSE: {RunState.SCORING: RunState.PAUSED},
+        RunAction.RESUME: {
+            RunState.PAUSED: RunState.SCORING,
+            RunState.SCORING: RunState.SCORING,
+        },
+        RunAction.APPLY: {
+            RunState.SCORING: RunState.APPLIED,
+            RunState.READY: RunState.APPLIED,
+        },
+        RunAction.ROLLBACK: {RunState.APPLIED: RunState.ROLLED_BACK},
+        RunAction.CLOSE: {RunState.APPLIED: RunState.CLOSED},
+        RunAction.CANCEL: {
+            RunState.DRAFT: RunState.CANCELLED,
+            RunState.SCORING: RunState.CANCELLED,
+            RunState.PAUSED: RunState.CANCELLED,
+            RunState.READY: RunState.CANCELLED,
+        },
+    }
+)
+"""From which state an action leads to which: records, API and pages go by this table.
+
+Besides, scoring becomes `ready` by itself, when every sheet is there and the new board is built.
+"""
+
+
+def next_states(action: RunAction, *, has_failed: bool) -> dict[RunState, RunState]:
+    """Return from which states an action is possible, and where it leads."""
+    retries = RETRIES if action is RunAction.RESUME and has_failed else {}
+    return {**TRANSITIONS[action], **retries}
+
+
+def actions_of(state: RunState, *, has_failed: bool) -> tuple[RunAction, ...]:
+    """Return what may be done with a run; what else stands in the way, its blockers say."""
+    return tuple(
+        action for action in RunAction if state in next_states(action, has_failed=has_failed)
+    )
 
 
 class VerifyState(StrEnum):
@@ -70,6 +133,8 @@ class RunView(Document):
     applied_at: datetime | None
     ended_at: datetime | None
     progress: Progress
+    actions: tuple[RunAction, ...] = ()
+    """What may be done with it in this state."""
     blockers: tuple[str, ...]
     """Why it cannot be applied now (or, once applied, rolled back); empty: it can."""
     difference: Difference
@@ -209,7 +274,7 @@ class VerificationView(Document):
     """Every sheet that did not come again, bit for bit."""
 
 
-class ToldEntry(Document):
+class ChangedEntry(Document):
     """One entry of a team, before and after."""
 
     submission_id: str
@@ -218,11 +283,14 @@ class ToldEntry(Document):
     new: Standing | None
 
 
+NotificationKind = Literal["protocol_applied", "protocol_rolled_back"]
+
+
 class NotificationView(Document):
     """A message to a team."""
 
     id: str
-    kind: Literal["protocol_applied", "protocol_rolled_back"]
+    kind: NotificationKind
     team: str
     phase: str
     created_at: datetime
@@ -231,6 +299,6 @@ class NotificationView(Document):
     from_protocol: ProtocolRef
     to_protocol: ProtocolRef
     what_changed: tuple[str, ...]
-    entries: tuple[ToldEntry, ...]
+    entries: tuple[ChangedEntry, ...]
     comparison: str
     """Address of the public comparison, below the server's own."""

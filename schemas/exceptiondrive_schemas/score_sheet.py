@@ -1,14 +1,21 @@
 """The score sheet: totals and breakdown of one scoring run, all that may ever be published."""
 
-from typing import Self
+from typing import Annotated, Any, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.split import SplitRef
 
 MetricRow = dict[str, float | None]
 """Metric key to value: fractions, CTS in metres, undefined = None."""
+METRIC_ROW = TypeAdapter(MetricRow)
+RowValue = Annotated[
+    float | Any | None,
+    Field(union_mode="left_to_right"),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]}),
+]
+"""A value of a metric; or, in a row of a newer server, whatever else such a row may hold."""
 
 Interval = tuple[float, float]
 
@@ -36,7 +43,7 @@ class Flag(Document):
 
 
 class Plausibility(Document):
-    """Shares published beside the score, never folded into it (PROTOCOL.md 5)."""
+    """Shares published beside the score, never folded into it (docs/protocol.md section 5)."""
 
     shares: dict[str, float | None]
     flags: tuple[Flag, ...] = ()
@@ -46,19 +53,23 @@ class BreakdownRow(Document):
     """One family or task: `n` and the metrics, flat: `{"n": 12, "hcc": 0.4, ...}`."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: MetricRow = Field(init=False)
+    __pydantic_extra__: dict[str, RowValue] = Field(init=False)
 
     n: int | None
 
     @classmethod
-    def of(cls, n: int | None, metrics: MetricRow) -> Self:
-        """Return the row of `n` samples with these metrics."""
-        return cls.model_validate({"n": n, **metrics})
+    def of(cls, n: int | None, metrics: MetricRow, **more: Any) -> Self:
+        """Return the row of `n` samples with these metrics, and what else a subclass holds."""
+        return cls.model_validate({"n": n, **METRIC_ROW.validate_python(metrics), **more})
 
     @property
     def metrics(self) -> MetricRow:
         """Metric key to value."""
-        return dict(self.__pydantic_extra__)
+        return {
+            key: value
+            for key, value in self.__pydantic_extra__.items()
+            if value is None or isinstance(value, float)
+        }
 
 
 class ScoreSheet(Document):

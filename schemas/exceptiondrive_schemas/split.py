@@ -1,4 +1,4 @@
-"""The split (withheld) and its manifest (public, derived): DESIGN.md 3."""
+"""The split (withheld) and its manifest (public, derived)."""
 
 from typing import Annotated, Literal
 

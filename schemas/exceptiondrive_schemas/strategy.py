@@ -1,4 +1,4 @@
-"""The strategy submission file `exceptiondrive.strategy/1` (PROTOCOL.md 6, DESIGN.md 3)."""
+"""The strategy submission file `exceptiondrive.strategy/1` (docs/protocol.md section 6)."""
 
 from typing import Annotated, Literal
 

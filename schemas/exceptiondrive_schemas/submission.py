@@ -6,7 +6,7 @@ from enum import StrEnum
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.phase_life import PhaseLife, PhaseNow
+from exceptiondrive_schemas.phase_settings import PhaseNow, PhaseSettings
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
@@ -115,27 +115,19 @@ class Quota(Document):
     """How many of them wait now."""
 
 
-class PhaseView(Document):
+class PhaseView(PhaseSettings):
     """A dated stage of a challenge, with its own split, protocol and limits."""
 
     id: str
     challenge: str
-    title: str
-    description: str
     split: str
     split_revision: str
     split_is_public: bool
     n_samples: int
     protocol: str
     protocol_digest: str
-    opens_at: datetime | None
-    closes_at: datetime | None
     is_open: bool
-    quota_per_day: int
-    quota_total: int | None
-    quota_concurrent: int | None = None
     max_upload_bytes: int
-    life: PhaseLife = PhaseLife()
     now: PhaseNow | None = None
     quota: Quota | None = None
     """The asking team's own, when a token was sent."""

@@ -1,4 +1,4 @@
-"""The taxonomy: 21 tasks in six families, as data of the protocol document (PROTOCOL.md 7).
+"""The taxonomy: tasks in families, as data of the protocol document (docs/protocol.md section 7).
 
 Ids are opaque keys. Names and hazards are organisers' text; when the true list of the paper's
 supplement appears, only the protocol document changes.

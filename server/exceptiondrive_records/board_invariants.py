@@ -6,7 +6,7 @@ from pydantic import ValidationError
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.tables import BoardRow, Phase, ScoreSheetRow
+from exceptiondrive_records.tables import BoardEntryRow, BoardRow, Phase, ScoreSheetRow
 from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -53,6 +53,13 @@ def _faults(
                 totals[key] = _totals(session, key)
             yield from _entry_faults(entry, board, totals[key])
     yield from _rank_faults(board)
+    kept = select(BoardEntryRow.submission_id, BoardEntryRow.rank)
+    rows = {
+        (id, rank) for id, rank in session.execute(kept.where(BoardEntryRow.board_id == row.id))
+    }
+    shown = {(e.submission_id, e.rank) for e in board.entries if e.submission_id is not None}
+    if rows != shown:
+        yield "entries of a board altered", "the table of entries and the body name different ones"
 
 
 def _totals(session: Session, key: _SheetKey) -> _Totals | None:

@@ -16,7 +16,7 @@ from exceptiondrive_records.phase_life import (
 )
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_schemas.board import Links
-from exceptiondrive_schemas.phase_life import BoardView
+from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -164,14 +164,14 @@ def _sheets(
 def _due(phase: Phase, scored: list[_Scored], view: BoardView) -> list[_Scored]:
     public = [each for each in scored if _is_public(phase, each.submission)]
     in_time = [each for each in public if not is_late(phase, each.submission)]
-    due = _of_teams(in_time) if phase.life.entries_shown == "chosen" else _of_methods(in_time)
+    due = _of_teams(in_time) if phase.policy.entries_shown == "chosen" else _of_methods(in_time)
     if view == "late":
         due += _of_methods(each for each in public if is_late(phase, each.submission))
     return sorted(due, key=lambda each: (each.submission.received_at, each.submission.id))
 
 
 def _is_public(phase: Phase, submission: Submission) -> bool:
-    return not phase.life.entries_private or submission.published_at is not None
+    return not phase.policy.entries_private or submission.published_at is not None
 
 
 def _of_methods(scored: Iterable[_Scored]) -> list[_Scored]:

@@ -1,8 +1,10 @@
 """Boards: immutable snapshots; "the current board" is one pointer."""
 
+from collections.abc import Iterable
 from datetime import datetime
+from functools import lru_cache
 
-from sqlalchemy import ColumnElement, Select, exists, func, select
+from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
@@ -12,11 +14,18 @@ from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phase_life import frozen_since
 from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.published_forms import shown_board
-from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, Submission
+from exceptiondrive_records.tables import (
+    BoardEntryRow,
+    BoardFlip,
+    BoardRow,
+    Phase,
+    ProtocolRow,
+    Submission,
+)
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.phase_life import BoardView
+from exceptiondrive_schemas.phase_settings import BoardView
 
 
 def publish_board(
@@ -135,27 +144,85 @@ def public_protocols(session: Session, phase_id: str) -> list[str]:
     return list(session.scalars(query.distinct()))
 
 
-def public_board_with(
-    session: Session,
-    submission: Submission,
-    *,
-    oldest: bool = False,
-    protocol_digest: str | None = None,
-) -> BoardRow | None:
-    """Return the newest (or the oldest) board that shows a submission and was ever shown itself.
+def parsed_board(row: BoardRow) -> Board:
+    """Return the document of a board; boards never change, so it is read once."""
+    return _parsed(row.body_digest, row.body)
 
-    Drafts are for organizers alone. Boards from before it came are not even looked at.
-    """
-    query = select(BoardRow).where(
-        BoardRow.phase_id == submission.phase_id,
-        BoardRow.published_at >= submission.received_at,
-        BoardRow.body.contains(submission.id, autoescape=True),
-        was_shown(),
+
+@lru_cache(maxsize=32)
+def _parsed(body_digest: str, body: str) -> Board:
+    return Board.model_validate_json(body)
+
+
+def boards_with(
+    session: Session, submission_id: str, board_ids: Iterable[int | None]
+) -> list[BoardRow]:
+    """Return those of the boards named on which a submission stands, in the order of the names."""
+    wanted = [board_id for board_id in board_ids if board_id is not None]
+    query = (
+        select(BoardRow)
+        .join(BoardEntryRow, BoardEntryRow.board_id == BoardRow.id)
+        .where(BoardEntryRow.submission_id == submission_id, BoardRow.id.in_(wanted))
     )
-    if protocol_digest is not None:
-        query = query.where(BoardRow.protocol_digest == protocol_digest)
-    order = BoardRow.number.asc() if oldest else BoardRow.number.desc()
-    return session.scalars(query.order_by(order).limit(1)).first()
+    return sorted(session.scalars(query), key=lambda row: wanted.index(row.id))
+
+
+def entry_ids(session: Session, board_id: int) -> set[str]:
+    """Return the submissions that stand on a board."""
+    query = select(BoardEntryRow.submission_id).where(BoardEntryRow.board_id == board_id)
+    return set(session.scalars(query))
+
+
+def ranks_on(
+    session: Session, board_id: int | None, submission_ids: Iterable[str]
+) -> dict[str, int]:
+    """Return the ranks that submissions hold on a board; without one, or a board, they are left out."""
+    query = select(BoardEntryRow.submission_id, BoardEntryRow.rank).where(
+        BoardEntryRow.board_id == board_id,
+        BoardEntryRow.submission_id.in_(submission_ids),
+        BoardEntryRow.rank.is_not(None),
+    )
+    return {submission_id: rank or 0 for submission_id, rank in session.execute(query)}
+
+
+def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:
+    """Return the newest board that shows a submission and was ever shown itself.
+
+    Drafts are for organizers alone.
+    """
+    query = (
+        select(BoardRow)
+        .join(BoardEntryRow, BoardEntryRow.board_id == BoardRow.id)
+        .where(BoardEntryRow.submission_id == submission_id, was_shown())
+        .order_by(BoardRow.id.desc())
+        .limit(1)
+    )
+    return session.scalars(query).first()
+
+
+def boards_by_protocol(
+    session: Session, submission: Submission, limit: int
+) -> list[tuple[BoardRow, BoardRow]]:
+    """Return the first and the last public board with a submission, under each protocol.
+
+    Args:
+        session: To read with.
+        submission: What stands on them.
+        limit: How many protocols at most, the newest first.
+    """
+    query = (
+        select(func.min(BoardRow.id), func.max(BoardRow.id))
+        .join(BoardEntryRow, BoardEntryRow.board_id == BoardRow.id)
+        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .where(BoardEntryRow.submission_id == submission.id, was_shown())
+        .group_by(ProtocolRow.digest, ProtocolRow.created_at)
+        .order_by(ProtocolRow.created_at.desc())
+        .limit(limit)
+    )
+    return [
+        (session.get_one(BoardRow, first), session.get_one(BoardRow, last))
+        for first, last in session.execute(query)
+    ]
 
 
 def _newest_first(
@@ -209,6 +276,13 @@ def _append(
     )
     session.add(row)
     session.flush()
+    entries = [
+        {"board_id": row.id, "submission_id": entry.submission_id, "rank": entry.rank}
+        for entry in board.entries
+        if entry.submission_id is not None
+    ]
+    if entries:
+        session.execute(insert(BoardEntryRow), entries)
     detail = {
         "number": number,
         "digest": row.digest,

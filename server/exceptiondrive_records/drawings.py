@@ -8,13 +8,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sqlalchemy import and_, select
-from sqlalchemy.dialects.postgresql import insert as postgres_insert
-from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.tables import SplitRow
 from exceptiondrive_records.tables_drawings import EntryDrawingsRow, ProtocolDrawingRow
+from exceptiondrive_records.upserts import insert_if_absent
 from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.drawing import (
     EntryDrawings,
@@ -63,7 +62,7 @@ def keep_entry_drawings(
     Raises:
         IntegrityError: The split is not public, or the submission has no such score sheet.
     """
-    _insert_if_absent(
+    insert_if_absent(
         session,
         EntryDrawingsRow,
         submission_id=submission_id,
@@ -72,6 +71,7 @@ def keep_entry_drawings(
         split_name=split.ref.name,
         public_file_digest=split.file_digest,
         drawings=drawings,
+        created_at=database_now(session),
     )
 
 
@@ -105,7 +105,13 @@ def drawings_of_withheld_splits(session: Session) -> Iterator[Violation]:
 
 def keep_protocol_drawing(session: Session, drawing: ProtocolDrawing) -> None:
     """Keep the drawing of a protocol; one that is kept already stays."""
-    _insert_if_absent(session, ProtocolDrawingRow, pictured=drawing.pictured, drawing=drawing)
+    insert_if_absent(
+        session,
+        ProtocolDrawingRow,
+        pictured=drawing.pictured,
+        drawing=drawing,
+        created_at=database_now(session),
+    )
 
 
 def has_protocol_drawing(session: Session, protocol: Protocol) -> bool:
@@ -120,11 +126,3 @@ def protocol_drawing(session: Session, protocol: Protocol) -> ProtocolDrawing:
         return packaged_drawing()
     row = session.get(ProtocolDrawingRow, pictured)
     return packaged_drawing() if row is None else row.drawing
-
-
-def _insert_if_absent(
-    session: Session, table: type[EntryDrawingsRow] | type[ProtocolDrawingRow], **values: object
-) -> None:
-    insert = sqlite_insert if session.get_bind().dialect.name == "sqlite" else postgres_insert
-    values["created_at"] = database_now(session)
-    session.execute(insert(table).values(**values).on_conflict_do_nothing())

@@ -3,6 +3,7 @@
 # ruff: noqa: N818 - these names say what happened
 
 import math
+from collections.abc import Mapping
 from datetime import datetime
 
 from exceptiondrive_schemas.problems import ProblemCode
@@ -15,9 +16,13 @@ class RecordsError(Exception):
 
 
 class InvalidRecord(RecordsError):
-    """A value cannot be recorded as given."""
+    """A value cannot be taken as given; `fields` names the parts of the request that are wrong."""
 
     code = ProblemCode.BAD_REQUEST
+
+    def __init__(self, detail: str, fields: Mapping[str, str] | None = None) -> None:
+        self.fields = dict(fields or {})
+        super().__init__(detail)
 
 
 class NotFound(RecordsError):

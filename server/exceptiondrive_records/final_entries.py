@@ -21,7 +21,7 @@ def choose(session: Session, submission_id: str, *, actor: str) -> Submission:
     """
     submission, phase = _scored(session, submission_id)
     now = database_now(session)
-    if phase.life.entries_shown != "chosen":
+    if phase.policy.entries_shown != "chosen":
         raise Conflict("This phase shows all methods of a team: there is nothing to choose.")
     if has_closed(phase, now):
         raise Conflict(
@@ -94,5 +94,5 @@ def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:
 
 
 def _require_private(phase: Phase) -> None:
-    if not phase.life.entries_private:
+    if not phase.policy.entries_private:
         raise Conflict("This phase shows every scored entry; withdraw it to take it off.")

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 
 from sqlalchemy import select
-from sqlalchemy.dialects.postgresql import insert as postgres_insert
-from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
@@ -12,6 +10,7 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import InvalidRecord, NotFound
 from exceptiondrive_records.identifiers import checked_text, random_id
 from exceptiondrive_records.tables_people import Person
+from exceptiondrive_records.upserts import insert_if_absent
 
 MAX_NAME = 80
 MAX_SUBJECT = 255
@@ -39,8 +38,9 @@ def welcome_person(session: Session, identity: Identity) -> Person:
     if not 0 < len(identity.subject) <= MAX_SUBJECT:
         raise InvalidRecord("The provider named nobody.")
     now = database_now(session)
-    insert = sqlite_insert if session.get_bind().dialect.name == "sqlite" else postgres_insert
-    new = insert(Person).values(
+    insert_if_absent(
+        session,
+        Person,
         id=random_id(),
         issuer=identity.issuer,
         subject=identity.subject,
@@ -50,7 +50,6 @@ def welcome_person(session: Session, identity: Identity) -> Person:
         created_at=now,
         signed_in_at=now,
     )
-    session.execute(new.on_conflict_do_nothing())
     query = select(Person).where(
         Person.issuer == identity.issuer, Person.subject == identity.subject
     )

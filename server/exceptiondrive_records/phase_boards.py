@@ -37,7 +37,7 @@ def _phases(session: Session) -> list[Phase]:
 
 
 def _families_are_due(session: Session, phase: Phase) -> bool:
-    families_from = phase.life.families_from
+    families_from = phase.policy.families_from
     if families_from is None or database_now(session) < families_from:
         return False
     key = key_of_phase(phase)

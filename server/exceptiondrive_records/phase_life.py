@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.splits import find_split
 from exceptiondrive_records.tables import Phase, SplitRow, Submission
-from exceptiondrive_schemas.phase_life import PhaseNow, SplitPart
+from exceptiondrive_schemas.phase_settings import PhaseNow, SplitPart
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 """No two that look alike."""
@@ -18,7 +18,7 @@ _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 
 def frozen_since(phase: Phase, now: datetime) -> datetime | None:
     """Return when the public board froze; None while it moves."""
-    freezes_at = phase.life.freezes_at
+    freezes_at = phase.policy.freezes_at
     if freezes_at is None or now < freezes_at:
         return None
     if phase.unfrozen_at is not None and phase.unfrozen_at >= freezes_at:
@@ -28,13 +28,13 @@ def frozen_since(phase: Phase, now: datetime) -> datetime | None:
 
 def families_shown_from(phase: Phase, now: datetime) -> datetime | None:
     """Return from when families and tasks are shown; None when they are shown already."""
-    families_from = phase.life.families_from
+    families_from = phase.policy.families_from
     return families_from if families_from is not None and now < families_from else None
 
 
 def is_anonymous(phase: Phase) -> bool:
     """Whether teams and methods stand under pseudonyms."""
-    return phase.life.anonymous and phase.names_revealed_at is None
+    return phase.policy.anonymous and phase.names_revealed_at is None
 
 
 def has_closed(phase: Phase, moment: datetime) -> bool:
@@ -44,7 +44,7 @@ def has_closed(phase: Phase, moment: datetime) -> bool:
 
 def takes_late_entries(phase: Phase, moment: datetime) -> bool:
     """Whether what comes at this moment is accepted for the late view."""
-    return has_closed(phase, moment) and phase.life.late_entries == "own_view"
+    return has_closed(phase, moment) and phase.policy.late_entries == "own_view"
 
 
 def is_late(phase: Phase, submission: Submission) -> bool:

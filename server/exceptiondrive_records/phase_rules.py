@@ -1,7 +1,10 @@
 """Which settings of a phase fit together."""
 
 from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_records.identifiers import checked_text
 from exceptiondrive_records.tables import Phase
+from exceptiondrive_schemas.form_fields import fields_of
+from exceptiondrive_schemas.phase_settings import PhaseSettings
 
 
 def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
@@ -15,7 +18,8 @@ def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
     Raises:
         InvalidRecord: With one sentence for each contradiction.
     """
-    faults = [*_dates(phase), *_limits(phase)]
+    _check_texts(phase)
+    faults = _dates(phase)
     if is_freeze_new and _freezes_too_late(phase):
         faults.append(
             "freezes_at must lie before closes_at: a board that freezes after the deadline hides "
@@ -26,29 +30,31 @@ def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
 
 
 def _dates(phase: Phase) -> list[str]:
-    freezes_at, opens_at, closes_at = phase.life.freezes_at, phase.opens_at, phase.closes_at
+    freezes_at, opens_at, closes_at = phase.policy.freezes_at, phase.opens_at, phase.closes_at
     faults = []
     if opens_at is not None and closes_at is not None and closes_at <= opens_at:
         faults.append("A phase must close after it opens.")
     if freezes_at is not None and opens_at is not None and freezes_at <= opens_at:
         faults.append("freezes_at must lie after opens_at.")
-    if phase.life.late_entries == "own_view" and closes_at is None:
+    if phase.policy.late_entries == "own_view" and closes_at is None:
         faults.append("Late entries need a deadline: set closes_at, or refuse them.")
     return faults
 
 
 def _freezes_too_late(phase: Phase) -> bool:
-    freezes_at, closes_at = phase.life.freezes_at, phase.closes_at
+    freezes_at, closes_at = phase.policy.freezes_at, phase.closes_at
     return freezes_at is not None and closes_at is not None and freezes_at >= closes_at
 
 
-def _limits(phase: Phase) -> list[str]:
-    limits = (
-        phase.quota_per_day,
-        phase.rejected_per_day,
-        phase.quota_total,
-        phase.quota_concurrent,
-    )
-    if any(limit is not None and limit < 1 for limit in limits):
-        return ["Quotas must be at least 1."]
-    return []
+def _check_texts(phase: Phase) -> None:
+    """Keep the texts without blanks around them, and refuse what cannot be shown."""
+    for field in fields_of(PhaseSettings):
+        if field.kind in ("text", "lines"):
+            text = checked_text(
+                field.name,
+                getattr(phase, field.name),
+                max_length=field.max_length,
+                may_be_empty=not field.is_required,
+                may_have_lines=field.kind == "lines",
+            )
+            setattr(phase, field.name, text)

@@ -48,6 +48,6 @@ def score_kept_back_since(
 ) -> datetime | None:
     """Return since when the team is not shown this score; None while it is shown."""
     since = frozen_since(phase, database_now(session))
-    if since is None or phase.life.frozen_scores == "shown" or submission.received_at < since:
+    if since is None or phase.policy.frozen_scores == "shown" or submission.received_at < since:
         return None
     return since

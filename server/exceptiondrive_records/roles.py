@@ -38,6 +38,7 @@ RIGHTS = MappingProxyType(
         # table: (api, worker, reconciler)
         _VERSIONS: (R, R, R),
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
+        "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
         "contact_points": (RIUD, R, R),

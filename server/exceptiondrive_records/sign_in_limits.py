@@ -9,13 +9,12 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 
 from sqlalchemy import delete, select, update
-from sqlalchemy.dialects.postgresql import insert as postgres_insert
-from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import TooManyAttempts
 from exceptiondrive_records.tables_access import SignInAttempts
+from exceptiondrive_records.upserts import insert_if_absent
 
 WINDOW = timedelta(minutes=15)
 PER_ADDRESS = 30
@@ -72,8 +71,6 @@ def give_attempt_back(session: Session, limits: Mapping[str, int]) -> None:
 
 def _locked(session: Session, key: str, now: datetime) -> SignInAttempts:
     """Return the row of a key, made if it is new, locked until the transaction ends."""
-    insert = sqlite_insert if session.get_bind().dialect.name == "sqlite" else postgres_insert
-    first = insert(SignInAttempts).values(key=key, n=0, since=now)
-    session.execute(first.on_conflict_do_nothing())
+    insert_if_absent(session, SignInAttempts, key=key, n=0, since=now)
     query = select(SignInAttempts).where(SignInAttempts.key == key).with_for_update()
     return session.scalars(query.execution_options(populate_existing=True)).one()

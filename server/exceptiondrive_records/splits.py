@@ -7,7 +7,7 @@ from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.tables import SplitRow
-from exceptiondrive_schemas.phase_life import LivePart, SplitPart
+from exceptiondrive_schemas.phase_settings import LivePart, SplitPart
 from exceptiondrive_schemas.split import Manifest
 
 

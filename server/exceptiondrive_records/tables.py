@@ -10,7 +10,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from exceptiondrive_records.columns import DocumentText
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -103,7 +103,7 @@ class Phase(Base):
     current_board_id: Mapped[int | None]
     shows_reported: Mapped[bool]
     created_at: Mapped[datetime]
-    life: Mapped[PhaseLife] = mapped_column(DocumentText(PhaseLife), default=PhaseLife())
+    policy: Mapped[PhasePolicy] = mapped_column(DocumentText(PhasePolicy), default=PhasePolicy())
     unfrozen_at: Mapped[datetime | None]
     names_revealed_at: Mapped[datetime | None]
     pseudonym_salt: Mapped[str | None] = mapped_column(deferred=True)
@@ -186,6 +186,19 @@ class BoardRow(Base):
     published_at: Mapped[datetime]
     view: Mapped[str] = mapped_column(default="main")
     """`main`, or `late`: the board with late entries among the others."""
+
+
+class BoardEntryRow(Base):
+    """A submission that stands on a board, written with the board, immutable.
+
+    Rows that the paper reported are no submissions and are not here.
+    """
+
+    __tablename__ = "board_entries"
+    __table_args__ = (Index("ix_board_entries_submission", "submission_id", "board_id"),)
+    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"), primary_key=True)
+    submission_id: Mapped[str] = mapped_column(primary_key=True)
+    rank: Mapped[int | None]
 
 
 class BoardFlip(Base):

@@ -1,14 +1,12 @@
 """Submissions as their team sees them: with place in the queue, sheet and rank."""
 
-import json
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from statistics import median
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.boards import ranks_on
 from exceptiondrive_records.final_entries import is_chosen
 from exceptiondrive_records.heartbeats import LiveWorkers, live_workers
 from exceptiondrive_records.phase_life import is_anonymous, is_late, pseudonym_of_team
@@ -40,7 +38,7 @@ def view(
         submission: The submission.
         is_duplicate: Whether these bytes came a second time.
         heartbeat_ttl_s: How old the last sign of life of a worker may be.
-        ranks: Of its phase (`current_ranks`), where they are known already.
+        ranks: Of its phase (`ranks_on`), where they are known already.
     """
     team = session.get_one(Team, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
@@ -69,7 +67,7 @@ def view(
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
         is_chosen=is_chosen(session, submission),
-        is_published=not phase.life.entries_private or submission.published_at is not None,
+        is_published=not phase.policy.entries_private or submission.published_at is not None,
         score_kept_back_since=hidden_since,
         known_as=pseudonym_of_team(phase, team.id)
         if is_anonymous(phase) and not team.is_reference
@@ -79,8 +77,14 @@ def view(
 
 def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
     """Return several submissions as their team sees them."""
-    phases = {each.phase_id for each in submissions if each.status is SubmissionStatus.SCORED}
-    ranks = {phase_id: current_ranks(session, phase_id) for phase_id in phases}
+    scored: dict[str, list[str]] = {}
+    for each in submissions:
+        if each.status is SubmissionStatus.SCORED:
+            scored.setdefault(each.phase_id, []).append(each.id)
+    ranks = {
+        phase_id: ranks_on(session, session.get_one(Phase, phase_id).current_board_id, ids)
+        for phase_id, ids in scored.items()
+    }
     return tuple(view(session, each, ranks=ranks.get(each.phase_id)) for each in submissions)
 
 
@@ -114,15 +118,11 @@ def published_sheet(session: Session, submission: Submission, phase: Phase) -> S
     return None if row is None else shown_sheet(session, phase, row)
 
 
-def current_ranks(session: Session, phase_id: str) -> Mapping[str, int]:
-    """Return the ranks on the current board by submission; a large board costs a megabyte to read."""
-    board = current_board(session, phase_id)
-    return {} if board is None else _ranks(board.body)
-
-
 def _rank(session: Session, submission: Submission, ranks: Mapping[str, int] | None) -> int | None:
     """Return the rank on the current board; None when it is not there, or not ranked."""
-    ranks = current_ranks(session, submission.phase_id) if ranks is None else ranks
+    if ranks is None:
+        board_id = session.get_one(Phase, submission.phase_id).current_board_id
+        ranks = ranks_on(session, board_id, [submission.id])
     return ranks.get(submission.id)
 
 
@@ -154,12 +154,3 @@ def _failure(submission: Submission) -> Failure | None:
     if submission.failure_code is None:
         return None
     return Failure(code=submission.failure_code, message=submission.failure_message or "")
-
-
-@lru_cache(maxsize=16)
-def _ranks(body: str) -> dict[str, int]:
-    return {
-        entry["submission_id"]: entry["rank"]
-        for entry in json.loads(body)["entries"]
-        if entry["submission_id"] is not None and entry["rank"] is not None
-    }

@@ -8,7 +8,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from exceptiondrive_records.tokens import Principal, Scope, note_use, verify_token
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.problem_vocabulary import ApiProblem
 from exceptiondrive_server.services import Services, services_of
 
 _bearer = HTTPBearer(

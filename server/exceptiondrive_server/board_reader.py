@@ -10,9 +10,9 @@ from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 from structlog import get_logger
 
+from exceptiondrive_records.boards import parsed_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.tables import BoardRow, Phase
-from exceptiondrive_server.pages.readings import parsed_board
 
 INTERVAL_S = 1.0
 _log = get_logger(__name__)

@@ -9,7 +9,11 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.problems import TOO_LARGE, ApiProblem, problem_response
+from exceptiondrive_server.problem_vocabulary import ApiProblem
+from exceptiondrive_server.problems import (
+    TOO_LARGE,
+    problem_response,
+)
 
 UPLOAD_PATHS = frozenset({"/api/v1/submissions", "/submit"})
 SMALL_BODY_BYTES = 1024 * 1024

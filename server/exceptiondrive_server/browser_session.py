@@ -19,7 +19,7 @@ from exceptiondrive_records.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.pages.site import ORGANIZER_COOKIE, SESSION_COOKIES
-from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.problem_vocabulary import ApiProblem
 from exceptiondrive_server.services import services_of
 from exceptiondrive_server.session_reading import (
     cookie_of,

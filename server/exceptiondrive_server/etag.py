@@ -1,6 +1,7 @@
-"""Strong ETags: the digest of the bytes, and 304 where the asker has them."""
+"""Strong ETags: the digest of what is answered, and 304 where the asker has it."""
 
 import hashlib
+from collections.abc import Callable, Mapping
 
 from fastapi import Request
 from fastapi.responses import Response
@@ -9,19 +10,37 @@ FOR_EVER_S = 31_536_000
 """A year: for what never changes at its address."""
 
 
-def conditional(request: Request, body: bytes, media_type: str, *, max_age_s: int) -> Response:
-    """Answer with the body, or with 304 if the asker's copy is the same."""
-    etag = f'"{hashlib.sha256(body).hexdigest()}"'
-    fresh = "immutable" if max_age_s == FOR_EVER_S else "stale-while-revalidate=60"
-    headers = {"ETag": etag, "Cache-Control": f"public, max-age={max_age_s}, {fresh}"}
-    if matches(request.headers.get("if-none-match"), etag):
-        return Response(status_code=304, headers=headers)
-    return Response(body, media_type=media_type, headers=headers)
+def conditional(
+    request: Request,
+    body: bytes | Callable[[], bytes],
+    media_type: str,
+    *,
+    etag: str = "",
+    max_age_s: int | None = None,
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Answer with the body, or with 304 if the asker's copy is the same.
+
+    Args:
+        request: Whose `If-None-Match` counts.
+        body: What is answered; a function where it is dear to make, called only if needed.
+        media_type: Of the body.
+        etag: What stands for the body; by default its digest.
+        max_age_s: For how long caches may keep it; None: `headers` say.
+        headers: Of both answers.
+    """
+    digest = etag or hashlib.sha256(body() if callable(body) else body).hexdigest()
+    tagged = {**(headers or {}), "ETag": f'"{digest}"'}
+    if max_age_s is not None:
+        fresh = "immutable" if max_age_s == FOR_EVER_S else "stale-while-revalidate=60"
+        tagged["Cache-Control"] = f"public, max-age={max_age_s}, {fresh}"
+    if _matches(request.headers.get("if-none-match"), tagged["ETag"]):
+        return Response(status_code=304, headers=tagged)
+    made = body() if callable(body) else body
+    return Response(made, media_type=media_type, headers=tagged)
 
 
-def matches(if_none_match: str | None, etag: str) -> bool:
+def _matches(if_none_match: str | None, etag: str) -> bool:
     """Whether an If-None-Match header names this ETag (RFC 9110 section 13.1.2, weak comparison)."""
-    if if_none_match is None:
-        return False
-    names = {name.strip().removeprefix("W/") for name in if_none_match.split(",")}
+    names = {name.strip().removeprefix("W/") for name in (if_none_match or "").split(",")}
     return etag in names or "*" in names

@@ -11,6 +11,8 @@ from exceptiondrive_records import phases, protocols, splits, submissions, teams
 from exceptiondrive_records.audit import verify_audit
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.retries import retry_submission
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_server.operator_session import ACTOR, DataOption, opened, records_settings, say
 
 records_app = typer.Typer()
@@ -101,13 +103,12 @@ def create_phase(
 ) -> None:
     """Create a phase on a registered split."""
     with opened(records_settings(data)) as database, database.write() as session:
-        phases.create_phase(
-            session,
-            phase,
-            challenge=challenge,
+        new = NewPhase(
+            id=phase,
+            challenge=ChallengeId(challenge),
             title=title or phase,
             description=description,
-            split_name=split,
+            split=split,
             split_revision=revision,
             protocol=protocol,
             opens_at=_utc(opens_at),
@@ -117,8 +118,8 @@ def create_phase(
             quota_concurrent=concurrent,
             rejected_per_day=rejected_per_day,
             shows_reported=shows_reported,
-            actor=ACTOR,
         )
+        phases.create_phase(session, new, actor=ACTOR)
     say(f"phase {phase} created on split {split}")
 
 

@@ -8,7 +8,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.body_limit import UPLOAD_PATHS
-from exceptiondrive_server.problems import ApiProblem, problem_response
+from exceptiondrive_server.problem_vocabulary import ApiProblem
+from exceptiondrive_server.problems import (
+    problem_response,
+)
 
 RETRY_AFTER_S = 5
 

@@ -1,6 +1,7 @@
-"""The vocabulary of problems: status and title of each code."""
+"""The vocabulary of problems: status and title of each code, and the exception that states one."""
 
 from collections.abc import Mapping
+from datetime import datetime
 from types import MappingProxyType
 
 from exceptiondrive_schemas.problems import ProblemCode
@@ -59,3 +60,25 @@ CODE_OF_STATUS: Mapping[int, ProblemCode] = MappingProxyType(
         503: ProblemCode.STORE_UNAVAILABLE,
     }
 )
+
+
+class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
+    """A request that is answered with a problem."""
+
+    def __init__(
+        self,
+        code: ProblemCode,
+        detail: str,
+        *,
+        retry_after_s: int | None = None,
+        resets_at: datetime | None = None,
+        fields: Mapping[str, str] | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(detail)
+        self.code = code
+        self.detail = detail
+        self.retry_after_s = retry_after_s
+        self.resets_at = resets_at
+        self.fields = dict(fields or {})
+        self.headers = dict(headers or {})

@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 
 from exceptiondrive_records.errors import (
     ConcurrentQuotaExceeded,
+    InvalidRecord,
     QuotaExceeded,
     RecordsError,
     RejectedCapExceeded,
@@ -23,7 +24,12 @@ from exceptiondrive_records.errors import (
 )
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_server import pages
-from exceptiondrive_server.problem_vocabulary import CODE_OF_STATUS, STATUS_OF, TITLE_OF
+from exceptiondrive_server.problem_vocabulary import (
+    CODE_OF_STATUS,
+    STATUS_OF,
+    TITLE_OF,
+    ApiProblem,
+)
 from exceptiondrive_server.security_headers import HEADERS
 
 _log = structlog.get_logger("exceptiondrive.server")
@@ -31,28 +37,6 @@ _log = structlog.get_logger("exceptiondrive.server")
 MAX_FIELDS = 20
 TOO_LARGE = "The request is larger than the server takes; gzip the file, or see the phase's limit."
 RETRY_AFTER_S = 5
-
-
-class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
-    """A request that is answered with a problem."""
-
-    def __init__(
-        self,
-        code: ProblemCode,
-        detail: str,
-        *,
-        retry_after_s: int | None = None,
-        resets_at: datetime | None = None,
-        fields: Mapping[str, str] | None = None,
-        headers: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(detail)
-        self.code = code
-        self.detail = detail
-        self.retry_after_s = retry_after_s
-        self.resets_at = resets_at
-        self.fields = dict(fields or {})
-        self.headers = dict(headers or {})
 
 
 def problem_responses(*codes: ProblemCode) -> dict[int | str, dict[str, Any]]:
@@ -73,7 +57,9 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
     """Return the answer that states a problem."""
     status = STATUS_OF[problem.code]
     if wants_page(request):
-        answer = pages.problem_page(request, status, problem.code, problem.detail)
+        fields = (f"{name}: {words}." for name, words in problem.fields.items())
+        detail = " ".join([problem.detail, *fields])
+        answer = pages.problem_page(request, status, problem.code, detail)
         if problem.retry_after_s is not None:
             answer.headers["Retry-After"] = str(problem.retry_after_s)
         return answer
@@ -127,7 +113,8 @@ async def _records_error(request: Request, error: Exception) -> Response:
 
 def problem_of_records(error: RecordsError) -> ApiProblem:
     """Return what the records refused, as a problem."""
-    problem = ApiProblem(error.code, str(error))
+    fields = error.fields if isinstance(error, InvalidRecord) else None
+    problem = ApiProblem(error.code, str(error), fields=fields)
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
     if isinstance(error, TooManyAttempts):

@@ -16,7 +16,7 @@ from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
-from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.problem_vocabulary import ApiProblem
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.upload_form import Upload
 

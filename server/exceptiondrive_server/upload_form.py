@@ -12,7 +12,7 @@ from starlette.datastructures import FormData, UploadFile
 
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.problem_vocabulary import ApiProblem
 
 MAX_FIELD_BYTES = 16 * 1024
 MAX_FIELDS = 8

@@ -28,6 +28,8 @@ from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 PER_DAY = 7
@@ -104,12 +106,14 @@ def _fill(database: Database) -> str:
         team = create_team(session, "alpha", "Alpha", actor="test")
         create_phase(
             session,
-            "dev",
-            challenge="planning",
-            title="dev",
-            split_name="sample",
-            protocol="1.0",
-            quota_per_day=PER_DAY,
+            NewPhase(
+                id="dev",
+                challenge=ChallengeId.PLANNING,
+                title="dev",
+                split="sample",
+                protocol="1.0",
+                quota_per_day=PER_DAY,
+            ),
             actor="test",
         )
         return issue_token(session, team.id, "laptop", actor="test")[0]

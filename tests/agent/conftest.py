@@ -14,7 +14,7 @@ from typing import Any, cast
 import pytest
 from typer.testing import CliRunner, Result
 
-from exceptiondrive.agent.__main__ import app
+from exceptiondrive_agent.__main__ import app
 
 RECORDED = Path(__file__).parent / "recorded"
 KEY = "key-of-the-tests-0123456789"

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exceptiondrive.agent.answers import json_object, read_reminder, read_strategy
-from exceptiondrive.agent.errors import NoAnswerError, Reason
+from exceptiondrive_agent.answers import json_object, read_reminder, read_strategy
+from exceptiondrive_agent.errors import NoAnswerError, Reason
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.taxonomy import Strategy
 

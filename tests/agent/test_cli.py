@@ -20,9 +20,9 @@ def python(program: str) -> "subprocess.CompletedProcess[str]":
 
 def test_mounting_the_commands_loads_neither_openai_nor_the_agent() -> None:
     result = python(
-        "import sys, typer; from exceptiondrive.agent.cli import register;"
+        "import sys, typer; from exceptiondrive_agent.cli import register;"
         "register(typer.Typer());"
-        "print([m for m in sys.modules if m == 'openai' or m == 'exceptiondrive.agent.run'])"
+        "print([m for m in sys.modules if m == 'openai' or m == 'exceptiondrive_agent.run'])"
     )
     assert result.stdout == "[]\n", result.stderr
 
@@ -30,7 +30,7 @@ def test_mounting_the_commands_loads_neither_openai_nor_the_agent() -> None:
 def test_without_the_extra_the_error_says_what_to_install() -> None:
     result = python(
         "import sys; sys.modules['openai'] = None;"
-        "from exceptiondrive.agent.__main__ import app;"
+        "from exceptiondrive_agent.__main__ import app;"
         "sys.argv = 'x remind images --out o --base-url http://127.0.0.1:1 --model m'.split();"
         "app()"
     )

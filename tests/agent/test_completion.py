@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive.agent.answers import read_reminder
-from exceptiondrive.agent.completion import read_completion
-from exceptiondrive.agent.errors import NoAnswerError
+from exceptiondrive_agent.answers import read_reminder
+from exceptiondrive_agent.endpoint import read_completion
+from exceptiondrive_agent.errors import NoAnswerError
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 TAXONOMY = packaged_protocol().taxonomy

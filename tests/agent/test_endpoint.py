@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive.agent.dialect import ModelSettings
-from exceptiondrive.agent.endpoint import Endpoint, EndpointSettings
-from exceptiondrive.agent.prompts import messages
+from exceptiondrive_agent.endpoint import Endpoint, EndpointSettings
+from exceptiondrive_agent.questions import ModelSettings, messages
 
 if TYPE_CHECKING:
     from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen

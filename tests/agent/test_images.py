@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive.agent.errors import AgentError, NoAnswerError, Reason
-from exceptiondrive.agent.images import MAX_IMAGE_BYTES, find_images, load_images
+from exceptiondrive_agent.errors import AgentError, NoAnswerError, Reason
+from exceptiondrive_agent.images import MAX_IMAGE_BYTES, find_images, load_images
 
 
 def test_images_of_a_folder_come_in_order_of_file_name(tmp_path: Path) -> None:

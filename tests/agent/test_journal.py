@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive.agent.errors import AgentError, Reason
-from exceptiondrive.agent.journal import Journal, JournalHeader, JournalLine, read_journal
+from exceptiondrive_agent.errors import AgentError, Reason
+from exceptiondrive_agent.journal import Journal, JournalHeader, JournalLine, read_journal
 
 HEADER = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
 HOLDER = """
 import sys, time
 from pathlib import Path
-from exceptiondrive.agent.journal import Journal, JournalHeader
+from exceptiondrive_agent.journal import Journal, JournalHeader
 header = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
 with Journal(Path(sys.argv[1]), header):
     print("held", flush=True)

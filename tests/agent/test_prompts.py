@@ -1,9 +1,9 @@
 import pytest
 from jsonschema import Draft202012Validator
 
-from exceptiondrive.agent.answer_schemas import decision_schema, reminder_schema
-from exceptiondrive.agent.image_bytes import CleanImage
-from exceptiondrive.agent.prompts import (
+from exceptiondrive_agent.answers import decision_schema, reminder_schema
+from exceptiondrive_agent.images import CleanImage
+from exceptiondrive_agent.questions import (
     DECISION_INSTRUCTIONS,
     messages,
     reminder_instructions,

@@ -3,8 +3,8 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive.agent.errors import AgentError
-from exceptiondrive.agent.settings import run_settings
+from exceptiondrive_agent.errors import AgentError
+from exceptiondrive_agent.settings import run_settings
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 GIVEN: dict[str, Any] = {

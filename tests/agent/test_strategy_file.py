@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive.agent.errors import AgentError
-from exceptiondrive.agent.strategy_file import (
+from exceptiondrive_agent.errors import AgentError
+from exceptiondrive_agent.run import (
     read_manifest,
     strategy_submission,
     write_submission,

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from exceptiondrive_records.ringing import ring_job
 from sqlalchemy import select
 
 from exceptiondrive_records.boards import current_board
@@ -29,7 +28,9 @@ from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables import Base, Submission
 from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -99,7 +100,7 @@ class Site:
         )
         return done.stdout + done.stderr
 
-    def submit(self, data: bytes, method: str, doorbell: Dispatcher, settings: Any) -> str:
+    def submit(self, data: bytes, method: str, dispatcher: Dispatcher, settings: Any) -> str:
         digest, size = self.files.put_stream([data], limit_bytes=2**20)
         with self.database.write() as session:
             accepted = accept(
@@ -111,7 +112,7 @@ class Site:
                 size_bytes=size,
             )
         assert accepted.job_id is not None
-        assert ring_job(self.database, doorbell, accepted.job_id, settings)
+        assert wake_lanes(self.database, dispatcher, settings)
         return accepted.submission.id
 
     def status(self, submission_id: str) -> SubmissionStatus:
@@ -189,12 +190,14 @@ def seed(site: Site) -> str:
         add_protocol(session, packaged_protocol_toml(), "test")
         create_phase(
             session,
-            "dev",
-            challenge="planning",
-            title="Dev",
-            split_name="withheld",
-            protocol="1.0",
-            quota_per_day=50,
+            NewPhase(
+                id="dev",
+                challenge=ChallengeId.PLANNING,
+                title="Dev",
+                split="withheld",
+                protocol="1.0",
+                quota_per_day=50,
+            ),
             actor="test",
         )
         create_team(session, "alpha", "Alpha", actor="test")
@@ -207,10 +210,10 @@ def test_no_canary_leaves_the_worker(
 ) -> None:
     eavesdropper = Eavesdropper(site.broker_url)
     printed = seed(site)
-    doorbell = Dispatcher(site.broker_url)
-    good = site.submit(upload(1.0), "good", doorbell, world_settings)
-    hit = site.submit(upload(4.5), "hit", doorbell, world_settings)
-    bad = site.submit(upload(1.0, split="other"), "bad", doorbell, world_settings)
+    dispatcher = Dispatcher(site.broker_url)
+    good = site.submit(upload(1.0), "good", dispatcher, world_settings)
+    hit = site.submit(upload(4.5), "hit", dispatcher, world_settings)
+    bad = site.submit(upload(1.0, split="other"), "bad", dispatcher, world_settings)
     wait_for(lambda: all(site.status(one).is_terminal for one in (good, hit, bad)))
 
     def board_has_both() -> bool:
@@ -225,7 +228,7 @@ def test_no_canary_leaves_the_worker(
     refused = site.operate("check-split", str(site.split_path))
     site.split_path.write_text(json.dumps(split_document(region=[[CANARY_M, "x"]] * 4)))
     unreadable = site.operate("check-split", str(site.split_path))
-    doorbell.close()
+    dispatcher.close()
     heard = eavesdropper.stop()
 
     assert site.status(good) is SubmissionStatus.SCORED

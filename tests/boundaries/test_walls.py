@@ -52,6 +52,16 @@ def test_the_import_contracts_hold() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_the_client_names_the_reminder_agent_only_in_its_table_of_commands() -> None:
+    client = ROOT / "client" / "exceptiondrive"
+    naming = {
+        path.relative_to(client).as_posix()
+        for path in client.rglob("*.py")
+        if "exceptiondrive_agent" in path.read_text("utf-8")
+    }
+    assert naming == {"cli/__init__.py"}
+
+
 @pytest.mark.parametrize("folder", WITHOUT_SPLITS)
 def test_the_folder_of_splits_is_not_even_named_elsewhere(folder: str) -> None:
     files = [path for path in sources(folder) if path.suffix != ".pyc"]

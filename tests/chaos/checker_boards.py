@@ -18,7 +18,7 @@ from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import AuditLine, BoardRow, Phase, ScoreSheetRow, Submission
 from exceptiondrive_records.violations import Violation
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.protocol import Protocol, ProtocolError
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -26,7 +26,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 def boards_now(session: Session) -> Iterator[Violation]:
     """Each phase shows its newest board, with the latest score of every method, the best first."""
     for phase in session.scalars(select(Phase)):
-        if phase.life != PhaseLife():
+        if phase.policy != PhasePolicy():
             continue  # what such a phase shows depends on the day
         row, due = current_board(session, phase.id), _due(session, phase)
         if row is None:

@@ -28,6 +28,8 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import Coverage, Plausibility, ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import Manifest, SplitRef
@@ -91,12 +93,14 @@ def _found(database: Database) -> ProtocolRef:
         register_split(session, manifest, {"sudden_emergence": 2}, "test")
         create_phase(
             session,
-            "dev",
-            challenge="planning",
-            title="Dev",
-            split_name="sample",
-            protocol="1.0",
-            quota_per_day=2,
+            NewPhase(
+                id="dev",
+                challenge=ChallengeId.PLANNING,
+                title="Dev",
+                split="sample",
+                protocol="1.0",
+                quota_per_day=2,
+            ),
             actor="test",
         )
         for slug in ("alpha", "beta"):

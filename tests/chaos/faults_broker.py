@@ -129,7 +129,7 @@ def _refuses_writes(client: redis.Redis) -> bool:
 
 
 def evicts(run: Run) -> str:
-    """The broker throws the queue away while rung jobs wait in it."""
+    """The broker throws the queue away while messages wait in it."""
     run.topology.worker.hold_down()
     start_s = run.history.now_s()
     run.clients.stream(8)
@@ -213,22 +213,21 @@ def deliver_again(run: Run) -> str:
     """Ten messages while it is scored, at once from several sides, and ten after it."""
     scored = run.lines("submission scored")
     call = run.upload(order="1")
-    doorbell = Dispatcher(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
-    job = run.job_of(call)
+    dispatcher = Dispatcher(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
 
-    def ring(_: int) -> bool:
-        return doorbell.ring_score(job.id, job.lane)
+    def wake(_: int) -> bool:
+        return dispatcher.wake(Lane.LIVE, at_most=10)
 
     with ThreadPoolExecutor(5) as several:
-        assert all(several.map(ring, range(10)))
+        assert all(several.map(wake, range(10)))
     run.settle()
     with ThreadPoolExecutor(5) as several:
-        assert all(several.map(ring, range(10)))
+        assert all(several.map(wake, range(10)))
     with run.topology.broker.client() as client:
         run.topology.wait_until(lambda: not _n_waiting(client), "all to be delivered")
     run.clients.stream(4)
     run.settle()
-    doorbell.close()
+    dispatcher.close()
     again: Job = run.job_of(call)
     assert again.attempts == 1, f"it was taken {again.attempts} times"
     assert run.n_scored(call) == 1

@@ -29,7 +29,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 
 OPEN = (WorkState.QUEUED, WorkState.LEASED)
 _AFTER_THE_LEASE_S = 5.0
-"""For the reconciler's next pass, a ring, and a worker's first look into its queue."""
+"""For the reconciler's next pass, a message, and a worker's first look into its queue."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class Run:
 
     def leader(self) -> str | None:
         with self.topology.database.read() as session:
-            return session.scalar(select(Leader.holder).where(Leader.name == LEADERSHIP))
+            return session.scalar(select(Leader.holder).where(Leader.key == LEADERSHIP))
 
     def n_retried(self) -> int:
         """How many jobs took more than one attempt."""

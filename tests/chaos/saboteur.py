@@ -87,20 +87,20 @@ def _sabotage_server() -> Callable[[], None]:
 
     submitting: Any = module
 
-    accept, ring = submitting.accept, submitting._ring
+    accept, wake = submitting.accept, submitting._wake
 
     def sabotaged_accept(*arguments: Any, **named: Any) -> Any:
         if _once("kill-before-commit"):
             os.kill(os.getpid(), signal.SIGKILL)
         return accept(*arguments, **named)
 
-    def sabotaged_ring(*arguments: Any) -> None:
+    def sabotaged_wake(*arguments: Any) -> None:
         if _once("kill-after-commit"):
             os.kill(os.getpid(), signal.SIGKILL)
-        ring(*arguments)
+        wake(*arguments)
 
     submitting.accept = sabotaged_accept
-    submitting._ring = sabotaged_ring
+    submitting._wake = sabotaged_wake
     return operator_cli.main
 
 

@@ -32,7 +32,7 @@ class On(Enum):
 
 @dataclass(frozen=True)
 class Fault:
-    """One row of the table that ends research/reliability.md."""
+    """One row of the table of docs/faults.md, or a variant of one."""
 
     id: str
     injection: str

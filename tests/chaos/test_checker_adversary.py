@@ -7,13 +7,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 from tests.chaos.checker import check
 from tests.chaos.history import Call, Sighting
 
 from exceptiondrive_records.audit import GENESIS, audit, line_hash
-from exceptiondrive_records.tables import AuditLine, BoardRow
+from exceptiondrive_records.tables import AuditLine, BoardEntryRow, BoardRow
 from exceptiondrive_schemas.base import canonical_json, content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 
@@ -75,7 +75,7 @@ def _republish(change: Callable[[list[BoardEntry]], list[BoardEntry]]) -> Plant:
             row = session.scalars(select(BoardRow)).one()
             board = Board.model_validate_json(row.body)
             entries = tuple(change(list(board.entries)))
-            _write(row, board.model_copy(update={"entries": entries}))
+            _write(session, row, board.model_copy(update={"entries": entries}))
             seen = dataclasses.replace(
                 story.history.boards[0], etag=row.body_digest, body=row.body.encode()
             )
@@ -84,9 +84,18 @@ def _republish(change: Callable[[list[BoardEntry]], list[BoardEntry]]) -> Plant:
     return plant
 
 
-def _write(row: BoardRow, board: Board) -> None:
+def _write(session: Session, row: BoardRow, board: Board) -> None:
+    """Let a row and its table of entries say what a board says."""
     row.digest, row.body_digest = board.content_digest, content_digest(board)
     row.body = canonical_json(board).decode()
+    session.add(row)
+    session.flush()
+    session.execute(delete(BoardEntryRow).where(BoardEntryRow.board_id == row.id))
+    session.add_all(
+        BoardEntryRow(board_id=row.id, submission_id=entry.submission_id, rank=entry.rank)
+        for entry in board.entries
+        if entry.submission_id is not None
+    )
 
 
 def _on_their_head(entries: list[BoardEntry]) -> list[BoardEntry]:
@@ -111,8 +120,7 @@ def _leave_the_pointer(story: Story) -> None:
             number=2,
             published_at=first.published_at,
         )
-        _write(row, Board.model_validate_json(first.body).model_copy(update={"board": 2}))
-        session.add(row)
+        _write(session, row, Board.model_validate_json(first.body).model_copy(update={"board": 2}))
         audit(session, "worker", "board published", first.phase_id)
 
 
@@ -162,7 +170,7 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     "the whole audit chain was rewritten": ("audit chain rewritten", _rewrite_the_chain),
     "a job was tried too often": (
         "too many attempts",
-        _sql("UPDATE jobs SET attempts = 9 WHERE submission_id = '{best}'"),
+        _sql("UPDATE work SET attempts = 9 WHERE submission_id = '{best}'"),
     ),
 }
 

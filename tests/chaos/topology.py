@@ -34,6 +34,8 @@ from exceptiondrive_records.roles import Role
 from exceptiondrive_records.splits import manifest_of
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_worker.sample.files import write_sample_split
 
@@ -51,7 +53,6 @@ SHORT = {
     "MAX_ATTEMPTS": f"{MAX_ATTEMPTS}",
     "RETRY_BACKOFF_S": "0.2",
     "RECONCILE_EVERY_S": "0.3",
-    "RING_AGAIN_AFTER_S": "1.5",
     "HEARTBEAT_EVERY_S": "1",
     "HEARTBEAT_TTL_S": f"{HEARTBEAT_TTL_S:g}",
     "LEADER_LEASE_S": "2",
@@ -322,12 +323,14 @@ class Topology:
             self.sample_ids = manifest_of(session, "sample").sample_ids
             create_phase(
                 session,
-                PHASE,
-                challenge="planning",
-                title="Chaos",
-                split_name="sample",
-                protocol="1.0",
-                quota_per_day=1000,
+                NewPhase(
+                    id=PHASE,
+                    challenge=ChallengeId.PLANNING,
+                    title="Chaos",
+                    split="sample",
+                    protocol="1.0",
+                    quota_per_day=1000,
+                ),
                 actor="chaos",
             )
             for team in TEAMS:

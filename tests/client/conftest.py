@@ -202,6 +202,8 @@ def running(
 def _fill_records(context: "WorkerContext") -> tuple[str, str]:
     """Make protocol, split, two phases, a team and its token, an organizer and theirs."""
     from exceptiondrive_records import phases, protocols, teams, tokens
+    from exceptiondrive_schemas.challenges import ChallengeId
+    from exceptiondrive_schemas.phase_settings import NewPhase
     from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
     from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
 
@@ -214,12 +216,14 @@ def _fill_records(context: "WorkerContext") -> tuple[str, str]:
         for phase, challenge in (("dev", "planning"), ("words", "strategy")):
             phases.create_phase(
                 session,
-                phase,
-                challenge=challenge,
-                title="Development",
-                split_name="tiny",
-                protocol="1.0",
-                quota_per_day=2,
+                NewPhase(
+                    id=phase,
+                    challenge=ChallengeId(challenge),
+                    title="Development",
+                    split="tiny",
+                    protocol="1.0",
+                    quota_per_day=2,
+                ),
                 actor=actor,
             )
         team = teams.create_team(session, "alpha", "Alpha", actor=actor)

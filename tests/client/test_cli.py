@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import typer
+from typer.main import get_group
 from typer.testing import CliRunner
 
-from exceptiondrive.cli import app
+from exceptiondrive.cli import COMMANDS, app
 
 if TYPE_CHECKING:
     from tests.client.conftest import CannedServer
@@ -317,6 +319,15 @@ def test_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "heavy: []"
+
+
+def test_the_table_of_commands_says_what_the_commands_say_of_themselves() -> None:
+    group = get_group(app)
+    context = typer.Context(group)
+    for name, (_, words) in COMMANDS.items():
+        command = group.get_command(context, name)
+        assert command is not None, name
+        assert (command.help or "").split("\n\n")[0].replace("\n", " ") == words
 
 
 def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> None:

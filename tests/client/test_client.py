@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-import exceptiondrive.submission
+import exceptiondrive.client
 from exceptiondrive import (
     Client,
     ExceptionDriveError,
@@ -195,7 +195,7 @@ def test_the_bare_page_of_a_proxy_is_understood(
 
 
 def test_a_form_that_is_not_known_asks_for_a_newer_client(canned_server: "CannedServer") -> None:
-    canned_server.answer("GET /me", 200, {**ME, "colour": "red"})
+    canned_server.answer("GET /me", 200, {**ME, "scopes": {"submit": True}})
     with Client(canned_server.url) as client, pytest.raises(ServerError) as caught:
         client.me()
     assert "--upgrade" in caught.value.advice
@@ -262,8 +262,8 @@ def test_submissions_are_read_page_by_page(canned_server: "CannedServer") -> Non
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exceptiondrive.submission, "FIRST_PAUSE_S", 0.01)
-    monkeypatch.setattr(exceptiondrive.submission, "WAIT_FOR_RANK_S", 0.05)
+    monkeypatch.setattr(exceptiondrive.client, "FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr(exceptiondrive.client, "WAIT_FOR_RANK_S", 0.05)
 
 
 def followed(canned_server: "CannedServer") -> Submission:

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive.conversion import RawPair
-from exceptiondrive.conversion_files import read_pairs, write_submission
+from exceptiondrive.conversion import RawPair, read_pairs, write_submission
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.recorder import Recorder
 

@@ -10,22 +10,17 @@ import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive import Client, NotAllowedError
-from exceptiondrive.cli import app, phase_commands
+from exceptiondrive.cli import app
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.phases import find_phase
-from exceptiondrive_schemas.phase_life import PhaseLife
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running
 
 MakeFile = Callable[..., Path]
 PAUSE_S = 0.05
-CLOSES = "closes_at=2031-01-01T00:00:00Z"
+CLOSES = "--closes-at=2031-01-01T00:00:00Z"
 REASON = ("--reason", "as announced")
-
-
-def test_every_setting_of_a_phases_life_can_be_set() -> None:
-    assert phase_commands.LIFE == tuple(PhaseLife.model_fields)
 
 
 def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
@@ -39,7 +34,7 @@ def organize(server: "Running", *arguments: object) -> Any:
 
 def make_phase(server: "Running", *settings: str) -> None:
     words = ("create", "test", "--title", "Test", "--split", "tiny", "--quota-per-day", "9")
-    made = organize(server, *words, *(word for text in settings for word in ("--set", text)))
+    made = organize(server, *words, *settings)
     assert made.exit_code == 0, made.stderr
 
 
@@ -75,11 +70,13 @@ def board_shows(server: "Running", *ids: str) -> None:
 
 
 def test_a_phase_is_made_with_settings_shown_and_changed(running: "Running") -> None:
-    make_phase(running, CLOSES, "anonymous=true", "late_entries=own_view", "description=For papers")
+    make_phase(
+        running, CLOSES, "--anonymous", "--late-entries=own_view", "--description=For papers"
+    )
     phase = shown(running)
-    assert (phase["life"]["anonymous"], phase["life"]["late_entries"]) == (True, "own_view")
+    assert (phase["policy"]["anonymous"], phase["policy"]["late_entries"]) == (True, "own_view")
     assert phase["description"] == "For papers"
-    settings = ("--set", "freezes_at=2030-01-01T00:00:00Z", "--set", "quota_total=50")
+    settings = ("--freezes-at", "2030-01-01T00:00:00Z", "--quota-total", "50")
     changed = organize(running, "update", "test", *settings)
     assert changed.exit_code == 0, changed.stderr
     lines = dict(
@@ -87,17 +84,18 @@ def test_a_phase_is_made_with_settings_shown_and_changed(running: "Running") -> 
     )
     assert (lines["quota_total"], lines["anonymous"]) == ("50", "true")
     assert lines["freezes_at"].startswith("2030-01-01T00:00:00")
-    assert organize(running, "update", "test", "--set", "freezes_at=none").exit_code == 0
-    assert shown(running)["life"]["freezes_at"] is None
+    assert organize(running, "update", "test", "--freezes-at", "none").exit_code == 0
+    assert shown(running)["policy"]["freezes_at"] is None
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("update", "test", "--set", "anonymos=true"), "is no setting; known: "),
-        (("update", "test", "--set", "anonymous=yes"), "true or false, not 'yes'"),
-        (("update", "test", "--set", "quota_per_day=many"), "is a number, not 'many'"),
-        (("update", "test"), "--set NAME=VALUE"),
+        (("update", "test", "--anonymos"), "No such option: --anonymos"),
+        (("update", "test", "--late-entries", "yes"), "refused or own_view, not 'yes'"),
+        (("update", "test", "--quota-per-day", "many"), "from 1 to 10,000, not 'many'"),
+        (("update", "test", "--quota-total", "0"), "from 1 to 1,000,000, not '0'"),
+        (("update", "test"), "`--help` lists the settings"),
         (("reveal", "test", "--what", "all", *REASON), "board, names, split, not 'all'"),
         (("reveal", "test", "--what", "split", *REASON), "has no parts"),
         (("show", "none"), "none"),
@@ -129,7 +127,7 @@ def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeF
 
 
 def test_names_are_revealed(working: "Running", planning_file: MakeFile) -> None:
-    make_phase(working, "anonymous=true")
+    make_phase(working, "--anonymous")
     mine = scored(working, planning_file(), "Planner")
     board_shows(working, mine)
     assert "Alpha" not in run(working, "leaderboard", "--phase", "test").stdout
@@ -140,7 +138,7 @@ def test_names_are_revealed(working: "Running", planning_file: MakeFile) -> None
 
 
 def test_a_team_chooses_its_entry(working: "Running", planning_file: MakeFile) -> None:
-    make_phase(working, "entries_shown=chosen")
+    make_phase(working, "--entries-shown=chosen")
     first = scored(working, planning_file(), "First")
     second = scored(working, other_bytes(planning_file("two.json")), "Second")
     board_shows(working, second)
@@ -155,7 +153,7 @@ def test_a_team_chooses_its_entry(working: "Running", planning_file: MakeFile) -
 
 
 def test_a_team_publishes_and_takes_back(working: "Running", planning_file: MakeFile) -> None:
-    make_phase(working, "entries_private=true")
+    make_phase(working, "--entries-private")
     mine = scored(working, planning_file(), "Planner")
     published = run(working, "publish", mine)
     assert (published.exit_code, published.stdout) == (0, f"{mine} is public\n")
@@ -171,7 +169,7 @@ def test_a_team_publishes_and_takes_back(working: "Running", planning_file: Make
 
 
 def test_late_entries_are_read_with_view_late(working: "Running", planning_file: MakeFile) -> None:
-    make_phase(working, CLOSES, "late_entries=own_view")
+    make_phase(working, CLOSES, "--late-entries=own_view")
     in_time = scored(working, planning_file(), "InTime")
     board_shows(working, in_time)
     early = run(working, "leaderboard", "--phase", "test", "--view", "late")

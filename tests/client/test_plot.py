@@ -12,9 +12,7 @@ from exceptiondrive import InvalidArgumentError, InvalidFileError, StrategyRecor
 from exceptiondrive.checking import manifest_of, read_file
 from exceptiondrive.cli import app
 from exceptiondrive.evaluation import read_split
-from exceptiondrive.plot.files import plot_file
-from exceptiondrive.plot.picture import picture
-from exceptiondrive.plot.scenes import Scenes
+from exceptiondrive.plot import Scenes, picture, plot_file
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.drawing import View
 from exceptiondrive_schemas.protocol import packaged_protocol

@@ -8,10 +8,9 @@ from rich.progress import Progress
 from tests.sample_documents import make_sheet
 from tests.server.nasty_strings import ALL, steering_in
 
-from exceptiondrive.cli.board_table import board_view
 from exceptiondrive.cli.output import console, say, show, show_json
 from exceptiondrive.cli.records_table import show_records
-from exceptiondrive.cli.submission_table import submission_view, submissions_table
+from exceptiondrive.cli.tables import board_view, submission_view, submissions_table
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import ProtocolRef

@@ -4,22 +4,20 @@ The one stand-in is the model: a local server that speaks chat completions.
 """
 
 import json
-import signal
 import struct
 import subprocess
-import sys
 import threading
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.processes import BIN, wait_until
+from tests.support.system import System
 
 pytestmark = [pytest.mark.slow]
-BIN = Path(sys.executable).parent
-ROOT = Path(__file__).parents[2]
 PHASE = "sample-strategy"
 
 
@@ -76,22 +74,13 @@ def model_url() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def deployment(
-    tmp_path_factory: pytest.TempPathFactory, start_system: Callable[..., Any]
-) -> Iterator[Any]:
+def deployment(sample_system: System) -> System:
     """A fresh deployment with the sample split, phases and agents, as a newcomer starts it."""
-    base = tmp_path_factory.mktemp("strategy")
-    running = start_system(base / "data", ROOT / "hidden_splits", "--sample")
-    try:
-        running.wait_until(running.is_ready)
-        running.wait_until(lambda: is_filled(running), 400)
-        yield running
-    finally:
-        running.launcher.send_signal(signal.SIGINT)
-        running.launcher.wait(timeout=60)
+    wait_until(lambda: is_filled(sample_system), "the sample's agents on the board", 400)
+    return sample_system
 
 
-def is_filled(running: Any) -> bool:
+def is_filled(running: System) -> bool:
     phases = {phase["id"] for phase in running.get("/phases")}
     if PHASE not in phases:
         return False
@@ -101,7 +90,7 @@ def is_filled(running: Any) -> bool:
         return False
 
 
-def entry_of(running: Any, method: str) -> dict[str, Any]:
+def entry_of(running: System, method: str) -> dict[str, Any]:
     board = running.get(f"/leaderboard?phase={PHASE}")
     found: list[dict[str, Any]] = [e for e in board["entries"] if e["method"] == method]
     return found[0]
@@ -120,12 +109,9 @@ def png(shade: int) -> bytes:
 
 
 def test_images_become_two_linked_entries_and_the_board_shows_what_the_reminder_changed(
-    deployment: Any, model_url: str, tmp_path: Path
+    deployment: System, model_url: str, tmp_path: Path
 ) -> None:
-    printed = deployment.operate(
-        "exceptiondrive-server", "create-team", "agents", "Agents", "--with-token"
-    )
-    token = next(word for word in printed.split() if word.startswith("edk_"))
+    token = deployment.make_team("agents")
 
     def run(*arguments: str | Path) -> str:
         done = subprocess.run(

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from tests.support.processes import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from tests.end_to_end.conftest import System
+    from tests.support.system import System
 
 pytestmark = [
     pytest.mark.browser,
@@ -45,18 +46,15 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def team_token(sample_system: System) -> str:
     """A team, as an operator makes it."""
-    printed = sample_system.operate(
-        "exceptiondrive-server", "create-team", "browsing", "Browsing", "--with-token"
-    )
-    return next(word for word in printed.split() if word.startswith("edk_"))
+    return sample_system.make_team("browsing")
 
 
 @pytest.fixture(scope="module")
 def planner(sample_system: System) -> Path:
     """A file of a synthetic planner, not compressed."""
     kept = sample_system.data / "sample" / "planners" / "bypass-planner.json.gz"
-    sample_system.wait_until(kept.is_file)
-    sample_system.wait_until(lambda: bool(sample_system.get("/phases")))
+    wait_until(kept.is_file, "the sample's files")
+    wait_until(lambda: sample_system.get("/phases"), "the sample's phases")
     written = sample_system.data / "mine.json"
     written.write_text(json.dumps(json.loads(gzip.decompress(kept.read_bytes())), indent=1))
     return written

@@ -19,6 +19,8 @@ from exceptiondrive_records.tables import Submission
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.settings import ServerSettings
@@ -95,9 +97,13 @@ def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Ite
         add_protocol(session, packaged_protocol_toml(), "test")
     register_all_splits(context.database, context.splits, PROTOCOL)
     limits: dict[str, Any] = {"quota_per_day": 10_000, "rejected_per_day": 10_000}
-    names: dict[str, Any] = {"title": "Dev", "split_name": "tiny", "protocol": "1.0"}
+    names: dict[str, Any] = {"title": "Dev", "split": "tiny", "protocol": "1.0"}
     with context.database.write() as session:
-        create_phase(session, "dev", challenge="planning", actor="test", **names, **limits)
+        create_phase(
+            session,
+            NewPhase(id="dev", challenge=ChallengeId.PLANNING, **names, **limits),
+            actor="test",
+        )
         team = create_team(session, "mallory", "Mallory", actor="test")
         token, _ = issue_token(session, team.id, "laptop", actor="test")
     settings = ServerSettings(

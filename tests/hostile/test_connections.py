@@ -16,6 +16,8 @@ from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest
 
@@ -67,12 +69,14 @@ def target(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> I
         register_split(session, manifest, {"sudden_emergence": 1}, actor="test")
         create_phase(
             session,
-            "dev",
-            challenge="planning",
-            title="Dev",
-            split_name="tiny",
-            protocol="1.0",
-            quota_per_day=100,
+            NewPhase(
+                id="dev",
+                challenge=ChallengeId.PLANNING,
+                title="Dev",
+                split="tiny",
+                protocol="1.0",
+                quota_per_day=100,
+            ),
             actor="test",
         )
         team = create_team(session, "mallory", "Mallory", actor="test")

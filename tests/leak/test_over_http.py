@@ -16,6 +16,8 @@ from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.app import create_app
@@ -87,12 +89,14 @@ def participant(tmp_path: Path, sqlite_url: str, protocol: Protocol) -> Iterator
     with context.database.write() as session:
         create_phase(
             session,
-            "sample",
-            challenge="planning",
-            title="Sample",
-            split_name="sample",
-            protocol="1.0",
-            quota_per_day=20,
+            NewPhase(
+                id="sample",
+                challenge=ChallengeId.PLANNING,
+                title="Sample",
+                split="sample",
+                protocol="1.0",
+                quota_per_day=20,
+            ),
             actor="test",
         )
         team = create_team(session, "mallory", "Mallory", actor="test")

@@ -103,7 +103,7 @@ def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, liv
 
 def test_an_old_queue_is_named(healthy: RecordsSettings, lived: Lived) -> None:
     with lived.database.write() as session:
-        statement = "UPDATE jobs SET state = 'queued', created_at = '2026-01-01 00:00:00.000000'"
+        statement = "UPDATE work SET state = 'queued', created_at = '2026-01-01 00:00:00.000000'"
         session.execute(text(statement))
     assert "the oldest waiting job is" in whats(healthy)
 

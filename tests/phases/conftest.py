@@ -193,7 +193,7 @@ class Life:
             phase = find_phase(session, phase_id)
             for key, value in dates.items():
                 if key in ("freezes_at", "families_from"):
-                    phase.life = phase.life.model_copy(update={key: value})
+                    phase.policy = phase.policy.model_copy(update={key: value})
                 else:
                     setattr(phase, key, value)
 

@@ -1,4 +1,4 @@
-"""Reference rows and plausibility flags (PROTOCOL.md section 5) stand on every kind of board."""
+"""Reference rows and flags (docs/protocol.md section 5) stand on every kind of board."""
 
 import csv
 import io
@@ -51,7 +51,7 @@ def on_public_part(life: "Life") -> tuple[dict[str, str], str]:
 
 
 def on_frozen(life: "Life") -> tuple[dict[str, str], str]:
-    life.make_phase(split="plain", life={"frozen_scores": "hidden"})
+    life.make_phase(split="plain", policy={"frozen_scores": "hidden"})
     ids = enter(life, "plain")
     life.done("/phases/test/freeze")
     life.submit("gamma", STANDS_MPS, "Later", "plain")
@@ -60,7 +60,7 @@ def on_frozen(life: "Life") -> tuple[dict[str, str], str]:
 
 
 def on_late_view(life: "Life") -> tuple[dict[str, str], str]:
-    closing: dict[str, Any] = {"closes_at": life.ahead(60), "life": {"late_entries": "own_view"}}
+    closing: dict[str, Any] = {"closes_at": life.ahead(60), "policy": {"late_entries": "own_view"}}
     life.make_phase(split="plain", **closing)
     early = life.submit("freeze", 0.0, "FREEZE", "plain")
     life.submit("gamma", 2.5, "Early", "plain")

@@ -69,11 +69,11 @@ def _fill(life: "Life") -> None:
     late, own = {"late_entries": "own_view"}, {"entries_shown": "chosen", "entries_private": True}
     life.make_phase("frozen", title="Frozen challenge", split="plain")
     life.make_phase(
-        "late", title="With late view", split="plain", closes_at=life.ahead(60), life=late
+        "late", title="With late view", split="plain", closes_at=life.ahead(60), policy=late
     )
-    life.make_phase("masked", title="Blind review", split="plain", life={"anonymous": True})
+    life.make_phase("masked", title="Blind review", split="plain", policy={"anonymous": True})
     life.make_phase("parted", title="Public part")
-    life.make_phase("own", title="Choose and publish", split="plain", life=own)
+    life.make_phase("own", title="Choose and publish", split="plain", policy=own)
     for phase in ("frozen", "late", "masked", "parted", "own"):
         split = "parted" if phase == "parted" else "plain"
         for who, speed in SPEEDS.items():

@@ -16,7 +16,7 @@ def buttons(page: str) -> set[tuple[str, str]]:
 
 
 def test_a_team_chooses_in_its_list_until_the_deadline(life: "Life") -> None:
-    life.make_phase(split="plain", closes_at=life.ahead(60), life={"entries_shown": "chosen"})
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"entries_shown": "chosen"})
     first, second = (life.submit("alpha", speed, "Net", "plain") for speed in (1.0, 9.0))
     life.work()
     alpha = visitor(life, "alpha")
@@ -34,7 +34,7 @@ def test_a_team_chooses_in_its_list_until_the_deadline(life: "Life") -> None:
 
 
 def test_a_team_publishes_in_its_list_and_takes_back(life: "Life") -> None:
-    life.make_phase(split="plain", life={"entries_private": True})
+    life.make_phase(split="plain", policy={"entries_private": True})
     mine = life.submit("alpha", 1.0, "Net", "plain")
     life.work()
     alpha = visitor(life, "alpha")
@@ -50,7 +50,7 @@ def test_a_team_publishes_in_its_list_and_takes_back(life: "Life") -> None:
 
 
 def test_other_teams_and_plain_phases_get_no_buttons(life: "Life") -> None:
-    life.make_phase(split="plain", life={"entries_private": True})
+    life.make_phase(split="plain", policy={"entries_private": True})
     life.make_phase("usual", split="plain")
     mine = life.submit("alpha", 1.0, "Net", "plain")
     life.submit("beta", 1.0, "Net", "plain", "usual")
@@ -65,7 +65,7 @@ def test_other_teams_and_plain_phases_get_no_buttons(life: "Life") -> None:
 
 
 def test_the_way_back_leads_nowhere_else(life: "Life") -> None:
-    life.make_phase(split="plain", life={"entries_private": True})
+    life.make_phase(split="plain", policy={"entries_private": True})
     mine = life.submit("alpha", 1.0, "Net", "plain")
     life.work()
     fields = {"back": "https://elsewhere.example/"}

@@ -20,7 +20,7 @@ def marked(page: str) -> list[str]:
 @pytest.fixture
 def boarded(life: "Life") -> dict[str, str]:
     """An anonymous phase with one entry of each of two teams."""
-    life.make_phase(split="plain", life={"anonymous": True})
+    life.make_phase(split="plain", policy={"anonymous": True})
     ids = {who: life.submit(who, speed, "Net", "plain") for who, speed in _SPEEDS.items()}
     life.work()
     return ids

@@ -185,7 +185,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
 def test_the_whole_may_be_revealed_instead_and_a_split_without_parts_has_nothing(
     life: "Life",
 ) -> None:
-    life.make_phase(life={"revealed_part": "whole"})
+    life.make_phase(policy={"revealed_part": "whole"})
     life.make_phase("plain", split="plain")
     life.submit("alpha", CAREFUL)
     life.work()

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life
@@ -14,7 +14,7 @@ LATER_STILL = "2126-12-21T12:00:00Z"
 
 
 def test_every_setting_can_be_shown_in_a_form() -> None:
-    for name, field in PhaseLife.model_fields.items():
+    for name, field in PhasePolicy.model_fields.items():
         assert field.title, name
         assert field.description, name
         assert field.description.endswith("."), name
@@ -22,10 +22,10 @@ def test_every_setting_can_be_shown_in_a_form() -> None:
 
 def test_a_phase_shows_its_life(life: "Life") -> None:
     wanted = {"freezes_at": LATER, "entries_shown": "chosen", "anonymous": True}
-    made = life.make_phase(split="plain", closes_at=LATER_STILL, life=wanted)
+    made = life.make_phase(split="plain", closes_at=LATER_STILL, policy=wanted)
     shown = life.json("/api/v1/phases/test")
-    assert shown["life"] == made["life"]
-    assert shown["life"] | wanted == shown["life"]
+    assert shown["policy"] == made["policy"]
+    assert shown["policy"] | wanted == shown["policy"]
     assert shown["now"] == {
         "part": None,
         "n_counted": 5,
@@ -37,12 +37,12 @@ def test_a_phase_shows_its_life(life: "Life") -> None:
 
 
 def test_a_change_touches_what_is_sent_and_leaves_an_audit_line(life: "Life") -> None:
-    life.make_phase(split="plain", closes_at=LATER_STILL, life={"freezes_at": LATER})
-    changed = life.change({"quota_total": 7, "life": {"late_entries": "own_view"}})
+    life.make_phase(split="plain", closes_at=LATER_STILL, policy={"freezes_at": LATER})
+    changed = life.change({"quota_total": 7, "policy": {"late_entries": "own_view"}})
     assert changed["quota_total"] == 7
     assert changed["title"] == "Test"
-    assert changed["life"]["late_entries"] == "own_view"
-    assert changed["life"]["freezes_at"] == LATER
+    assert changed["policy"]["late_entries"] == "own_view"
+    assert changed["policy"]["freezes_at"] == LATER
     line = life.json("/api/v1/organizer/audit?limit=1", "organizer")[0]
     assert (line["action"], line["subject"]) == ("phase changed", "test")
     assert line["detail"] == {"quota_total": [None, 7], "late_entries": ["refused", "own_view"]}
@@ -51,9 +51,12 @@ def test_a_change_touches_what_is_sent_and_leaves_an_audit_line(life: "Life") ->
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"life": {"freezes_at": LATER_STILL}}, "freezes_at must lie before closes_at"),
-        ({"life": {"freezes_at": "2001-01-01T00:00:00Z"}}, "To freeze now, use the action freeze"),
-        ({"closes_at": None, "life": {"late_entries": "own_view"}}, "set closes_at"),
+        ({"policy": {"freezes_at": LATER_STILL}}, "freezes_at must lie before closes_at"),
+        (
+            {"policy": {"freezes_at": "2001-01-01T00:00:00Z"}},
+            "To freeze now, use the action freeze",
+        ),
+        ({"closes_at": None, "policy": {"late_entries": "own_view"}}, "set closes_at"),
         ({"closes_at": "2001-01-01T00:00:00Z"}, "would become late"),
         ({"opens_at": LATER_STILL}, "must close after it opens"),
     ],
@@ -71,7 +74,7 @@ def test_what_teams_were_promised_does_not_change_under_them(
 ) -> None:
     life.make_phase(split="plain")
     life.submit("alpha", 1.0, "Planner", "plain")
-    words = life.refused("/phases/test", {"life": change}, 409, "PATCH")
+    words = life.refused("/phases/test", {"policy": change}, 409, "PATCH")
     assert "The phase has submissions" in words
 
 
@@ -87,4 +90,4 @@ def test_only_organizers_change_a_phase(life: "Life") -> None:
 def test_a_time_is_text_and_an_unknown_setting_an_error(life: "Life") -> None:
     life.make_phase(split="plain")
     for wrong in ({"freezes_at": 1900000000}, {"freezes_at": "soon"}, {"hides": True}):
-        assert life.organize("/phases/test", {"life": wrong}, "PATCH").status_code == 400
+        assert life.organize("/phases/test", {"policy": wrong}, "PATCH").status_code == 400

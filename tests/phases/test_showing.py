@@ -50,7 +50,7 @@ def public_texts(life: "Life", *ids: str) -> dict[str, str]:
 
 
 def plain(life: "Life", *, showing: dict[str, Any] | None = None, **settings: Any) -> None:
-    life.make_phase(split="plain", life=showing or {}, **settings)
+    life.make_phase(split="plain", policy=showing or {}, **settings)
 
 
 def submit(life: "Life", who: str, speed: float, method: str = "Planner") -> str:
@@ -96,7 +96,7 @@ def test_a_board_freezes_by_its_date_and_no_update_shows_what_it_hides(life: "Li
     life.move(freezes_at=life.now())
     submit(life, "beta", 1.0)
     assert life.entry_ids() == shown
-    words = life.refused("/phases/test", {"life": {"freezes_at": life.ahead(20)}}, 409, "PATCH")
+    words = life.refused("/phases/test", {"policy": {"freezes_at": life.ahead(20)}}, 409, "PATCH")
     assert "frozen" in words
     toml = _protocol("1.1")
     with life.database.write() as session:
@@ -229,7 +229,7 @@ def test_families_are_absent_everywhere_until_their_date(life: "Life") -> None:
     assert tend_phases(life.database) == 0
     assert {family["id"] for family in life.board()["families"]} >= {"sudden_emergence"}
     assert life.json(f"/api/v1/entries/{mine}")["sheet"]["families"] != {}
-    words = life.refused("/phases/test", {"life": {"families_from": life.ahead(9)}}, 409, "PATCH")
+    words = life.refused("/phases/test", {"policy": {"families_from": life.ahead(9)}}, 409, "PATCH")
     assert "have been shown" in words
 
 
@@ -274,7 +274,7 @@ def test_names_stand_nowhere_until_they_are_revealed(life: "Life") -> None:
 
 def test_a_pseudonym_is_keyed_by_a_salt_that_nobody_sees(life: "Life") -> None:
     for phase in ("one", "two"):
-        life.make_phase(phase, split="plain", life={"anonymous": True})
+        life.make_phase(phase, split="plain", policy={"anonymous": True})
         life.submit("alpha", 2.0, "Planner", "plain", phase)
     life.work()
     names = {life.board(phase=phase)["entries"][0]["team"] for phase in ("one", "two")}

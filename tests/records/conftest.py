@@ -16,6 +16,8 @@ from exceptiondrive_records.submissions import Accepted, accept
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.work.jobs import Finish, finish_scored
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
@@ -82,14 +84,16 @@ def build_world(
         register_split(session, make_manifest(), {"sudden_emergence": 3}, "test")
         create_phase(
             session,
-            "dev",
-            challenge="planning",
-            title="Development",
-            split_name="sample",
-            protocol="1.0",
-            quota_per_day=quota_per_day,
-            rejected_per_day=rejected_per_day,
-            quota_concurrent=quota_concurrent,
+            NewPhase(
+                id="dev",
+                challenge=ChallengeId.PLANNING,
+                title="Development",
+                split="sample",
+                protocol="1.0",
+                quota_per_day=quota_per_day,
+                rejected_per_day=rejected_per_day,
+                quota_concurrent=quota_concurrent,
+            ),
             actor="test",
         )
         team = create_team(session, "alpha", "Alpha", actor="test")

@@ -11,12 +11,13 @@ from tests.support.work import claim_board_of
 
 from exceptiondrive_records import board_records, boards
 from exceptiondrive_records.audit import count_audit_lines
+from exceptiondrive_records.board_invariants import broken_boards
 from exceptiondrive_records.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import BoardRow, Phase
+from exceptiondrive_records.tables import BoardEntryRow, BoardRow, Phase
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import content_digest
@@ -69,6 +70,34 @@ def take(world: World) -> BoardRequest | None:
 def want(world: World) -> None:
     with world.database.write() as session:
         want_board(session, "dev", world.protocol_digest)
+
+
+def test_a_board_knows_its_entries(world: World) -> None:
+    want(world)
+    first = publish(world, board(world, "a", "b"))
+    want(world)
+    second = publish(world, board(world, "b", "c"))
+    with world.database.read() as session:
+        assert boards.entry_ids(session, first.id) == {"a", "b"}
+        assert boards.ranks_on(session, second.id, ["a", "b", "c"]) == {"b": 1, "c": 2}
+        assert boards.ranks_on(session, None, ["a"]) == {}
+        newest = [boards.newest_board_with(session, each) for each in ("a", "b", "x")]
+        assert [row and row.number for row in newest] == [1, 2, None]
+        ids = (second.id, None, first.id)
+        assert [row.number for row in boards.boards_with(session, "b", ids)] == [2, 1]
+        rules = {fault.rule for fault in broken_boards(session)}
+    assert "entries of a board altered" not in rules
+
+
+def test_entries_in_the_table_are_those_of_the_body(world: World) -> None:
+    want(world)
+    row = publish(world, board(world, "a", "b"))
+    with world.database.write() as session:
+        session.add(BoardEntryRow(board_id=row.id, submission_id="x", rank=3))
+        session.flush()
+        assert "entries of a board altered" in {fault.rule for fault in broken_boards(session)}
+    with pytest.raises(DatabaseError, match="append-only"), world.database.write() as session:
+        session.execute(text("UPDATE board_entries SET rank = 1"))
 
 
 def publish(world: World, what: Board) -> BoardRow:

@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 from sqlalchemy import text
 from sqlalchemy.exc import DatabaseError
 
@@ -11,6 +12,7 @@ from exceptiondrive_records import phases, protocols, splits, teams
 from exceptiondrive_records.audit import count_audit_lines
 from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.tables import Phase
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest
 
@@ -128,30 +130,35 @@ def test_team_ids_and_names_must_be_fit_to_show(world: World, slug: str, name: s
         teams.create_team(session, slug, name, actor="test")
 
 
-def create_phase(world: World, phase_id: str = "final", **changes: Any) -> Phase:
+def create_phase(world: World, **changes: Any) -> Phase:
     values = {
+        "id": "final",
         "challenge": "planning",
         "title": "Final",
-        "split_name": "sample",
+        "split": "sample",
         "protocol": "1.0",
-        "actor": "test",
         **changes,
     }
     with world.database.write() as session:
-        return phases.create_phase(session, phase_id, **values)
+        return phases.create_phase(session, NewPhase(**values), actor="test")
 
 
 @pytest.mark.parametrize(
     ("changes", "error"),
     [
-        ({"phase_id": "dev"}, Conflict),
-        ({"phase_id": "No Slug"}, InvalidRecord),
-        ({"challenge": "racing"}, InvalidRecord),
-        ({"split_name": "nope"}, NotFound),
+        ({"id": "dev"}, Conflict),
+        ({"id": "No Slug"}, InvalidRecord),
+        ({"challenge": "racing"}, ValidationError),
+        ({"split": "nope"}, NotFound),
         ({"protocol": "9.9"}, NotFound),
-        ({"quota_per_day": 0}, InvalidRecord),
-        ({"quota_total": 0}, InvalidRecord),
-        ({"title": ""}, InvalidRecord),
+        ({"quota_per_day": 0}, ValidationError),
+        ({"quota_total": 0}, ValidationError),
+        ({"quota_concurrent": 0}, ValidationError),
+        ({"rejected_per_day": 0}, ValidationError),
+        ({"title": ""}, ValidationError),
+        ({"title": " "}, InvalidRecord),
+        ({"title": "x" * 121}, ValidationError),
+        ({"description": "x" * 4001}, ValidationError),
         (
             {
                 "opens_at": datetime(2026, 1, 2, tzinfo=UTC),

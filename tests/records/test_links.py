@@ -11,6 +11,8 @@ from exceptiondrive_records.phases import create_phase
 from exceptiondrive_records.submissions import Accepted, accept, withdraw
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.views import view
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 
 PHASE = "reasoning"
 
@@ -27,13 +29,15 @@ def make_phase(world: Any, phase_id: str, challenge: str = "strategy") -> None:
     with world.database.write() as session:
         create_phase(
             session,
-            phase_id,
-            challenge=challenge,
-            title=phase_id,
-            description="",
-            split_name="sample",
-            protocol=world.protocol_digest,
-            quota_per_day=50,
+            NewPhase(
+                id=phase_id,
+                challenge=ChallengeId(challenge),
+                title=phase_id,
+                description="",
+                split="sample",
+                protocol=world.protocol_digest,
+                quota_per_day=50,
+            ),
             actor="test",
         )
 

@@ -19,7 +19,9 @@ from exceptiondrive_records.tables import Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -103,11 +105,13 @@ def test_who_builds_boards_waits_for_no_request_that_another_holds(world: World)
     with world.database.write() as session:
         create_phase(
             session,
-            "other",
-            challenge="planning",
-            title="Other",
-            split_name="sample",
-            protocol="1.0",
+            NewPhase(
+                id="other",
+                challenge=ChallengeId.PLANNING,
+                title="Other",
+                split="sample",
+                protocol="1.0",
+            ),
             actor="test",
         )
     with world.database.write() as held, world.database.write() as session:

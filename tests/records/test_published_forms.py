@@ -7,7 +7,7 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.phase_changes import update_phase
 from exceptiondrive_records.published_forms import shown_sheet
 from exceptiondrive_records.tables import ScoreSheetRow
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy
 
 World = Any
 
@@ -19,10 +19,10 @@ def test_until_their_date_no_row_tells_of_some_samples_alone(world: World) -> No
     }
     row = ScoreSheetRow(sheet=world.sheet().model_copy(update={"extra": extra}))
     with world.database.write() as session:
-        life = PhaseLife(families_from=database_now(session) + timedelta(days=1))
-        phase = update_phase(session, "dev", changes={}, life=life, actor="test")
+        policy = PhasePolicy(families_from=database_now(session) + timedelta(days=1))
+        phase = update_phase(session, "dev", PhaseChange(policy=policy), actor="test")
         shown = shown_sheet(session, phase, row)
         assert (shown.families, shown.tasks) == ({}, {})
         assert shown.extra == {"reminder": {"given": 1.0}}
-        phase.life = PhaseLife()
+        phase.policy = PhasePolicy()
         assert shown_sheet(session, phase, row) == row.sheet

@@ -155,4 +155,5 @@ def test_a_list_of_submissions_reads_the_board_of_their_phase_once(world: World)
     with statements(world.database) as sent, world.database.read() as session:
         found = views(session, [find_submission(session, each) for each in ids])
     assert [one.rank for one in found] == [1, 2, 3]
-    assert len([statement for statement in sent if "boards.body" in statement]) == 1
+    assert len([statement for statement in sent if "FROM board_entries" in statement]) == 1
+    assert not [statement for statement in sent if "boards.body" in statement]

@@ -27,6 +27,8 @@ from exceptiondrive_records.submissions import accept
 from exceptiondrive_records.tables_rescoring import VerificationItem
 from exceptiondrive_records.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.rescoring import RunView, VerifyState
 from exceptiondrive_schemas.split import Split
@@ -187,12 +189,14 @@ def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stag
     with made.database.write() as session:
         create_phase(
             session,
-            "dev",
-            challenge=challenge,
-            title="Development",
-            split_name="tiny",
-            protocol="1.0",
-            quota_per_day=1000,
+            NewPhase(
+                id="dev",
+                challenge=ChallengeId(challenge),
+                title="Development",
+                split="tiny",
+                protocol="1.0",
+                quota_per_day=1000,
+            ),
             actor="test",
         )
     yield made

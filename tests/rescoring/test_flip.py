@@ -80,10 +80,10 @@ def test_a_flip_that_breaks_off_at_its_last_step_changes_nothing(
         stage.apply(run_id)
     before = everything_shown(stage, run_id)
 
-    def killed(*_: object) -> None:
+    def killed(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(flip, "tell_teams", killed)
+    monkeypatch.setattr(flip, "notify_teams", killed)
     with pytest.raises(KeyboardInterrupt):
         getattr(stage, flips)(run_id)
     assert everything_shown(stage, run_id) == before

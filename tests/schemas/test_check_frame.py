@@ -1,4 +1,4 @@
-"""The frame check of PROTOCOL.md section 5, in the precise checker."""
+"""The frame check of docs/protocol.md section 5, in the precise checker."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Metrics of single samples, from clearances worked by hand (PROTOCOL.md section 3)."""
+"""Metrics of single samples, from clearances worked by hand (docs/protocol.md section 3)."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""The heading rule of PROTOCOL.md section 2, by hand."""
+"""The heading rule of docs/protocol.md section 2, by hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Laws that hold for every input (PROTOCOL.md section 8)."""
+"""Laws that hold for every input (docs/protocol.md section 8)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Shares and flags of PROTOCOL.md section 5."""
+"""Shares and flags of docs/protocol.md section 5."""
 
 from collections.abc import Callable
 

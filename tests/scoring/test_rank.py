@@ -2,7 +2,8 @@
 
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol, RankKey
+from exceptiondrive_schemas.challenges import RankKey
+from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.rank import ranks
 
 

@@ -1,4 +1,4 @@
-"""The strategy challenge (PROTOCOL.md section 6), by hand."""
+"""The strategy challenge (docs/protocol.md section 6), by hand."""
 
 from collections.abc import Callable
 from itertools import product

@@ -34,6 +34,7 @@ from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_t
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef
@@ -132,9 +133,9 @@ class Api:
         )
 
     def phase(self, phase_id: str, **more: Any) -> None:
-        given = {"challenge": "planning", "title": phase_id, "split_name": "sample", **more}
+        given = {"challenge": "planning", "title": phase_id, "split": "sample", **more}
         with self.database.write() as session:
-            create_phase(session, phase_id, protocol="1.0", actor="test", **given)
+            create_phase(session, NewPhase(id=phase_id, protocol="1.0", **given), actor="test")
 
     def score(self, submission_id: str, hcc: float = 0.5) -> None:
         """Do what a worker does when it has scored."""

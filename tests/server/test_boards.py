@@ -89,7 +89,7 @@ def test_sorting_keeps_ranks_and_puts_no_value_last(
     assert [ranks[name] for name in ("first", "second", "third", "no score")] == [1, 2, 3, None]
 
 
-@pytest.mark.parametrize("sort", ["method", "accuracy", "--ur", "ur;drop", "", "-", "__class__"])
+@pytest.mark.parametrize("sort", ["team", "accuracy", "--ur", "ur;drop", "", "-", "__class__"])
 def test_only_metrics_of_the_challenge_sort(lively: "Api", as_problem: Problem, sort: str) -> None:
     problem = as_problem(lively.get(f"/leaderboard?phase=dev&sort={sort}"), 400, "bad_request")
     assert "sort" in problem["fields"]

@@ -21,7 +21,7 @@ from exceptiondrive_records.notices.emails import text_of
 from exceptiondrive_records.tables import Phase, Submission, Team
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_schemas.board import Links
-from exceptiondrive_schemas.rescoring import Comparison, EntryChange, NotificationView, ToldEntry
+from exceptiondrive_schemas.rescoring import ChangedEntry, Comparison, EntryChange, NotificationView
 from exceptiondrive_server.api.rescoring_csv import comparison_csv
 
 if TYPE_CHECKING:
@@ -231,7 +231,7 @@ def test_json_holds_every_name_as_it_is(nasty: "Api") -> None:
 
 
 def notice(text: str, reference: dict[str, str]) -> NotificationView:
-    told = ToldEntry(submission_id="s", method=text, old=None, new=None)
+    told = ChangedEntry(submission_id="s", method=text, old=None, new=None)
     fields: dict[str, Any] = {"phase": "dev", "created_at": "2026-11-22T00:00:00Z"}
     return NotificationView.model_validate_json(
         json.dumps(

@@ -30,6 +30,7 @@ from exceptiondrive_records.tables import Submission
 from exceptiondrive_records.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
@@ -151,11 +152,8 @@ class World:
             add_protocol(session, packaged_protocol_toml(), "test")
             create_phase(
                 session,
-                phase_id,
-                title=phase_id,
-                split_name=split.name,
+                NewPhase(id=phase_id, title=phase_id, split=split.name, **usual | options),
                 actor="test",
-                **usual | options,
             )
 
     def submit(

@@ -1,4 +1,4 @@
-"""Every setting with which `tests/chaos` has lost and doubled nothing."""
+"""Celery's settings, one by one (docs/decisions/0003-sql-is-the-queue.md says why)."""
 
 import pytest
 from celery import Celery

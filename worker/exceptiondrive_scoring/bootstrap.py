@@ -91,7 +91,7 @@ def bootstrap(
     """
     reading = _Reading(
         is_fraction=np.array([metric.unit == "fraction" for metric in challenge.metrics]),
-        primary=challenge.metric_keys.index(ranking.order[challenge.id][0].metric),
+        primary=challenge.metric_keys.index(ranking.order_of(challenge)[0].metric),
         headline=headline,
     )
     return [

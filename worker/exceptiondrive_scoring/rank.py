@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from exceptiondrive_schemas.protocol import RankKey
+from exceptiondrive_schemas.challenges import RankKey
 
 
 def ranks(

@@ -64,7 +64,7 @@ class _Rows:
         self._challenge = challenge
         self._protocol = protocol
         self._ranking = protocol.ranking
-        self._order = protocol.ranking.order[challenge.id]
+        self._order = protocol.ranking.order_of(challenge)
         self._rounding = Rounding(challenge, protocol.publication)
 
     def ranks(self, sheets: Sequence[ScoreSheet]) -> list[int | None]:
@@ -122,7 +122,7 @@ class _Rows:
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:
         cell = sheet.families[family_id]
         found = self._intervals(intervals, cell.metrics)
-        return FamilyCell.model_validate({"n": cell.n, **cell.metrics, "intervals": found})
+        return FamilyCell.of(cell.n, cell.metrics, intervals=found)
 
     def _intervals(
         self, intervals: FloatArray, values: Mapping[str, float | None]

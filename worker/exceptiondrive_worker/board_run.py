@@ -17,7 +17,7 @@ from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.phase_life import BoardView
+from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
@@ -107,7 +107,7 @@ def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
     """The board of the late view; None where the phase has none, or nothing came late."""
     with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
-        if phase.life.late_entries != "own_view":
+        if phase.policy.late_entries != "own_view":
             return None
         records = entries_for_board(
             session, phase.id, claimed.protocol_digest, claimed.split_revision, "late"

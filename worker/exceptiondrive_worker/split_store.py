@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import content_digest
-from exceptiondrive_schemas.phase_life import SplitPart
+from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
 from exceptiondrive_scoring.aliases import IntArray

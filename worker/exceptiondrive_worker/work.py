@@ -10,9 +10,9 @@ from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.scorer_version import may_work
 from exceptiondrive_worker.scoring_run import score_next
 
-AT_A_STRETCH_S = 1.0
-"""After this nothing is begun: Celery's limits of time count from the message. The lane is woken
-again instead."""
+_PART_OF_LIMIT = 0.02
+"""Celery's limits of time count from the message. Once this part of the soft one has passed nothing
+is begun: the lane is woken again instead."""
 _MOST_PATIENCE_S = 1.0
 """In a rush of live work a rescoring run goes on, at this pace."""
 _LOOK_AGAIN_S = 0.02
@@ -24,7 +24,7 @@ def work(context: WorkerContext, lane: Lane) -> int:
     Whoever has done something wakes others for what is left, and for what has become due by it.
     Whoever finds nothing for itself wakes nobody: two workers could wake each other without end.
     """
-    until = time.monotonic() + AT_A_STRETCH_S
+    until = time.monotonic() + _PART_OF_LIMIT * context.settings.soft_time_limit_s
     n_done = 0
     while time.monotonic() < until and may_work(context.database) and _do_next(context, lane):
         n_done += 1

@@ -1,22 +1,14 @@
-"""The command line. Modules that take long to import are imported inside the commands."""
+"""The command line: a table of commands, each in a module that is imported when it is called."""
 
 import sys
+from importlib import import_module
+from textwrap import shorten
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
+from typer.main import get_group
 
-from exceptiondrive.agent import cli as agent_commands
-from exceptiondrive.cli import (
-    account_commands,
-    board_commands,
-    local_commands,
-    organizer_commands,
-    receipt_commands,
-    split_commands,
-    submission_commands,
-    token_commands,
-)
 from exceptiondrive.errors import ExceptionDriveError
 
 HELP = """Check, score and submit trajectory files of the ExceptionDrive benchmark.
@@ -24,43 +16,108 @@ HELP = """Check, score and submit trajectory files of the ExceptionDrive benchma
 Exit codes: 0 done, 2 invalid file or arguments, 3 quota used up, 4 not allowed, 5 network,
 6 scoring failed, 7 timed out.
 """
+COMMANDS = {
+    "check": (".local_commands", "Check a file and list every fault."),
+    "evaluate": (".local_commands", "Score a file on this machine."),
+    "plot": (
+        ".local_commands",
+        "Draw samples: trajectories, footprints, tube, region, clearance.",
+    ),
+    "convert": (".local_commands", "Make a submission of a planner's own files."),
+    "version": (".local_commands", "Print the versions of client and protocol."),
+    "login": (".account_commands", "Keep a team token for a server."),
+    "logout": (".account_commands", "Forget the token of a server."),
+    "whoami": (".account_commands", "Show whose token is in use."),
+    "manifest": (".split_commands", "Fetch the sample ids of a phase."),
+    "submit": (".submission_commands", "Check a file, then upload it."),
+    "status": (".submission_commands", "Show one submission."),
+    "submissions": (
+        ".submission_commands",
+        "List the team's submissions, newest first.",
+    ),
+    "withdraw": (".submission_commands", "Take a submission off the board."),
+    "choose": (
+        ".submission_commands",
+        "Let a submission stand for the team, in a phase that shows one entry of each.",
+    ),
+    "publish": (
+        ".submission_commands",
+        "Put an entry on the board of a phase that keeps entries private.",
+    ),
+    "leaderboard": (".board_commands", "Show a ranked board."),
+    "phases": (".board_commands", "List the phases."),
+    "remind": (
+        "exceptiondrive_agent.cli",
+        "Write a risk reminder per sample: images and the public taxonomy in, a record out.",
+    ),
+    "decide": (
+        "exceptiondrive_agent.cli",
+        "Choose a strategy per sample, with or without reminders, and write a strategy submission.",
+    ),
+    "tokens": (
+        ".account_commands",
+        "Your team's tokens; needs a token with the scope `tokens`.",
+    ),
+    "split": (".split_commands", "Development splits, whose regions are public."),
+    "receipt": (".receipt_commands", "Signed receipts of scored submissions."),
+    "organizer": (".organizer_commands", "For organizers, with an organizer's token."),
+}
+"""Where each command lives and what `--help` says of it; a test holds the words to the command."""
 
 
-class _Commands(TyperGroup):
-    """All commands in the order of the docs; their errors become words and an exit code."""
+class Commands(TyperGroup):
+    """Commands whose errors become words and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; the one place where errors end."""
-        from exceptiondrive.cli.output import report_error
-
         try:
             return super().invoke(ctx)
         except ExceptionDriveError as error:
+            from exceptiondrive.cli.output import report_error
+
             report_error(error, ctx)
             ctx.exit(error.exit_code)
 
 
+class _LazyCommands(Commands):
+    """The commands of the table; `--help` imports none of them."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names, in the order of the docs."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command."""
+        if cmd_name not in self.commands and cmd_name in COMMANDS:
+            part = typer.Typer(rich_markup_mode=None)
+            import_module(COMMANDS[cmd_name][0], __name__).register(part)
+            self.commands.update(get_group(part).commands)
+        return self.commands.get(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a line for each command."""
+        width = formatter.width - 6 - max(map(len, COMMANDS))
+        rows = [
+            (name, shorten(words, width, placeholder="..."))
+            for name, (_, words) in COMMANDS.items()
+        ]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
 app = typer.Typer(
     name="exceptiondrive",
-    help=HELP,
-    cls=_Commands,
+    cls=_LazyCommands,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for commands in (
-    local_commands,
-    account_commands,
-    token_commands,
-    split_commands,
-    submission_commands,
-    receipt_commands,
-    board_commands,
-    agent_commands,
-    organizer_commands,
-):
-    commands.register(app)
+
+
+@app.callback(help=HELP)
+def _root() -> None:
+    """Carry the help of the whole."""
 
 
 def main() -> None:

@@ -1,11 +1,19 @@
-"""Commands about who one is: login, logout, whoami."""
+"""Commands about who one is and the tokens of one's team: login, logout, whoami, tokens."""
 
 import sys
+from getpass import getpass
+from typing import Annotated
 
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import can_ask, say, show, show_document
+from exceptiondrive.cli.output import can_ask, say, show, show_document, show_json
+from exceptiondrive.cli.records_table import show_records
+from exceptiondrive.cli.session import open_client, prepare
+from exceptiondrive.client import Client
+from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
+from exceptiondrive.errors import NotSignedInError, utc_text
+from exceptiondrive.team_tokens import Record, TeamTokens
 
 
 def login(server: options.Server = None) -> None:
@@ -14,14 +22,10 @@ def login(server: options.Server = None) -> None:
     The file is readable by you alone. Asks for the token on a terminal; elsewhere reads one line of stdin. It is tried before it is
     kept. A token is never an option: it would stand in the shell's history.
     """
-    from exceptiondrive.credentials import find_server, is_sent_in_clear, keep_token
-
     address = find_server(server)
     token = _token(address)
     if is_sent_in_clear(address):
         say(f"warning: {address} is not https: your token can be read on the way")
-    from exceptiondrive.client import Client
-
     with Client(address, token) as client:
         me = client.me()
     path = keep_token(address, token)
@@ -30,8 +34,6 @@ def login(server: options.Server = None) -> None:
 
 def logout(server: options.Server = None) -> None:
     """Forget the token of a server."""
-    from exceptiondrive.credentials import find_server, forget_token
-
     address = find_server(server)
     was_there = forget_token(address)
     show(f"token of {address} forgotten" if was_there else f"no token of {address} was kept")
@@ -39,9 +41,6 @@ def logout(server: options.Server = None) -> None:
 
 def whoami(server: options.Server = None, json: options.Json = False) -> None:
     """Show whose token is in use."""
-    from exceptiondrive.cli.session import open_client
-    from exceptiondrive.errors import utc_text
-
     with open_client(server) as client:
         me = client.me()
         address = client.server
@@ -55,10 +54,6 @@ def whoami(server: options.Server = None, json: options.Json = False) -> None:
 
 def _token(server: str) -> str:
     """Ask a person, or read one line."""
-    from getpass import getpass
-
-    from exceptiondrive.errors import NotSignedInError
-
     token = getpass(f"Token for {server}: ") if can_ask() else sys.stdin.readline()
     if not token.strip():
         raise NotSignedInError(
@@ -73,8 +68,84 @@ def _name(team: str | None) -> str:
     return "organizer" if team is None else f"team {team}"
 
 
+TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
+COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
+
+
+def list_tokens(server: options.Server = None, json: options.Json = False) -> None:
+    """List the team's tokens, without their secrets."""
+    with _tokens(server) as tokens:
+        show_records(tokens.all(), COLUMNS, json)
+
+
+def create_token(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What it is for.")],
+    scope: Annotated[
+        list[str] | None,
+        typer.Option("--scope", metavar="S", help="submit, read:own or tokens; may be repeated."),
+    ] = None,
+    expires_at: Annotated[
+        str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Issue a token of your team; it is shown this once."""
+    with _tokens(server) as tokens:
+        _show_issued(tokens.create(name, scope, expires_at), json)
+
+
+def rotate_token(
+    token_id: TokenId,
+    keep_days: Annotated[
+        int, typer.Option("--keep-days", min=0, max=90, help="The old one works on so long.")
+    ] = 7,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Issue the successor of a token; it is shown this once."""
+    with _tokens(server) as tokens:
+        issued = tokens.rotate(token_id, keep_days=keep_days)
+    _show_issued(issued, json)
+    if not json:
+        until = "ends now" if keep_days == 0 else f"works for {keep_days} more days at most"
+        say(f"the old token {token_id} {until}")
+
+
+def revoke_token(
+    token_id: TokenId, server: options.Server = None, json: options.Json = False
+) -> None:
+    """Revoke a token of your team for good."""
+    with _tokens(server) as tokens:
+        token = tokens.revoke(token_id)
+    if json:
+        show_json(token)
+    else:
+        show(f"token {token['id']} revoked")
+
+
+def _show_issued(issued: Record, json: bool) -> None:
+    if json:
+        show_json(issued)
+    else:
+        show(issued["token"])
+
+
+def _tokens(server: str | None) -> TeamTokens:
+    return TeamTokens(prepare(server))
+
+
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    app.command()(login)
-    app.command()(logout)
-    app.command()(whoami)
+    for command in (login, logout, whoami):
+        app.command()(command)
+    group = typer.Typer(
+        help="Your team's tokens; needs a token with the scope `tokens`.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+    )
+    group.command("list")(list_tokens)
+    group.command("create")(create_token)
+    group.command("rotate")(rotate_token)
+    group.command("revoke")(revoke_token)
+    app.add_typer(group, name="tokens")

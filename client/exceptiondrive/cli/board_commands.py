@@ -1,17 +1,18 @@
 """Commands about what everyone may see: leaderboard, phases."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
+from rich.table import Table
+from rich.text import Text
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_document, show_json
+from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.tables import board_view, plain_table
+from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive_schemas.printable import printable
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from exceptiondrive_schemas.submission import PhaseView
+from exceptiondrive_schemas.submission import PhaseView
 
 
 def leaderboard(
@@ -40,10 +41,6 @@ def leaderboard(
     json: options.Json = False,
 ) -> None:
     """Show a ranked board."""
-    from exceptiondrive.cli.board_table import board_view
-    from exceptiondrive.cli.session import open_client
-    from exceptiondrive.errors import InvalidArgumentError
-
     if csv and json:
         raise InvalidArgumentError("too_many_choices", "Give only one of --csv and --json.")
     if view not in (None, "main", "late"):
@@ -73,8 +70,6 @@ def phases(server: options.Server = None, json: options.Json = False) -> None:
 
     With their dates, split and protocol, and what your team may still submit.
     """
-    from exceptiondrive.cli.session import open_client
-
     with open_client(server) as client:
         views = client.phases()
     if json:
@@ -83,13 +78,10 @@ def phases(server: options.Server = None, json: options.Json = False) -> None:
         show(_phases_table(views))
 
 
-def _phases_table(views: "tuple[PhaseView, ...]") -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, padding=(0, 1), header_style="bold")
-    for title in ("phase", "challenge", "title", "split", "samples", "protocol", "open", "left"):
-        table.add_column(title, overflow="fold")
+def _phases_table(views: tuple[PhaseView, ...]) -> Table:
+    table = plain_table(
+        "phase", "challenge", "title", "split", "samples", "protocol", "open", "left"
+    )
     for view in views:
         quota = view.quota
         table.add_row(
@@ -107,9 +99,7 @@ def _phases_table(views: "tuple[PhaseView, ...]") -> "Table":
     return table
 
 
-def _window(view: "PhaseView") -> str:
-    from exceptiondrive.errors import utc_text
-
+def _window(view: PhaseView) -> str:
     if not view.is_open and view.opens_at is not None and view.closes_at is None:
         return f"opens {utc_text(view.opens_at)}"
     if view.closes_at is None:

@@ -1,12 +1,28 @@
 """Commands that work without a server: check, evaluate, convert, version."""
 
+from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast, get_args
 
 import typer
+from pydantic import ValidationError
 
+from exceptiondrive.checking import check_file, manifest_of, read_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_document, show_json
+from exceptiondrive.cli.protocol_choice import chosen_protocol
+from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.tables import report_view, sheet_view
+from exceptiondrive.conversion import ConversionPlan, FollowedPoint, read_pairs, write_submission
+from exceptiondrive.conversion import convert as convert_pairs
+from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive.evaluation import evaluate_file, read_split
+from exceptiondrive.plot import plot_file
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.split import Manifest
+
+MAX_OFFSET_M = 20.0
 
 
 def check(
@@ -31,11 +47,7 @@ def check(
 
     The checker is the server's own. Without --split, --manifest or --phase only the form is checked, not the sample ids.
     """
-    from exceptiondrive.cli.check_run import checked_report
-    from exceptiondrive.cli.report_table import report_view
-    from exceptiondrive.errors import InvalidFileError
-
-    report = checked_report(file, split, manifest, phase, protocol, server)
+    report = _report(file, split, manifest, phase, protocol, server)
     if json:
         show_document(report)
     else:
@@ -44,6 +56,44 @@ def check(
             say("Only the form was checked; add --phase, --manifest or --split for the sample ids.")
     if not report.is_valid:
         raise typer.Exit(InvalidFileError.exit_code)
+
+
+def _report(
+    file: Path,
+    split: Path | None,
+    manifest: Path | None,
+    phase: str | None,
+    protocol: str | None,
+    server: str | None,
+) -> CheckReport:
+    """Check a file against at most one of split, manifest and phase."""
+    if sum(choice is not None for choice in (split, manifest, phase)) > 1:
+        raise InvalidArgumentError(
+            "too_many_choices", "Give only one of --split, --manifest and --phase."
+        )
+    if phase is not None:
+        with open_client(server) as client:
+            if protocol is None:
+                return client.check(file, phase=phase)
+            rules = chosen_protocol(protocol)
+            return check_file(file, manifest=client.manifest(phase), protocol=rules)
+    rules = chosen_protocol(protocol)
+    return check_file(file, manifest=_manifest(split, manifest, rules), protocol=rules)
+
+
+def _manifest(split: Path | None, manifest: Path | None, protocol: Protocol) -> Manifest | None:
+    if split is not None:
+        return manifest_of(read_split(split), protocol)
+    if manifest is None:
+        return None
+    try:
+        return Manifest.read(read_file(manifest))
+    except ValidationError:
+        raise InvalidArgumentError(
+            "wrong_manifest",
+            f"{manifest.name} is not a manifest.",
+            "Take it from the server: exceptiondrive manifest PHASE -o FILE",
+        ) from None
 
 
 def evaluate(
@@ -59,10 +109,6 @@ def evaluate(
     It is done exactly as the worker does it. The table is rounded as the board is; --json prints the exact score sheet. Needs the extra
     `evaluate` (numpy) and a split with regions: see `split download`.
     """
-    from exceptiondrive.cli.protocol_choice import chosen_protocol
-    from exceptiondrive.cli.sheet_table import sheet_view
-    from exceptiondrive.evaluation import evaluate_file
-
     rules = chosen_protocol(protocol)
     sheet = evaluate_file(file, split=split, protocol=rules)
     if json:
@@ -94,9 +140,6 @@ def plot(
     One sample fills the picture; several make a contact sheet. Shapes and numbers come from the scoring code itself. An .svg follows
     light and dark. Needs the extra `plot` and a split with regions: see `split download`.
     """
-    from exceptiondrive.cli.protocol_choice import chosen_protocol
-    from exceptiondrive.plot.files import plot_file
-
     rules = chosen_protocol(protocol)
     drawn = plot_file(file, output, split=split, sample_ids=samples, worst=worst, protocol=rules)
     if json:
@@ -154,34 +197,49 @@ def convert(
     A point at t = 0 and a heading column are left out by themselves; nothing is ever padded.
     Every step that was taken is printed.
     """
-    from exceptiondrive.cli.convert_run import converted
-
-    outcome = converted(
-        files, output, split, swap_axes, origin_offset_m, follows, truncate, protocol
+    if follows not in get_args(FollowedPoint):
+        raise InvalidArgumentError("wrong_option", "--follows must be sensor or rear-axle.")
+    if not abs(origin_offset_m) <= MAX_OFFSET_M:
+        raise InvalidArgumentError(
+            "wrong_option", f"--origin-offset-m must be within {MAX_OFFSET_M:g} m."
+        )
+    plan = ConversionPlan(
+        waypoints=chosen_protocol(protocol).geometry.waypoints,
+        swap_axes=swap_axes,
+        origin_offset_m=origin_offset_m,
+        follows=cast(FollowedPoint, follows),
+        truncate=truncate,
     )
+    pairs, split_of_files = read_pairs(files)
+    split = split or split_of_files
+    if split is None:
+        raise InvalidArgumentError(
+            "wrong_split", "No file says which split it is for.", "Add --split NAME."
+        )
+    outcome = convert_pairs(pairs, plan)
+    try:
+        size_bytes = write_submission(output, split, outcome.pairs)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unwritable_file", f"{output} cannot be written: {error.strerror}."
+        ) from None
     if json:
-        show_json(outcome)
+        facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
+        show_json({**facts, "size_bytes": size_bytes, "done": list(outcome.done)})
         return
-    for sentence in outcome["done"] or ["nothing had to be changed"]:
+    for sentence in outcome.done or ("nothing had to be changed",):
         show(f"- {sentence}")
-    show(f"{outcome['n_predictions']} predictions in {outcome['output']}")
+    show(f"{len(outcome.pairs)} predictions in {output}")
 
 
 def version() -> None:
     """Print the versions of client and protocol."""
-    from importlib.metadata import version
-
-    from exceptiondrive_schemas.protocol import packaged_protocol
-
     protocol = packaged_protocol()
-    show(f"exceptiondrive {version('exceptiondrive')}")
+    show(f"exceptiondrive {metadata.version('exceptiondrive')}")
     show(f"protocol {protocol.version} {protocol.digest}")
 
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    app.command()(check)
-    app.command()(evaluate)
-    app.command()(plot)
-    app.command()(convert)
-    app.command()(version)
+    for command in (check, evaluate, plot, convert, version):
+        app.command()(command)

@@ -107,65 +107,6 @@ def revoke_token(
     _show_record(token, f"token {token['id']} revoked", json)
 
 
-def create_phase(
-    phase_id: Annotated[str, typer.Argument(metavar="ID", help="Stands in addresses.")],
-    title: Annotated[str, typer.Option("--title", metavar="TEXT", help="Shown to readers.")],
-    split: Annotated[
-        str, typer.Option("--split", metavar="NAME", help="A registered split: see `splits list`.")
-    ],
-    challenge: Annotated[
-        str, typer.Option("--challenge", metavar="C", help="planning or strategy.")
-    ] = "planning",
-    protocol: Annotated[
-        str, typer.Option("--protocol", metavar="V", help="Version or digest.")
-    ] = "1.0",
-    description: Annotated[
-        str, typer.Option("--description", metavar="TEXT", help="Shown to readers.")
-    ] = "",
-    opens_at: Annotated[
-        str | None, typer.Option("--opens-at", metavar="TIME", help="Else it is open at once.")
-    ] = None,
-    closes_at: Annotated[
-        str | None, typer.Option("--closes-at", metavar="TIME", help="Else it stays open.")
-    ] = None,
-    quota_per_day: Annotated[
-        int, typer.Option("--quota-per-day", metavar="N", min=0, help="Per team and UTC day.")
-    ] = 3,
-    quota_total: Annotated[
-        int | None, typer.Option("--quota-total", metavar="N", min=0, help="Per team; else none.")
-    ] = None,
-    quota_concurrent: Annotated[
-        int | None,
-        typer.Option("--quota-concurrent", metavar="N", min=1, help="Waiting at once; else any."),
-    ] = None,
-    shows_reported: Annotated[
-        bool, typer.Option("--shows-reported", help="Show the paper's rows beside the entries.")
-    ] = False,
-    settings: phase_commands.SetOption = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
-    """Make a phase."""
-    wanted = {
-        "id": phase_id,
-        "title": title,
-        "split": split,
-        "challenge": challenge,
-        "protocol": protocol,
-        "description": description,
-        "opens_at": opens_at,
-        "closes_at": closes_at,
-        "quota_per_day": quota_per_day,
-        "quota_total": quota_total,
-        "quota_concurrent": quota_concurrent,
-        "shows_reported": shows_reported,
-        **phase_commands.settings_of(settings or ()),
-    }
-    with _organizer(server) as organizer:
-        phase = organizer.create_phase(wanted)
-    _show_record(phase, f"phase {phase['id']} made, {phase['n_samples']} samples", json)
-
-
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
     """List all protocols, oldest first."""
     with _organizer(server) as organizer:
@@ -271,7 +212,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "phases": (
         "Phases; everyone lists them with `exceptiondrive phases`.",
-        {"create": create_phase, **phase_commands.COMMANDS},
+        phase_commands.COMMANDS,
     ),
     "protocols": (
         "Protocol documents.",

@@ -30,7 +30,7 @@ def remember_json(context: typer.Context, value: bool) -> bool:
 
 def console(stderr: bool = False) -> "Console":
     """Return a console for stdout or stderr. It shows no colour when piped, nor with NO_COLOR."""
-    from exceptiondrive.cli.safe_console import SafeConsole
+    from exceptiondrive.cli.terminal import SafeConsole
 
     found = SafeConsole(stderr=stderr, highlight=False, markup=False, emoji=False)
     if not found.is_terminal:
@@ -78,7 +78,7 @@ def report_error(error: "ExceptionDriveError", context: typer.Context) -> None:
     if context.meta.get(_JSON):
         show_json({"error": error.document()})
     elif isinstance(error, InvalidFileError):
-        from exceptiondrive.cli.report_table import report_view
+        from exceptiondrive.cli.tables import report_view
 
         show(*report_view(error.report))
     say(f"error: {error.sentence}")

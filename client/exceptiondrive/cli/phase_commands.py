@@ -1,6 +1,11 @@
-"""The life of a phase from the command line: show, change, freeze, reveal."""
+"""Phases from the command line: make, show, change, freeze, reveal.
 
-from collections.abc import Callable, Sequence
+The options of the settings are made from `PhaseSettings`: a further field is a further option.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -8,39 +13,17 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_json
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of
+from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
 
 if TYPE_CHECKING:
     from exceptiondrive.organizer import Organizer
 
-LIFE = (
-    "live_part",
-    "revealed_part",
-    "late_entries",
-    "freezes_at",
-    "frozen_scores",
-    "families_from",
-    "entries_shown",
-    "anonymous",
-    "entries_private",
-)
-"""The fields of `PhaseLife`, named here so that `--help` needs no models; a test compares."""
 PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
 ReasonOption = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
 ]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="A setting, any number of times; times as 2027-01-31T00:00:00Z, `none` takes one "
-        "away. Settings of docs/phases.md: " + ", ".join(LIFE) + ".",
-    ),
-]
-_NUMBERS = ("quota_per_day", "quota_total", "quota_concurrent", "rejected_per_day")
-_FLAGS = ("shows_reported", "anonymous", "entries_private")
-_TEXTS = ("title", "description", "opens_at", "closes_at")
-KNOWN = (*_TEXTS, *_NUMBERS, "shows_reported", *LIFE)
 WHAT = ("board", "names", "split")
 
 
@@ -53,17 +36,56 @@ def show_phase(
     _show(phase, json)
 
 
-def update(
-    phase_id: PhaseArgument,
-    settings: SetOption = None,
+def create(
+    phase_id: Annotated[str, typer.Argument(metavar="ID", help="Stands in addresses.")],
+    split: Annotated[
+        str, typer.Option("--split", metavar="NAME", help="A registered split: see `splits list`.")
+    ],
+    split_revision: Annotated[
+        str | None,
+        typer.Option("--split-revision", metavar="REVISION", help="Else the one registered last."),
+    ] = None,
+    challenge: Annotated[
+        str, typer.Option("--challenge", metavar="C", help="planning or strategy.")
+    ] = "planning",
+    protocol: Annotated[
+        str, typer.Option("--protocol", metavar="V", help="Version or digest.")
+    ] = "1.0",
     server: options.Server = None,
     json: options.Json = False,
+    **settings: Any,
+) -> None:
+    """Make a phase."""
+    wanted = {
+        "id": phase_id,
+        "split": split,
+        "split_revision": split_revision,
+        "challenge": challenge,
+        "protocol": protocol,
+        **_document(settings),
+    }
+    with _organizer(server) as organizer:
+        phase = organizer.create_phase(wanted)
+    if json:
+        show_json(phase)
+    else:
+        show(f"phase {phase['id']} made, {phase['n_samples']} samples")
+
+
+def update(
+    phase_id: PhaseArgument,
+    server: options.Server = None,
+    json: options.Json = False,
+    **settings: Any,
 ) -> None:
     """Change settings of a phase; what would take back a promise is refused."""
-    if not settings:
-        raise InvalidArgumentError("nothing_to_set", "Say what to change: --set NAME=VALUE.")
+    changes = _document(settings)
+    if not changes:
+        raise InvalidArgumentError(
+            "nothing_to_set", "Say what to change: `--help` lists the settings."
+        )
     with _organizer(server) as organizer:
-        phase = organizer.change_phase(phase_id, settings_of(settings))
+        phase = organizer.change_phase(phase_id, changes)
     _show(phase, json)
 
 
@@ -101,36 +123,64 @@ def reveal(
     _show(phase, json)
 
 
-def settings_of(given: Sequence[str]) -> dict[str, Any]:
-    """Return the document of `NAME=VALUE` settings.
+def with_settings(command: Callable[..., None], model: type[Document]) -> Callable[..., None]:
+    """Return a command with an option for each setting of a model, such as `--quota-per-day N`."""
+    own = list(signature(command).parameters.values())[:-1]
+    added = [_option(field) for field in fields_of(model)]
 
-    Raises:
-        InvalidArgumentError: A name is unknown, or a value cannot be read.
-    """
-    document: dict[str, Any] = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        if not equals or name not in KNOWN:
-            raise InvalidArgumentError(
-                "unknown_setting", f"{text!r} is no setting; known: {', '.join(KNOWN)}."
-            )
-        target = document.setdefault("life", {}) if name in LIFE else document
-        target[name] = _value(name, value)
-    return document
+    @wraps(command)
+    def wrapped(**given: Any) -> None:
+        command(**given)
+
+    wrapped.__signature__ = Signature([*own, *added])  # type: ignore[attr-defined]
+    return wrapped
 
 
-def _value(name: str, text: str) -> Any:
-    if text == "none" and name not in (*_FLAGS, "title", "description"):
+def _option(field: FormField) -> Parameter:
+    name = "--" + field.name.replace("_", "-")
+    default = Parameter.empty if field.is_required and field.default is None else None
+    if field.kind == "yes":
+        flag = typer.Option(f"{name}/--no-{name[2:]}", help=field.hint, show_default=False)
+        return _parameter(field.name, Annotated[bool | None, flag], None)
+    words = {
+        "whole": f"{field.lowest}..{field.highest}",
+        "moment": "TIME",
+        "choice": "|".join(value for value, _ in field.options),
+    }
+    metavar = words.get(field.kind, "TEXT") + ("|none" if field.may_be_none else "")
+    option = typer.Option(name, metavar=metavar, help=field.hint)
+    kind = str if default is Parameter.empty else str | None
+    return _parameter(field.name, Annotated[kind, option], default)
+
+
+def _parameter(name: str, annotation: Any, default: Any) -> Parameter:
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _document(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that were given as the API takes them."""
+    fields = fields_of(PhaseSettings)
+    said = {field.name: field for field in fields if given[field.name] is not None}
+    return document_of(fields, {name: _value(field, given[name]) for name, field in said.items()})
+
+
+def _value(field: FormField, given: Any) -> Any:
+    if given == "none" and field.may_be_none:
         return None
-    if name in _FLAGS:
-        if text not in ("true", "false"):
-            raise InvalidArgumentError("wrong_value", f"{name} is true or false, not {text!r}.")
-        return text == "true"
-    if name in _NUMBERS:
-        if not text.isdecimal():
-            raise InvalidArgumentError("wrong_value", f"{name} is a number, not {text!r}.")
-        return int(text)
-    return text
+    if field.kind == "whole":
+        if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):
+            raise InvalidArgumentError(
+                "wrong_value",
+                f"{field.name} is a whole number from {field.lowest} to {field.highest:,}, "
+                f"not {given!r}.",
+            )
+        return int(given)
+    choices = [value for value, _ in field.options]
+    if choices and given not in choices:
+        raise InvalidArgumentError(
+            "wrong_value", f"{field.name} is {' or '.join(choices)}, not {given!r}."
+        )
+    return given
 
 
 def _organizer(server: str | None) -> "Organizer":
@@ -144,8 +194,9 @@ def _show(phase: dict[str, Any], json: bool) -> None:
     if json:
         show_json(phase)
         return
-    lines = {key: phase[key] for key in ("id", "title", *KNOWN) if key in phase}
-    lines |= {**phase["life"], **{f"now: {key}": value for key, value in phase["now"].items()}}
+    settings = {key: value for key, value in phase.items() if not isinstance(value, dict | list)}
+    now = {f"now: {key}": value for key, value in phase["now"].items()}
+    lines = {**settings, **phase["policy"], **now}
     width = max(len(key) for key in lines)
     show(*(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
 
@@ -155,8 +206,9 @@ def _words(value: Any) -> str:
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
+    "create": with_settings(create, PhaseSettings),
     "show": show_phase,
-    "update": update,
+    "update": with_settings(update, PhaseChange),
     "freeze": freeze,
     "reveal": reveal,
 }

@@ -7,6 +7,9 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_document
+from exceptiondrive.cli.session import open_client
+from exceptiondrive.errors import utc_text
+from exceptiondrive.receipts import remember_keys, verify_receipt
 from exceptiondrive_schemas.printable import printable
 
 Output = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else stdout.")]
@@ -21,9 +24,6 @@ def get(
 
     The server's public keys are remembered on this machine, for `receipt verify`.
     """
-    from exceptiondrive.cli.session import open_client
-    from exceptiondrive.receipts import remember_keys
-
     with open_client(server) as client:
         receipt = client.receipt(submission_id)
         remember_keys(client.receipt_keys())
@@ -32,8 +32,6 @@ def get(
 
 def keys(output: Output = None, server: options.Server = None) -> None:
     """Fetch the public keys of a server's receipts."""
-    from exceptiondrive.cli.session import open_client
-
     with open_client(server) as client:
         found = client.receipt_keys()
     _write(found.model_dump_json(by_alias=True, indent=2), output)
@@ -51,9 +49,6 @@ def verify(
 
     Exit code 2 if a field was altered, and its name on stderr.
     """
-    from exceptiondrive.errors import utc_text
-    from exceptiondrive.receipts import verify_receipt
-
     verdict = verify_receipt(file, keys=key)
     if json:
         show_document(verdict.receipt)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import typer
+from typer.core import TyperGroup
 
 from exceptiondrive.cli import app
 
@@ -43,12 +44,14 @@ def _helps() -> Iterator[tuple[str, str]]:
 
 
 def _helps_of(context: typer.Context) -> Iterator[tuple[str, str]]:
-    commands = getattr(context.command, "commands", {})
-    if not commands:
+    group = context.command
+    if not isinstance(group, TyperGroup):
         context.terminal_width = WIDTH
-        yield context.command_path, context.command.get_help(context)
-    for name, command in commands.items():
-        yield from _helps_of(typer.Context(command, parent=context, info_name=name))
+        yield context.command_path, group.get_help(context)
+        return
+    for name in group.list_commands(context):
+        if command := group.get_command(context, name):
+            yield from _helps_of(typer.Context(command, parent=context, info_name=name))
 
 
 if __name__ == "__main__":

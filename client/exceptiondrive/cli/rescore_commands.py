@@ -13,7 +13,7 @@ from exceptiondrive.cli.output import say, show, show_json
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError
 
 if TYPE_CHECKING:
-    from exceptiondrive.organizer_rescoring import Rescoring
+    from exceptiondrive.organizer import Rescoring
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Id of the run.")]
 ReasonOption = Annotated[

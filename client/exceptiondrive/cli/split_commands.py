@@ -8,6 +8,8 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_json
+from exceptiondrive.cli.session import open_client
+from exceptiondrive.errors import InvalidArgumentError
 
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where to write it.")
@@ -24,8 +26,6 @@ def manifest(
 
     The recorder and `check --manifest` read the file.
     """
-    from exceptiondrive.cli.session import open_client
-
     with open_client(server) as client:
         found = client.manifest(phase)
     path = output or Path(f"{found.name}.manifest.json")
@@ -49,8 +49,6 @@ def download(
 
     With its hazard regions, which only a development split gives away.
     """
-    from exceptiondrive.cli.session import open_client
-
     with open_client(server) as client:
         found = client.split(name)
     path = output or Path(f"{found.name}.split.json")
@@ -67,8 +65,6 @@ def download(
 def _write(path: Path, text: str) -> None:
     """Write in one step, compressed if the name ends in `.gz`."""
     import gzip
-
-    from exceptiondrive.errors import InvalidArgumentError
 
     data = text.encode()
     part = path.with_name(path.name + ".part")

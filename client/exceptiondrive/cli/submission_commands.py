@@ -1,14 +1,16 @@
 """Commands about the team's submissions: submit, status, submissions, withdraw."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_document, show_json
-
-if TYPE_CHECKING:
-    from exceptiondrive_schemas.submission import Quota, SubmissionStatus, SubmissionView
+from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.tables import submission_view, submissions_table
+from exceptiondrive.cli.terminal import UploadBar, WaitLine
+from exceptiondrive.errors import InvalidArgumentError, utc_text
+from exceptiondrive_schemas.submission import Quota, SubmissionStatus, SubmissionView
 
 
 def submit(
@@ -50,10 +52,6 @@ def submit(
     With --wait it is followed until it is ranked.
     The same bytes again give the first submission back and cost no quota.
     """
-    from exceptiondrive.cli.progress import UploadBar, WaitLine
-    from exceptiondrive.cli.session import open_client
-    from exceptiondrive.cli.submission_table import submission_view
-
     with open_client(server) as client:
         with UploadBar(file.name) as bar:
             submission = client.submit(
@@ -87,9 +85,6 @@ def status(
     Where it stands, and then its score or its faults.
     Exit code 0 whenever it could be shown, whatever its status.
     """
-    from exceptiondrive.cli.session import open_client
-    from exceptiondrive.cli.submission_table import submission_view
-
     with open_client(server) as client:
         view = client.status(submission_id)
         if json:
@@ -111,9 +106,6 @@ def submissions(
     json: options.Json = False,
 ) -> None:
     """List the team's submissions, newest first."""
-    from exceptiondrive.cli.session import open_client
-    from exceptiondrive.cli.submission_table import submissions_table
-
     with open_client(server) as client:
         views = client.submissions(phase=phase, status=_status(only), limit=limit)
     if json:
@@ -133,8 +125,6 @@ def withdraw(
 
     It stays in the team's own list.
     """
-    from exceptiondrive.cli.session import open_client
-
     with open_client(server) as client:
         view = client.withdraw(submission_id)
     if json:
@@ -152,8 +142,6 @@ def choose(
 
     The last choice before the deadline counts; without one it is the latest scored submission.
     """
-    from exceptiondrive.cli.session import open_client
-
     with open_client(server) as client:
         view = client.choose(submission_id)
     _show_saying(view, "stands for the team", json)
@@ -168,24 +156,19 @@ def publish(
     json: options.Json = False,
 ) -> None:
     """Put an entry on the board of a phase that keeps entries private."""
-    from exceptiondrive.cli.session import open_client
-
     with open_client(server) as client:
         view = client.unpublish(submission_id) if undo else client.publish(submission_id)
     _show_saying(view, "is public" if view.is_published else "is private", json)
 
 
-def _show_saying(view: "SubmissionView", words: str, json: bool) -> None:
+def _show_saying(view: SubmissionView, words: str, json: bool) -> None:
     if json:
         show_document(view)
     else:
         show(f"{view.id} {words}")
 
 
-def _status(name: str | None) -> "SubmissionStatus | None":
-    from exceptiondrive.errors import InvalidArgumentError
-    from exceptiondrive_schemas.submission import SubmissionStatus
-
+def _status(name: str | None) -> SubmissionStatus | None:
     if name is None:
         return None
     try:
@@ -196,9 +179,7 @@ def _status(name: str | None) -> "SubmissionStatus | None":
         ) from None
 
 
-def _quota_left(quota: "Quota | None") -> tuple[str, ...]:
-    from exceptiondrive.errors import utc_text
-
+def _quota_left(quota: Quota | None) -> tuple[str, ...]:
     if quota is None:
         return ()
     text = f"{quota.remaining_today} of {quota.per_day} submissions left today"
@@ -207,9 +188,5 @@ def _quota_left(quota: "Quota | None") -> tuple[str, ...]:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    app.command()(submit)
-    app.command()(status)
-    app.command()(submissions)
-    app.command()(withdraw)
-    app.command()(choose)
-    app.command()(publish)
+    for command in (submit, status, submissions, withdraw, choose, publish):
+        app.command()(command)

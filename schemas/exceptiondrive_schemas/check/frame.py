@@ -1,4 +1,4 @@
-"""The frame check of PROTOCOL.md section 5: which way do the source trajectories go?"""
+"""The frame check of docs/protocol.md section 5: which way do the source trajectories go?"""
 
 from __future__ import annotations  # array[float] is no runtime type before 3.12
 

@@ -4,8 +4,8 @@ import zlib
 from dataclasses import dataclass
 
 from exceptiondrive_schemas.check.file_kinds import other_file_kind
-from exceptiondrive_schemas.check.shown import counted
 from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.printable import counted
 
 MIB = 1024 * 1024
 MAX_UPLOAD_BYTES = 16 * MIB

@@ -1,4 +1,4 @@
-"""Rules for one prediction of `exceptiondrive.planning/1` (PROTOCOL.md sections 1 and 5)."""
+"""Rules for one prediction of `exceptiondrive.planning/1` (docs/protocol.md sections 1 and 5)."""
 
 from __future__ import annotations  # array[float] is no runtime type before 3.12
 
@@ -10,8 +10,9 @@ from typing import Any
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.findings import Findings, Path
 from exceptiondrive_schemas.check.frame import FrameCheck
-from exceptiondrive_schemas.check.shown import counted, kind, shown
+from exceptiondrive_schemas.check.shown import kind, shown
 from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
 
 NUMBERS = (float, int)

@@ -4,6 +4,8 @@ import json
 import math
 from typing import Any
 
+from exceptiondrive_schemas.printable import counted
+
 MAX_SHOWN_CHARACTERS = 60
 
 JSON_KINDS = {bool: "a boolean", int: "a number", float: "a number", str: "text"}
@@ -49,11 +51,6 @@ def shown(value: Any) -> str:
 def kind(value: Any) -> str:
     """Return the JSON kind of a value with an article, to stand after "got"."""
     return JSON_KINDS.get(type(value), shown(value))
-
-
-def counted(n: int, noun: str) -> str:
-    """Return `1 value`, `2 values`, `1,000 values`."""
-    return f"{n:,} {noun}" if n == 1 else f"{n:,} {noun}s"
 
 
 def json_path(parts: tuple[str | int, ...]) -> str:

@@ -1,4 +1,4 @@
-"""Rules for one prediction of `exceptiondrive.strategy/1` (PROTOCOL.md section 6)."""
+"""Rules for one prediction of `exceptiondrive.strategy/1` (docs/protocol.md section 6)."""
 
 from collections.abc import Mapping
 from typing import Any, get_args

@@ -3,8 +3,9 @@
 import unicodedata
 
 from exceptiondrive_schemas.check.findings import Findings, Path
-from exceptiondrive_schemas.check.shown import counted, kind, quoted
+from exceptiondrive_schemas.check.shown import kind, quoted
 from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.printable import counted
 
 UNKEEPABLE = frozenset({"Cc", "Cs"})
 """Unicode categories: control characters (NUL among them) and lone surrogates."""

@@ -5,6 +5,7 @@ import json
 from exceptiondrive_schemas.publish.errors_page import errors_page
 from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
 from exceptiondrive_schemas.publish.json_schemas import MODELS, json_schema
+from exceptiondrive_schemas.publish.settings_page import settings_page
 
 PACKAGE_DATA = "schemas/exceptiondrive_schemas/published"
 COPIES = "docs"
@@ -19,7 +20,7 @@ def written_files() -> dict[str, str]:
         for folder in (PACKAGE_DATA, COPIES)
         for path, text in texts.items()
     }
-    return files | {"docs/errors.md": errors_page()}
+    return files | {"docs/errors.md": errors_page(), "docs/phase-settings.md": settings_page()}
 
 
 def _schema_text(name: str) -> str:

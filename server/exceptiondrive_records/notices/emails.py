@@ -7,7 +7,7 @@ from email.message import EmailMessage
 from exceptiondrive_records.notices.settings import NoticeSettings
 from exceptiondrive_records.notices.webhooks import NotDelivered
 from exceptiondrive_schemas.printable import one_line
-from exceptiondrive_schemas.rescoring import NotificationView, Standing, ToldEntry
+from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView, Standing
 
 _TIMEOUT_S = 10.0
 
@@ -60,7 +60,7 @@ def text_of(notice: NotificationView, site_url: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _entry_lines(entry: ToldEntry) -> list[str]:
+def _entry_lines(entry: ChangedEntry) -> list[str]:
     return [
         f"{one_line(entry.method)} ({entry.submission_id})",
         f"  before: {_standing(entry.old)}",

@@ -6,103 +6,98 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.identifiers import random_id
-from exceptiondrive_records.rescoring.differences import difference_of
 from exceptiondrive_records.tables import Phase, Submission, Team
 from exceptiondrive_records.tables_rescoring import (
     ContactPoint,
     Delivery,
     Notification,
-    RescoringRun,
 )
 from exceptiondrive_records.work.lease import new_item
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.rescoring import (
+    ChangedEntry,
     Comparison,
     EntryChange,
+    NotificationKind,
     NotificationView,
-    ToldEntry,
 )
 
-_VERBS = {
+_VERBS: dict[NotificationKind, str] = {
     "protocol_applied": "now stands under",
     "protocol_rolled_back": "stands again under",
 }
 
 
-def tell_teams(
-    session: Session, run: RescoringRun, comparison: Comparison, kind: str
+def notify_teams(
+    session: Session,
+    comparison: Comparison,
+    kind: NotificationKind,
+    *,
+    run_id: str,
+    what_changed: tuple[str, ...],
 ) -> list[Notification]:
-    """Tell each team whose published numbers change the old and the new ones; others nothing."""
-    changed = _changed(comparison)
+    """Notify each team whose published numbers change of the old and the new ones; no others.
+
+    Args:
+        session: Of the transaction that changes them.
+        comparison: What changes for readers.
+        kind: Of the notification.
+        run_id: The rescoring run that changes it.
+        what_changed: Of the protocol or split, in sentences.
+    """
+    changed = [entry for entry in comparison.entries if entry.change != "none"]
     owners = _teams_of(session, [entry.submission_id for entry in changed])
     by_team: dict[int, list[EntryChange]] = {}
     for entry in changed:
         by_team.setdefault(owners[entry.submission_id].id, []).append(entry)
-    words = difference_of(session, run).sentences
-    if kind == "protocol_rolled_back":
-        words = tuple(f"taken back: {sentence}" for sentence in words)
-    told = []
-    for team_id in sorted(by_team):
-        team = session.get_one(Team, team_id)
-        told.append(_tell(session, run, comparison, kind, team, by_team[team_id], words))
-    return told
-
-
-def _changed(comparison: Comparison) -> list[EntryChange]:
-    """Return the entries whose published numbers or ranks change."""
-    return [entry for entry in comparison.entries if entry.change != "none"]
-
-
-def _tell(
-    session: Session,
-    run: RescoringRun,
-    comparison: Comparison,
-    kind: str,
-    team: Team,
-    entries: list[EntryChange],
-    words: tuple[str, ...],
-) -> Notification:
-    phase = session.get_one(Phase, run.phase_id)
+    phase = session.get_one(Phase, comparison.phase)
     now = database_now(session)
-    view = NotificationView.model_validate(
-        {
-            "id": random_id(),
-            "kind": kind,
-            "team": team.name,
-            "phase": phase.id,
-            "created_at": now,
-            "title": f"{phase.title} {_VERBS[kind]} protocol {comparison.to_protocol.version}",
-            "from_protocol": comparison.from_protocol,
-            "to_protocol": comparison.to_protocol,
-            "what_changed": words,
-            "entries": tuple(
-                ToldEntry(
+    rows = []
+    for team_id in sorted(by_team):
+        view = NotificationView(
+            id=random_id(),
+            kind=kind,
+            team=session.get_one(Team, team_id).name,
+            phase=phase.id,
+            created_at=now,
+            title=f"{phase.title} {_VERBS[kind]} protocol {comparison.to_protocol.version}",
+            from_protocol=comparison.from_protocol,
+            to_protocol=comparison.to_protocol,
+            what_changed=what_changed,
+            entries=tuple(
+                ChangedEntry(
                     submission_id=entry.submission_id,
                     method=entry.method,
                     old=entry.old,
                     new=entry.new,
                 )
-                for entry in entries
+                for entry in by_team[team_id]
             ),
-            "comparison": f"/api/v1/rescoring/{run.id}",
-        }
-    )
+            comparison=f"/api/v1/rescoring/{run_id}",
+        )
+        rows.append(_put(session, team_id, run_id, view))
+    return rows
+
+
+def _put(session: Session, team_id: int, run_id: str, view: NotificationView) -> Notification:
+    """Put a notification into an inbox, and a delivery for each address into the outbox."""
     row = Notification(
         id=view.id,
-        team_id=team.id,
-        run_id=run.id,
-        kind=kind,
+        team_id=team_id,
+        run_id=run_id,
+        kind=view.kind,
         body=canonical_json(view).decode("utf-8"),
-        created_at=now,
+        created_at=view.created_at,
     )
     session.add(row)
     session.flush()
     contacts = select(ContactPoint).where(
-        ContactPoint.team_id == team.id, ContactPoint.removed_at.is_(None)
+        ContactPoint.team_id == team_id, ContactPoint.removed_at.is_(None)
     )
     for contact in session.scalars(contacts):
         key = f"{row.id}/{contact.id}"
-        session.add(new_item(Delivery, key, now, notification_id=row.id, contact_id=contact.id))
+        ids = {"notification_id": row.id, "contact_id": contact.id}
+        session.add(new_item(Delivery, key, view.created_at, **ids))
     return row
 
 

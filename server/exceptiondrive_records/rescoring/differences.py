@@ -32,6 +32,11 @@ def difference_of(session: Session, run: RescoringRun) -> Difference:
     )
 
 
+def taken_back(sentences: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the sentences of a run that was rolled back."""
+    return tuple(f"taken back: {sentence}" for sentence in sentences)
+
+
 def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change, ...]:
     """Say which samples count, where the part of the split changes."""
     if before.part == after.part:

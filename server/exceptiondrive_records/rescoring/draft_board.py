@@ -1,13 +1,10 @@
 """The board that is not shown yet: whether it says what the sheets say now."""
 
-import json
-from functools import lru_cache
-
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.board_records import entry_ids_for_board
 from exceptiondrive_records.board_requests import is_board_wanted, want_board
-from exceptiondrive_records.boards import latest_board
+from exceptiondrive_records.boards import entry_ids, latest_board
 from exceptiondrive_records.rescoring.keys import ScoringKey
 from exceptiondrive_records.tables import BoardRow
 
@@ -18,7 +15,7 @@ def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | 
         return None
     row = latest_board(session, phase_id, key.protocol_digest, key.split_revision)
     due = entry_ids_for_board(session, phase_id, key.protocol_digest, key.split_revision)
-    return row if row is not None and _entries_of(row.body) == due else None
+    return row if row is not None and entry_ids(session, row.id) == due else None
 
 
 def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
@@ -27,11 +24,3 @@ def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
         return
     if fresh_board(session, phase_id, key) is None:
         want_board(session, phase_id, key.protocol_digest, key.split_revision)
-
-
-@lru_cache(maxsize=8)
-def _entries_of(body: str) -> frozenset[str]:
-    entries = json.loads(body)["entries"]
-    return frozenset(
-        entry["submission_id"] for entry in entries if entry["submission_id"] is not None
-    )

@@ -7,11 +7,12 @@ from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.boards import flip_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.errors import Conflict
-from exceptiondrive_records.notices.inbox import tell_teams
+from exceptiondrive_records.notices.inbox import notify_teams
 from exceptiondrive_records.phase_life import frozen_since
 from exceptiondrive_records.phases import lock_phase
 from exceptiondrive_records.quotas import WAITING
 from exceptiondrive_records.rescoring.compared import Compared, compare_rows
+from exceptiondrive_records.rescoring.differences import difference_of, taken_back
 from exceptiondrive_records.rescoring.draft_board import fresh_board
 from exceptiondrive_records.rescoring.failed import failed_words
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
@@ -25,14 +26,13 @@ from exceptiondrive_records.rescoring.keys import (
 )
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
-from exceptiondrive_records.rescoring.runs import move_run, require_state
+from exceptiondrive_records.rescoring.runs import move_run, require_action
 from exceptiondrive_records.tables import BoardRow, Phase, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import RunState
+from exceptiondrive_schemas.rescoring import Comparison, NotificationKind, RunAction, RunState
 
-_APPLICABLE = (RunState.SCORING, RunState.READY)
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 """States that cannot be applied, and say themselves what to do about it."""
 
@@ -98,16 +98,16 @@ def apply_run(
         NotFound: No such run.
         Conflict: It is not ready, a pair is missing or failed, or the preview is stale.
     """
-    phase, row, compared = _checked(session, run_id, _APPLICABLE, "applied")
+    phase, row, compared = _checked(session, run_id, RunAction.APPLY)
     _require_seen(compared, preview)
-    run = move_run(session, run_id, _APPLICABLE, RunState.APPLIED, "applied", reason, actor)
+    run = move_run(session, run_id, RunAction.APPLY, reason, actor)
     run.from_board_id, run.to_board_id = phase.current_board_id, row.id
     run.applied_at = run.state_at
     run.comparison = compared.comparison
     if frozen_since(phase, run.state_at) is not None:  # only a reveal comes here
         phase.unfrozen_at = run.state_at
     run.apply_flip_id = _flip(session, phase, row, new_key(run))
-    tell_teams(session, run, compared.comparison, "protocol_applied")
+    _notify(session, run, compared.comparison, "protocol_applied")
     return run
 
 
@@ -118,13 +118,21 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
         NotFound: No such run.
         Conflict: It is not applied, or sheets of fresh submissions are missing.
     """
-    applied = (RunState.APPLIED,)
-    phase, row, compared = _checked(session, run_id, applied, "rolled back")
-    run = move_run(session, run_id, applied, RunState.ROLLED_BACK, "rolled back", reason, actor)
+    phase, row, compared = _checked(session, run_id, RunAction.ROLLBACK)
+    run = move_run(session, run_id, RunAction.ROLLBACK, reason, actor)
     run.rollback_flip_id = _flip(session, phase, row, old_key(run))
     cancel_jobs(session, run, new_key(run))
-    tell_teams(session, run, compared.comparison, "protocol_rolled_back")
+    _notify(session, run, compared.comparison, "protocol_rolled_back")
     return run
+
+
+def _notify(
+    session: Session, run: RescoringRun, comparison: Comparison, kind: NotificationKind
+) -> None:
+    words = difference_of(session, run).sentences
+    if kind == "protocol_rolled_back":
+        words = taken_back(words)
+    notify_teams(session, comparison, kind, run_id=run.id, what_changed=words)
 
 
 def _require_seen(compared: Compared, preview: str) -> None:
@@ -136,14 +144,12 @@ def _require_seen(compared: Compared, preview: str) -> None:
         )
 
 
-def _checked(
-    session: Session, run_id: str, states: tuple[RunState, ...], what: str
-) -> tuple[Phase, BoardRow, Compared]:
+def _checked(session: Session, run_id: str, action: RunAction) -> tuple[Phase, BoardRow, Compared]:
     """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
     run = find_run(session, run_id, lock=True)
     phase = lock_phase(session, run.phase_id)
-    if states == (RunState.APPLIED,) or run.state not in _BLOCKED_IN_WORDS:
-        require_state(run, states, what)
+    if action is RunAction.ROLLBACK or run.state not in _BLOCKED_IN_WORDS:
+        require_action(session, run, action)
     blockers = blockers_of(session, run)
     if blockers:
         raise Conflict(" ".join(blockers))
@@ -161,7 +167,7 @@ def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int
     old = key_of_phase(phase)
     phase.protocol_digest, phase.split_revision = key.protocol_digest, key.split_revision
     phase.late_board_id = None
-    if phase.life.late_entries == "own_view":  # its late view is built next
+    if phase.policy.late_entries == "own_view":  # its late view is built next
         want_board(session, phase.id, key.protocol_digest, key.split_revision)
     flip = flip_board(session, phase, row)
     _turn_waiting_jobs(session, phase.id, old, key)

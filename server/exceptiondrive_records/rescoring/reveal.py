@@ -12,7 +12,7 @@ from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.splits import find_split, part_revision
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_schemas.phase_life import SplitPart
+from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.rescoring import RunState
 
 
@@ -24,7 +24,7 @@ def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) ->
         Conflict: The split has no parts, it is revealed already, or a run is open.
     """
     phase = lock_phase(session, phase_id)
-    part: SplitPart | None = "private" if phase.life.revealed_part == "private" else None
+    part: SplitPart | None = "private" if phase.policy.revealed_part == "private" else None
     target = part_revision(session, phase.split_name, phase.split_revision, part)
     has_parts = part_revision(session, phase.split_name, phase.split_revision, "private")
     if target is None or has_parts is None:

@@ -30,9 +30,18 @@ from exceptiondrive_records.splits import find_split
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_records.tables_rescoring import RescoringRun
 from exceptiondrive_records.work.tables import Job, WorkState
-from exceptiondrive_schemas.rescoring import RunState
+from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunState, next_states
 
-__all__ = ["cancel_run", "close_run", "create_run", "pause_run", "resume_run", "start_run"]
+_DONE = {
+    RunAction.START: "started",
+    RunAction.PAUSE: "paused",
+    RunAction.RESUME: "resumed",
+    RunAction.APPLY: "applied",
+    RunAction.ROLLBACK: "rolled back",
+    RunAction.CLOSE: "closed",
+    RunAction.CANCEL: "cancelled",
+}
+"""What the audit log says of each action, after `rescoring`."""
 
 
 def create_run(
@@ -92,26 +101,21 @@ def create_run(
 
 def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
     """Begin to score in the background; the reconciler fans out."""
-    run = move_run(session, run_id, (RunState.DRAFT,), RunState.SCORING, "started", reason, actor)
+    run = move_run(session, run_id, RunAction.START, reason, actor)
     run.started_at = run.resumed_at = run.state_at
     return run
 
 
 def pause_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
     """Let no further job of the run begin."""
-    run = move_run(session, run_id, (RunState.SCORING,), RunState.PAUSED, "paused", reason, actor)
+    run = move_run(session, run_id, RunAction.PAUSE, reason, actor)
     hold_jobs(session, run)
     return run
 
 
 def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Go on with a paused run, and try failed pairs again, also of one that is ready or applied."""
-    run = find_run(session, run_id, lock=True)
-    before = [RunState.PAUSED, RunState.SCORING]
-    if run.state in (RunState.READY, RunState.APPLIED) and _has_failed(session, run):
-        before.append(run.state)
-    after = RunState.APPLIED if run.state is RunState.APPLIED else RunState.SCORING
-    move_run(session, run_id, tuple(before), after, "resumed", reason, actor)
+    """Go on with a paused run, and try failed pairs again, in any state that has some."""
+    run = move_run(session, run_id, RunAction.RESUME, reason, actor)
     run.resumed_at = run.state_at
     release_jobs(session, run)
     retry_failed(session, run, other_key(run))
@@ -120,29 +124,21 @@ def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
 
 def cancel_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
     """End a run that was not applied; sheets that were made stay, and need not be made again."""
-    before = (RunState.DRAFT, RunState.SCORING, RunState.PAUSED, RunState.READY)
-    run = move_run(session, run_id, before, RunState.CANCELLED, "cancelled", reason, actor)
+    run = move_run(session, run_id, RunAction.CANCEL, reason, actor)
     cancel_jobs(session, run, new_key(run))
     return run
 
 
 def close_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
     """End an applied run for good: fresh submissions are scored under the new protocol alone."""
-    applied = (RunState.APPLIED,)
-    run = move_run(session, run_id, applied, RunState.CLOSED, "closed", reason, actor)
+    run = move_run(session, run_id, RunAction.CLOSE, reason, actor)
     cancel_jobs(session, run, old_key(run))
     score_waiting_under(session, run.phase_id, new_key(run))
     return run
 
 
 def move_run(
-    session: Session,
-    run_id: str,
-    before: tuple[RunState, ...],
-    after: RunState,
-    what: str,
-    reason: str,
-    actor: str,
+    session: Session, run_id: str, action: RunAction, reason: str, actor: str
 ) -> RescoringRun:
     """Move a run to another state and say so in the audit log.
 
@@ -153,26 +149,34 @@ def move_run(
     """
     run = find_run(session, run_id, lock=True)
     reason = checked_reason(reason)
-    require_state(run, before, what)
     was = run.state
-    run.state = after
+    run.state = require_action(session, run, action)
     run.state_at = database_now(session)
-    if after.is_final:
+    if run.state.is_final:
         run.ended_at = run.state_at
     detail = {"phase": run.phase_id, "reason": reason, "was": was.value}
-    audit(session, actor, f"rescoring {what}", run.id, detail)
+    audit(session, actor, f"rescoring {_DONE[action]}", run.id, detail)
     return run
 
 
-def require_state(run: RescoringRun, before: tuple[RunState, ...], what: str) -> None:
-    """Raise Conflict, with the states in which it is possible, unless the run is in one of them."""
-    if run.state in before:
-        return
-    *first, last = [_words(state) for state in before]
-    states = f"{', '.join(first)} or {last}" if first else last
-    again = " already" if _words(run.state) == what else ""
+def require_action(session: Session, run: RescoringRun, action: RunAction) -> RunState:
+    """Return the state that an action leads to.
+
+    Raises:
+        Conflict: It is not possible; the sentence says in which states it is.
+    """
+    may_retry = action is RunAction.RESUME and run.state in RETRIES
+    states = next_states(action, has_failed=may_retry and has_failed_pairs(session, run))
+    if run.state in states:
+        return states[run.state]
+    *first, last = [_words(state) for state in states]
+    before = f"{', '.join(first)} or {last}" if first else last
+    if action is RunAction.RESUME:
+        before += ", or has failed sheets"
+    done = _DONE[action]
+    again = " already" if _words(run.state) == done else ""
     raise Conflict(
-        f"The run is {_words(run.state)}{again}; it can be {what} only while it is {states}."
+        f"The run is {_words(run.state)}{again}; it can be {done} only while it is {before}."
     )
 
 
@@ -198,7 +202,8 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
     return len(failed)
 
 
-def _has_failed(session: Session, run: RescoringRun) -> bool:
+def has_failed_pairs(session: Session, run: RescoringRun) -> bool:
+    """Whether sheets of the side that is not shown could not be made."""
     return count_pairs(session, run.phase_id, other_key(run)).failed > 0
 
 

@@ -8,7 +8,7 @@ from exceptiondrive_records.errors import Conflict, NotFound
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.protocols import checked_protocol, find_protocol, list_protocols
 from exceptiondrive_records.rescoring.compared import Compared, compare_rows
-from exceptiondrive_records.rescoring.differences import difference_of
+from exceptiondrive_records.rescoring.differences import difference_of, taken_back
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.keys import ScoringKey, find_run, list_runs, other_key
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
@@ -21,6 +21,7 @@ from exceptiondrive_schemas.rescoring import (
     PublicRun,
     RunState,
     RunView,
+    actions_of,
 )
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
@@ -32,6 +33,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     """Return a run as organizers see it."""
     phase = session.get_one(Phase, run.phase_id)
     compared = comparison_of(session, run) if run.state in _PREVIEWED else None
+    progress = progress_of(session, run, other_key(run))
     return RunView(
         id=run.id,
         phase=run.phase_id,
@@ -46,7 +48,8 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         started_at=run.started_at,
         applied_at=run.applied_at,
         ended_at=run.ended_at,
-        progress=progress_of(session, run, other_key(run)),
+        progress=progress,
+        actions=actions_of(run.state, has_failed=progress.failed > 0),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
         old_board=compared.comparison.old_board if compared else None,
@@ -202,9 +205,7 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
 
 def _words_of(session: Session, run: RescoringRun, flip_id: int) -> tuple[str, ...]:
     sentences = difference_of(session, run).sentences
-    if flip_id != run.rollback_flip_id:
-        return sentences
-    return tuple(f"taken back: {sentence}" for sentence in sentences)
+    return taken_back(sentences) if flip_id == run.rollback_flip_id else sentences
 
 
 def _runs_by_flip(session: Session, phase_id: str) -> dict[int, RescoringRun]:

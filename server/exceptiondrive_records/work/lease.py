@@ -8,14 +8,12 @@ from datetime import datetime, timedelta
 from typing import Any, TypeVar, cast
 
 from sqlalchemy import ColumnElement, CursorResult, Select, and_, case, delete, or_, update
-from sqlalchemy.dialects.postgresql import Insert
-from sqlalchemy.dialects.postgresql import insert as postgres_insert
-from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.identifiers import random_id
+from exceptiondrive_records.upserts import insert_if_absent, upsert
 from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
@@ -44,20 +42,14 @@ def ask(
     """
     values = _new_values(kind, key, database_now(session), lane=lane) | columns
     is_leased = WorkItem.state == WorkState.LEASED
-    session.execute(
-        _insert(session)
-        .values(values)
-        .on_conflict_do_update(
-            index_elements=["kind", "key"],
-            set_={
-                "asked": WorkItem.asked + 1,
-                "state": case((is_leased, WorkItem.state), else_=WorkState.QUEUED.value),
-                "attempts": case((is_leased, WorkItem.attempts), else_=0),
-                "finished_at": None,
-                "lane": lane,
-            },
-        )
-    )
+    changes = {
+        "asked": WorkItem.asked + 1,
+        "state": case((is_leased, WorkItem.state), else_=WorkState.QUEUED.value),
+        "attempts": case((is_leased, WorkItem.attempts), else_=0),
+        "finished_at": None,
+        "lane": lane,
+    }
+    upsert(session, kind, values, changes, keys=("kind", "key"))
 
 
 def is_free(kind: type[WorkItem], now: datetime) -> ColumnElement[bool]:
@@ -164,7 +156,7 @@ def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
     """Become or stay the leader; False while another holder's lease runs."""
     now = database_now(session)
     values = _new_values(Leader, name, now) | {"holder": holder, "lease_until": now}
-    session.execute(_insert(session).values(values).on_conflict_do_nothing())
+    insert_if_absent(session, Leader, **values)
     taken = session.execute(
         update(Leader)
         .where(Leader.key == name, (Leader.holder == holder) | (Leader.lease_until <= now))
@@ -182,13 +174,6 @@ def give_up_lead(session: Session, name: str, holder: str) -> None:
 
 def _is_leased() -> ColumnElement[bool]:
     return WorkItem.state == WorkState.LEASED
-
-
-def _insert(session: Session) -> Insert:
-    """Both dialects know the same clauses on conflict."""
-    if session.get_bind().dialect.name == "sqlite":
-        return cast("Insert", sqlite_insert(WorkItem.__table__))
-    return postgres_insert(WorkItem.__table__)
 
 
 def _new_values(

@@ -5,19 +5,20 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.boards import find_board
+from exceptiondrive_records.boards import find_board, parsed_board
 from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.tables import BoardRow
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.api.board_choice import BoardChoice, ChosenBoard, find_chosen
-from exceptiondrive_server.api.board_order import sorted_board
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.etag import FOR_EVER_S, conditional
+from exceptiondrive_server.pages.board_query import AskedBoard, documented
+from exceptiondrive_server.pages.board_selection import sorted_board
 from exceptiondrive_server.pages.exports import EXPORTS
-from exceptiondrive_server.pages.readings import parsed_board
+from exceptiondrive_server.pages.readings import chosen_board
 from exceptiondrive_server.pages.site import origin_of
-from exceptiondrive_server.problems import ApiProblem, problem_responses
+from exceptiondrive_server.problems import (
+    problem_responses,
+)
 
 router = APIRouter(tags=["boards"])
 _UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}
@@ -28,12 +29,20 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get("/leaderboard", operation_id="showBoard", response_class=Response, responses=_RESPONSES)
-def get_board(request: Request, services: ServicesOf, choice: ChosenBoard) -> Response:
+@router.get(
+    "/leaderboard",
+    operation_id="showBoard",
+    response_class=Response,
+    responses=_RESPONSES,
+    openapi_extra=documented(),
+)
+def get_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
     """Give a board as JSON; sorting never changes a rank, and rows without a value come last."""
     with services.database.read() as session:
-        row = find_chosen(session, choice)
-        body = row.body if choice.sort is None else _sorted(row, choice.sort).model_dump_json()
+        row = chosen_board(session, query)
+        board = parsed_board(row)
+    shown = sorted_board(board, query.sort)
+    body = row.body if shown is board else shown.model_dump_json()
     max_age_s = services.settings.board_max_age_s
     return conditional(request, body.encode(), "application/json", max_age_s=max_age_s)
 
@@ -50,15 +59,15 @@ def get_board(request: Request, services: ServicesOf, choice: ChosenBoard) -> Re
         304: _UNCHANGED,
         **problem_responses(ProblemCode.NOT_FOUND),
     },
+    openapi_extra=documented(),
 )
-def get_board_csv(request: Request, services: ServicesOf, choice: ChosenBoard) -> Response:
+def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
     """Give a board as CSV; cells that a spreadsheet would run as formulas are quoted."""
     with services.database.read() as session:
-        row = find_chosen(session, choice)
+        row = chosen_board(session, query)
         protocol = find_protocol(session, row.protocol_digest)
-    board = _board(row, choice)
     csv = EXPORTS["csv"]
-    text = csv.write(board, protocol, origin_of(request))
+    text = csv.write(sorted_board(parsed_board(row), query.sort), protocol, origin_of(request))
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
 
@@ -79,15 +88,3 @@ def get_board_by_number(
     with services.database.read() as session:
         body = find_board(session, phase, number).body
     return conditional(request, body.encode(), "application/json", max_age_s=FOR_EVER_S)
-
-
-def _board(row: BoardRow, choice: BoardChoice) -> Board:
-    return parsed_board(row) if choice.sort is None else _sorted(row, choice.sort)
-
-
-def _sorted(row: BoardRow, sort: str) -> Board:
-    try:
-        return sorted_board(parsed_board(row), sort)
-    except KeyError:
-        detail = "Sort by a metric of this board's challenge, for example `sort=ur` or `sort=-hcc`."
-        raise ApiProblem(ProblemCode.BAD_REQUEST, detail, fields={"sort": detail}) from None

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import current_board, late_board
+from exceptiondrive_records.boards import boards_with, parsed_board
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.tables import BoardRow, Submission
@@ -15,7 +15,6 @@ from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.auth import ServicesOf
-from exceptiondrive_server.pages.readings import parsed_board
 from exceptiondrive_server.problems import problem_responses
 
 router = APIRouter(prefix="/entries", tags=["boards"])
@@ -56,6 +55,6 @@ def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], Sc
     if submission is None:
         return [], None
     phase = find_phase(session, submission.phase_id)
-    boards = (current_board(session, phase.id), late_board(session, phase.id))
-    rows = [row for row in boards if row is not None and submission_id in row.body]
+    shown = (phase.current_board_id, phase.late_board_id)
+    rows = boards_with(session, submission_id, shown)
     return rows, published_sheet(session, submission, phase)

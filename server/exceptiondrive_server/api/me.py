@@ -5,7 +5,10 @@ from fastapi import APIRouter
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Me
 from exceptiondrive_server.auth import MaybePrincipal
-from exceptiondrive_server.problems import ApiProblem, problem_responses
+from exceptiondrive_server.problem_vocabulary import ApiProblem
+from exceptiondrive_server.problems import (
+    problem_responses,
+)
 
 router = APIRouter(tags=["access"])
 

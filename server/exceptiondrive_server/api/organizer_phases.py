@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path
-from pydantic import BaseModel, Field, StrictBool, StrictInt
+from pydantic import BaseModel, Field
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.board_records import names_of
@@ -22,49 +22,14 @@ from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.phase_life import PhaseLife, SplitPart
+from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.auth import Organizer, ServicesOf
 from exceptiondrive_server.services import Services
-from exceptiondrive_server.times import Time
 
 router = APIRouter()
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
-
-
-class PhaseSettings(Form):
-    """What organizers settle of a phase, now or later."""
-
-    description: Annotated[str, Field(max_length=8000)] = ""
-    opens_at: Time | None = None
-    closes_at: Time | None = None
-    quota_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 3
-    quota_total: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
-    quota_concurrent: Annotated[StrictInt, Field(ge=1, le=10_000)] | None = None
-    rejected_per_day: Annotated[StrictInt, Field(ge=1, le=10_000)] = 20
-    shows_reported: StrictBool = False
-    life: PhaseLife = PhaseLife()
-
-
-class NewPhase(PhaseSettings):
-    """A phase to be made."""
-
-    id: Annotated[str, Field(max_length=64)]
-    challenge: ChallengeId
-    title: Annotated[str, Field(max_length=400)]
-    split: Annotated[str, Field(max_length=64)]
-    protocol: Annotated[str, Field(max_length=100)]
-
-
-class PhaseChange(PhaseSettings):
-    """Settings to be changed: what is left out stays, null takes a limit or date away.
-
-    Of the fields of `life`, too, only those that are sent are changed.
-    """
-
-    title: Annotated[str, Field(max_length=400)] = ""
 
 
 class PhaseStep(Form):
@@ -122,24 +87,7 @@ def get_splits(services: ServicesOf) -> list[SplitView]:
 def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> PhaseView:
     """Make a phase."""
     with services.database.write() as session:
-        made = create_phase(
-            session,
-            phase.id,
-            challenge=phase.challenge.value,
-            title=phase.title,
-            description=phase.description,
-            split_name=phase.split,
-            protocol=phase.protocol,
-            opens_at=phase.opens_at,
-            closes_at=phase.closes_at,
-            quota_per_day=phase.quota_per_day,
-            quota_total=phase.quota_total,
-            quota_concurrent=phase.quota_concurrent,
-            rejected_per_day=phase.rejected_per_day,
-            shows_reported=phase.shows_reported,
-            life=phase.life,
-            actor=organizer.actor,
-        )
+        made = create_phase(session, phase, actor=organizer.actor)
         return _view(session, services, made)
 
 
@@ -148,15 +96,8 @@ def patch_phase(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, change: PhaseChange
 ) -> PhaseView:
     """Change settings of a phase; what would take back a promise is refused."""
-    sent = change.model_fields_set - {"life"}
     with services.database.write() as session:
-        phase = update_phase(
-            session,
-            phase_id,
-            changes={key: getattr(change, key) for key in sorted(sent)},
-            life=change.life if "life" in change.model_fields_set else None,
-            actor=organizer.actor,
-        )
+        phase = update_phase(session, phase_id, change, actor=organizer.actor)
         return _view(session, services, phase)
 
 

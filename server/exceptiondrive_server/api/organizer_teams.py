@@ -17,10 +17,10 @@ from exceptiondrive_records.tokens import (
     list_tokens,
     revoke_token,
 )
+from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.api.token_views import IssuedToken, TokenView, token_view
 from exceptiondrive_server.auth import Organizer, ServicesOf
-from exceptiondrive_server.times import Time
 
 router = APIRouter()
 Slug = Annotated[str, Path(max_length=64, description="id of a team")]

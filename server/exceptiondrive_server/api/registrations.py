@@ -11,7 +11,10 @@ from exceptiondrive_records.site_settings import self_registration_is_on
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.auth import ServicesOf
-from exceptiondrive_server.problems import ApiProblem, problem_responses
+from exceptiondrive_server.problem_vocabulary import ApiProblem
+from exceptiondrive_server.problems import (
+    problem_responses,
+)
 
 router = APIRouter(tags=["access"])
 

@@ -10,7 +10,7 @@ from exceptiondrive_records.splits import find_split
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.auth import ServicesOf
-from exceptiondrive_server.etag import matches
+from exceptiondrive_server.etag import conditional
 from exceptiondrive_server.problems import problem_responses
 
 router = APIRouter(prefix="/splits", tags=["splits"])
@@ -38,11 +38,13 @@ def download_split(
         digest = find_split(session, name).public_file_digest
     if digest is None:
         raise NotFound("split", name)
-    etag = f'"{digest}"'
-    headers = {"ETag": etag, "Cache-Control": "public, max-age=3600"}
-    if matches(request.headers.get("if-none-match"), etag):
-        return Response(status_code=304, headers=headers)
-    data = services.files.read(digest, limit_bytes=MAX_SPLIT_BYTES)
-    if data.startswith(GZIP_MAGIC):
-        headers["Content-Encoding"] = "gzip"
-    return Response(data, media_type="application/json", headers=headers)
+    answer = conditional(
+        request,
+        lambda: services.files.read(digest, limit_bytes=MAX_SPLIT_BYTES),
+        "application/json",
+        etag=digest,
+        headers={"Cache-Control": "public, max-age=3600"},
+    )
+    if bytes(answer.body[:2]) == GZIP_MAGIC:
+        answer.headers["Content-Encoding"] = "gzip"
+    return answer

@@ -14,12 +14,12 @@ from exceptiondrive_records.team_tokens import (
     team_tokens,
 )
 from exceptiondrive_records.tokens import PARTICIPANT_SCOPES, Scope
+from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.api.organizer_forms import Form
 from exceptiondrive_server.api.token_views import IssuedToken, TokenView, token_view
 from exceptiondrive_server.auth import ServicesOf, TokenKeeper, team_of
 from exceptiondrive_server.problems import problem_responses
-from exceptiondrive_server.times import Time
 
 _REFUSALS = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
 router = APIRouter(prefix="/tokens", tags=["access"], responses=problem_responses(*_REFUSALS))

@@ -21,6 +21,7 @@ from exceptiondrive_records.teams import create_team, find_team
 from exceptiondrive_records.tokens import issue_token, verify_token
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.launcher.errors import LaunchError
@@ -134,19 +135,18 @@ def _make_phase(session: Session, challenge: ChallengeId, phase: SamplePhase) ->
     try:
         find_phase(session, phase.id)
     except NotFound:
-        create_phase(
-            session,
-            phase.id,
-            challenge=challenge.value,
+        new = NewPhase(
+            id=phase.id,
+            challenge=challenge,
             title=phase.title,
             description=phase.description,
-            split_name=SPLIT,
+            split=SPLIT,
             protocol="1.0",
             quota_per_day=200,
             rejected_per_day=500,
             shows_reported=True,
-            actor=ACTOR,
         )
+        create_phase(session, new, actor=ACTOR)
 
 
 def _make_team(session: Session, wanted: SampleTeam, token_file: Path) -> None:

@@ -1,6 +1,6 @@
 """Lengths of time in words."""
 
-from exceptiondrive_server.pages.numbers import counted
+from exceptiondrive_schemas.printable import counted
 
 
 def duration_words(seconds: float) -> str:

@@ -3,42 +3,24 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any, TypeVar
 
+from pydantic import BaseModel, ValidationError
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.errors import InvalidRecord
-from exceptiondrive_server.times import in_utc
+from exceptiondrive_schemas.datetimes import in_utc
+from exceptiondrive_schemas.form_fields import FormField, Kind, document_of
 
-Kind = Literal["text", "lines", "whole", "moment", "yes", "choice"]
-"""A line, several lines, a whole number, a time in UTC, a tick, or one of a list."""
 MAX_DIGITS = 9
-Option = tuple[str, str]
-"""Value and title of a choice."""
-
-
-@dataclass(frozen=True)
-class Field:
-    """One field of a form."""
-
-    name: str
-    label: str
-    kind: Kind = "text"
-    hint: str = ""
-    is_required: bool = False
-    max_length: int = 200
-    lowest: int = 1
-    highest: int = 1_000_000
-    options: tuple[Option, ...] = ()
-    empty: str = "none"
-    """What a choice says that may stay empty."""
+Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
 class Filled:
     """A field with what stands in it; `text` is what the browser shows."""
 
-    field: Field
+    field: FormField
     text: str
 
     @property
@@ -47,7 +29,7 @@ class Filled:
         return self.text == "yes"
 
 
-REASON = Field(
+REASON = FormField(
     "reason",
     "Reason",
     "lines",
@@ -57,7 +39,7 @@ REASON = Field(
 )
 
 
-def filled(fields: Sequence[Field], texts: Mapping[str, str]) -> tuple[Filled, ...]:
+def filled(fields: Sequence[FormField], texts: Mapping[str, str]) -> tuple[Filled, ...]:
     """Return the fields with these texts; a missing one is empty."""
     return tuple(Filled(field, texts.get(field.name, "")) for field in fields)
 
@@ -67,7 +49,7 @@ def typed(form: FormData) -> dict[str, str]:
     return {name: value for name, value in form.items() if isinstance(value, str)}
 
 
-def read(fields: Sequence[Field], form: FormData) -> dict[str, Any]:
+def read(fields: Sequence[FormField], form: FormData) -> dict[str, Any]:
     """Return the values of the fields; an empty one that may be empty is None.
 
     Raises:
@@ -86,6 +68,20 @@ def read(fields: Sequence[Field], form: FormData) -> dict[str, Any]:
     return values
 
 
+def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, Any]) -> Model:
+    """Return a document made of the values of some of its fields.
+
+    Raises:
+        InvalidRecord: A value cannot be used.
+    """
+    try:
+        return model.model_validate(document_of(fields, values))
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_input=False)
+        words = [f"{'.'.join(map(str, item['loc']))}: {item['msg']}." for item in found]
+        raise InvalidRecord(" ".join(words)) from None
+
+
 def text_of(value: object) -> str:
     """Return a value as its field shows it."""
     if value is None:
@@ -97,7 +93,7 @@ def text_of(value: object) -> str:
     return str(value)
 
 
-def _value(field: Field, text: str) -> Any:
+def _value(field: FormField, text: str) -> Any:
     if field.kind == "yes":
         return text == "yes"
     if not text:
@@ -109,27 +105,27 @@ def _value(field: Field, text: str) -> Any:
     return _READERS[field.kind](field, text)
 
 
-def _whole(field: Field, text: str) -> int:
+def _whole(field: FormField, text: str) -> int:
     is_plain = text.isascii() and text.isdigit() and len(text) <= MAX_DIGITS
     if not (is_plain and field.lowest <= int(text) <= field.highest):
         raise ValueError(f"must be a whole number from {field.lowest} to {field.highest:,}")
     return int(text)
 
 
-def _moment(field: Field, text: str) -> datetime:
+def _moment(field: FormField, text: str) -> datetime:
     try:
         return in_utc(datetime.fromisoformat(text))
     except ValueError:
         raise ValueError("must be a time in UTC such as 2026-11-21T12:00") from None
 
 
-def _choice(field: Field, text: str) -> str:
+def _choice(field: FormField, text: str) -> str:
     if text not in [value for value, _ in field.options]:
         raise ValueError("must be one of those offered")
     return text
 
 
-_READERS: Mapping[Kind, Callable[[Field, str], Any]] = {
+_READERS: Mapping[Kind, Callable[[FormField, str], Any]] = {
     "text": lambda field, text: text,
     "lines": lambda field, text: text.replace("\r\n", "\n"),
     "whole": _whole,

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from exceptiondrive_records.attention import Attention, LaneQueue, WorkerSign
 from exceptiondrive_records.tables import Submission, Team
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import RunView
 from exceptiondrive_server.organizer_pages.durations import duration_words
 from exceptiondrive_server.organizer_pages.run_words import RunLine, run_line
-from exceptiondrive_server.pages.numbers import counted
 
 _LANE_TITLES = {Lane.LIVE: "Fresh submissions", Lane.RESCORE: "Rescoring"}
 _SLOW_S = 300.0

@@ -1,6 +1,7 @@
 """Phases: list, make, change, and the actions of their life."""
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request
@@ -16,26 +17,24 @@ from exceptiondrive_records.protocols import list_protocols
 from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tokens import names_of_actors
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
+from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhaseSettings
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.organizer_pages.audit_view import history_lines
-from exceptiondrive_server.organizer_pages.forms import REASON, Field, filled, read, typed
+from exceptiondrive_server.organizer_pages.forms import (
+    REASON,
+    filled,
+    made,
+    read,
+    text_of,
+    typed,
+)
 from exceptiondrive_server.organizer_pages.frame import (
     OrganizerBrowser,
     go,
     organizer_page,
     status_of,
-)
-from exceptiondrive_server.organizer_pages.phase_fields import (
-    NEW_DEFAULTS,
-    PLAIN_FIELDS,
-    life_changes,
-    life_fields,
-    new_life,
-    plain_changes,
-    texts_of_life,
-    texts_of_phase,
 )
 from exceptiondrive_server.organizer_pages.phase_steps import (
     PHASE_STEPS,
@@ -50,6 +49,7 @@ HERE = "/organize/phases"
 PhaseId = Annotated[str, Path(max_length=64)]
 StepKey = Annotated[str, Path(max_length=20)]
 HISTORY = 50
+SETTINGS = fields_of(PhaseSettings)
 
 
 @router.get("")
@@ -64,7 +64,8 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
 @router.get("/new")
 def show_new(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """Show an empty form with what is usual."""
-    return _new(request, services, browser, NEW_DEFAULTS | texts_of_life(PhaseLife()))
+    usual = {field.name: text_of(field.default) for field in SETTINGS}
+    return _new(request, services, browser, usual)
 
 
 @router.post("/new")
@@ -73,24 +74,14 @@ def post_new(
 ) -> Response:
     """Make a phase."""
     with services.database.read() as session:
-        fields = (*_made_of(session), *PLAIN_FIELDS, *life_fields())
+        fields = (*_made_of(session), *SETTINGS)
     try:
-        values = read(fields, form)
-        plain = {field.name: values[field.name] for field in PLAIN_FIELDS}
+        new = made(NewPhase, fields, read(fields, form))
         with services.database.write() as session:
-            create_phase(
-                session,
-                values["id"],
-                challenge=values["challenge"],
-                split_name=values["split"],
-                protocol=values["protocol"],
-                life=new_life(values),
-                actor=browser.principal.actor,
-                **plain,
-            )
+            create_phase(session, new, actor=browser.principal.actor)
     except RecordsError as refusal:
         return _new(request, services, browser, typed(form), refusal)
-    return go(f"{HERE}/{values['id']}", "phase_created")
+    return go(f"{HERE}/{new.id}", "phase_created")
 
 
 @router.get("/{phase_id}")
@@ -99,7 +90,8 @@ def show_phase(
 ) -> Response:
     """Show a phase: where it stands, its settings, its history."""
     with services.database.read() as session:
-        texts = texts_of_phase(find_phase(session, phase_id))
+        now = values_of(SETTINGS, find_phase(session, phase_id))
+    texts = {name: text_of(value) for name, value in now.items()}
     return _phase(request, services, browser, phase_id, texts)
 
 
@@ -113,16 +105,14 @@ def post_phase(
 ) -> Response:
     """Change what differs from the phase; what would take back a promise is refused."""
     try:
-        values = read((*PLAIN_FIELDS, *life_fields()), form)
+        values = read(SETTINGS, form)
         with services.database.write() as session:
-            phase = find_phase(session, phase_id)
-            update_phase(
-                session,
-                phase_id,
-                changes=plain_changes(phase, values),
-                life=life_changes(phase.life, values),
-                actor=browser.principal.actor,
-            )
+            now = values_of(SETTINGS, find_phase(session, phase_id))
+            changed = {
+                name: value for name, value in values.items() if not _is_same(now[name], value)
+            }
+            change = made(PhaseChange, SETTINGS, changed)
+            update_phase(session, phase_id, change, actor=browser.principal.actor)
     except NotFound:
         raise
     except RecordsError as refusal:
@@ -164,18 +154,18 @@ def post_step(
     return go(f"{HERE}/{phase_id}", "phase_changed")
 
 
-def _made_of(session: Session) -> tuple[Field, ...]:
+def _made_of(session: Session) -> tuple[FormField, ...]:
     """What a phase is made of, and keeps."""
     challenges = tuple((key.value, one.title) for key, one in CHALLENGES.items())
     splits = {one.name: one.title for one in list_splits(session)}
     versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
     return (
-        Field("id", "Id", hint="stands in addresses; never changes", is_required=True,
+        FormField("id", "Id", hint="stands in addresses; never changes", is_required=True,
               max_length=64),
-        Field("challenge", "Challenge", "choice", is_required=True, options=challenges),
-        Field("split", "Split", "choice", is_required=True,
+        FormField("challenge", "Challenge", "choice", is_required=True, options=challenges),
+        FormField("split", "Split", "choice", is_required=True,
               options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
-        Field("protocol", "Protocol", "choice", is_required=True, options=versions),
+        FormField("protocol", "Protocol", "choice", is_required=True, options=versions),
     )  # fmt: skip
 
 
@@ -225,8 +215,8 @@ def _page(
         "phase.html",
         "phases",
         status=200 if refusal is None else status_of(refusal),
-        plain=filled(PLAIN_FIELDS, texts),
-        life=filled(life_fields(), texts),
+        plain=filled([field for field in SETTINGS if field.part is None], texts),
+        policy=filled([field for field in SETTINGS if field.part == "policy"], texts),
         refusal=None if refusal is None else str(refusal),
         **values,
     )
@@ -239,3 +229,10 @@ def _step(services: Services, phase_id: str, step: str) -> tuple[PhaseStep, str]
     if step not in PHASE_STEPS:
         raise NotFound("action on a phase", step)
     return PHASE_STEPS[step], title
+
+
+def _is_same(old: object, new: object) -> bool:
+    """A form knows whole seconds alone: what it shows again is not a change."""
+    if isinstance(old, datetime) and isinstance(new, datetime):
+        return old.replace(microsecond=0) == new.replace(microsecond=0)
+    return old == new

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from exceptiondrive_records.phase_changes import freeze_phase, reveal_board, reveal_names
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.tables import Phase
-from exceptiondrive_schemas.phase_life import PhaseNow
+from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_server.organizer_pages.forms import REASON
 from exceptiondrive_server.organizer_pages.steps import Step
 

@@ -16,11 +16,12 @@ from exceptiondrive_records.rescoring.verification import list_verifications
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_records.splits import list_splits
 from exceptiondrive_records.tokens import names_of_actors
+from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.api.rescoring_csv import comparison_csv
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import PostedForm
 from exceptiondrive_server.organizer_pages.audit_view import history_lines
-from exceptiondrive_server.organizer_pages.forms import REASON, Field, read, typed
+from exceptiondrive_server.organizer_pages.forms import REASON, read, typed
 from exceptiondrive_server.organizer_pages.frame import (
     NO_STORE,
     OrganizerBrowser,
@@ -239,15 +240,15 @@ def _draft_step(session: Session) -> Step:
         back=HERE,
         back_words="Rescoring",
         fields=(
-            Field("phase", "Phase", "choice", is_required=True, options=tuple(phases)),
-            Field(
+            FormField("phase", "Phase", "choice", is_required=True, options=tuple(phases)),
+            FormField(
                 "protocol",
                 "To protocol",
                 "choice",
                 options=tuple(reversed(versions)),
                 empty="the one in force",
             ),
-            Field(
+            FormField(
                 "split_revision",
                 "To split revision",
                 "choice",

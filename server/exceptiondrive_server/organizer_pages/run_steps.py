@@ -8,14 +8,12 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_schemas.rescoring import Comparison, RunState, RunView
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.rescoring import Comparison, RunAction, RunState, RunView
 from exceptiondrive_server.organizer_pages.forms import REASON
 from exceptiondrive_server.organizer_pages.run_words import change_words, progress_words
 from exceptiondrive_server.organizer_pages.steps import Step
-from exceptiondrive_server.pages.numbers import counted
 
-_OPEN = (RunState.DRAFT, RunState.SCORING, RunState.PAUSED, RunState.READY)
-_RETRYING = (RunState.SCORING, RunState.READY, RunState.APPLIED)
 MOST_SENTENCES = 8
 
 
@@ -23,11 +21,10 @@ MOST_SENTENCES = 8
 class RunStep:
     """A step of a run."""
 
-    key: str
+    key: RunAction
     button: str
     title: str
     meaning: str
-    offered: tuple[RunState, ...]
     done: str
     take: Callable[..., RescoringRun]
     command: str
@@ -43,45 +40,41 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
         step.key: step
         for step in (
             RunStep(
-                "start",
+                RunAction.START,
                 "Start scoring",
                 "Start scoring",
                 "Workers score in the background, behind fresh submissions. "
                 "The public board does not change.",
-                (RunState.DRAFT,),
                 "run_started",
                 runs.start_run,
                 "begin",
                 is_main=True,
             ),
             RunStep(
-                "pause",
+                RunAction.PAUSE,
                 "Pause",
                 "Pause the run",
                 "No further sheet begins; those that run are finished.",
-                (RunState.SCORING,),
                 "run_paused",
                 runs.pause_run,
                 "pause",
             ),
             RunStep(
-                "resume",
+                RunAction.RESUME,
                 "Resume",
                 "Resume the run",
                 "Scoring goes on, and sheets that failed are tried again.",
-                (RunState.PAUSED,),
                 "run_resumed",
                 runs.resume_run,
                 "resume",
                 is_main=True,
             ),
             RunStep(
-                "apply",
+                RunAction.APPLY,
                 "Apply",
                 "Apply the run",
                 "One transaction shows the new board to every reader, and tells the teams whose "
                 "numbers change. It can be rolled back until you close the run.",
-                (RunState.SCORING, RunState.PAUSED, RunState.READY),
                 "run_applied",
                 flip.apply_run,
                 "apply",
@@ -91,11 +84,10 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 is_flip=True,
             ),
             RunStep(
-                "rollback",
+                RunAction.ROLLBACK,
                 "Roll back",
                 "Roll back",
                 "Readers see the board under the earlier protocol again, and the teams are told.",
-                (RunState.APPLIED,),
                 "run_rolled_back",
                 flip.rollback_run,
                 "rollback",
@@ -103,23 +95,21 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 is_flip=True,
             ),
             RunStep(
-                "close",
+                RunAction.CLOSE,
                 "Close",
                 "Close the run",
                 "The new protocol stays: fresh submissions are scored under it alone, and the run "
                 "can no longer be rolled back.",
-                (RunState.APPLIED,),
                 "run_closed",
                 runs.close_run,
                 "close",
                 is_grave=True,
             ),
             RunStep(
-                "cancel",
+                RunAction.CANCEL,
                 "Cancel",
                 "Cancel the run",
                 "It ends here. The public board never changed, and sheets that were made are kept.",
-                _OPEN,
                 "run_cancelled",
                 runs.cancel_run,
                 "cancel",
@@ -131,24 +121,16 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
 
 
 def offered(run: RunView) -> tuple[RunStep, ...]:
-    """Return the steps that a run offers as it is now."""
-    return tuple(
-        _named_for(step, run) for step in RUN_STEPS.values() if run.state in _offering(step, run)
-    )
-
-
-def _offering(step: RunStep, run: RunView) -> tuple[RunState, ...]:
-    """Failed sheets can be tried again in every state that has any."""
-    return (
-        (*step.offered, *_RETRYING)
-        if step.key == "resume" and run.progress.failed
-        else step.offered
-    )
-
-
-def _named_for(step: RunStep, run: RunView) -> RunStep:
-    is_retry = step.key == "resume" and run.state is not RunState.PAUSED
-    return replace(step, button="Try failed sheets again", is_main=False) if is_retry else step
+    """Return the steps that a run offers as it is now: those of its actions that change something."""
+    steps = []
+    for action in run.actions:
+        step = RUN_STEPS[action]
+        if action is RunAction.RESUME and run.state is not RunState.PAUSED:
+            if not run.progress.failed:
+                continue
+            step = replace(step, button="Try failed sheets again", is_main=False)
+        steps.append(step)
+    return tuple(steps)
 
 
 def take_step(

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import Progress, RunState, RunView
 from exceptiondrive_server.organizer_pages.durations import duration_words
-from exceptiondrive_server.pages.numbers import counted, grouped
+from exceptiondrive_server.pages.numbers import grouped
 
 _NEXT = {
     RunState.DRAFT: "drafted, nothing is scored until you start it.",

@@ -6,8 +6,8 @@ Of a long board those entries are drawn that move most; the table beside it has 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange
-from exceptiondrive_server.pages.numbers import counted
 from exceptiondrive_server.pages.scales import px
 
 MOST_LINES = 24

@@ -7,8 +7,9 @@ from fastapi import Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.browser_session import SignedIn
-from exceptiondrive_server.organizer_pages.forms import Field, filled
+from exceptiondrive_server.organizer_pages.forms import filled
 from exceptiondrive_server.organizer_pages.frame import organizer_page, status_of
 
 
@@ -23,7 +24,7 @@ class Step:
     button: str
     back: str
     back_words: str
-    fields: tuple[Field, ...] = ()
+    fields: tuple[FormField, ...] = ()
     facts: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
     """Name and words; several lines where there are several."""
     command: str = ""

@@ -6,8 +6,8 @@ from datetime import datetime
 
 from exceptiondrive_records.tables import Team, Token
 from exceptiondrive_records.tokens import TEAM_SCOPES, Scope, is_live
+from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.organizer_pages.audit_view import HistoryLine
-from exceptiondrive_server.organizer_pages.forms import Field
 
 MEANING = {
     Scope.SUBMIT: "submit and withdraw",
@@ -16,15 +16,15 @@ MEANING = {
     Scope.ORGANIZE: "everything that organizers do",
 }
 NEW_TEAM = (
-    Field("id", "Id", hint="small letters, digits, hyphens; never changes", is_required=True,
+    FormField("id", "Id", hint="small letters, digits, hyphens; never changes", is_required=True,
           max_length=64),
-    Field("name", "Name", hint="as the board shows it", is_required=True, max_length=80),
-    Field("is_reference", "A reference row", "yes", "stands on the board, never ranks"),
+    FormField("name", "Name", hint="as the board shows it", is_required=True, max_length=80),
+    FormField("is_reference", "A reference row", "yes", "stands on the board, never ranks"),
 )  # fmt: skip
 NEW_TOKEN = (
-    Field("name", "Name", hint="what it is for", is_required=True, max_length=80),
-    *(Field(f"may_{n}", MEANING[scope], "yes", scope) for n, scope in enumerate(TEAM_SCOPES)),
-    Field("expires_at", "Expires at", "moment", "empty: never"),
+    FormField("name", "Name", hint="what it is for", is_required=True, max_length=80),
+    *(FormField(f"may_{n}", MEANING[scope], "yes", scope) for n, scope in enumerate(TEAM_SCOPES)),
+    FormField("expires_at", "Expires at", "moment", "empty: never"),
 )
 """`may_0` and so on stand for the scopes that a team's token may have."""
 

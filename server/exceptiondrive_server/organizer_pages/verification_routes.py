@@ -10,9 +10,10 @@ from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_records.phases import list_phases
 from exceptiondrive_records.rescoring.verification import start_verification, verification_view
 from exceptiondrive_records.tokens import names_of_actors
+from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import PostedForm
-from exceptiondrive_server.organizer_pages.forms import REASON, Field, read, typed
+from exceptiondrive_server.organizer_pages.forms import REASON, read, typed
 from exceptiondrive_server.organizer_pages.frame import OrganizerBrowser, go, organizer_page
 from exceptiondrive_server.organizer_pages.steps import Step, step_page
 
@@ -86,8 +87,8 @@ def _step(session: Session) -> Step:
         back="/organize/rescoring",
         back_words="Rescoring",
         fields=(
-            Field("phase", "Phase", "choice", is_required=True, options=phases),
-            Field("sample", "How many sheets", "whole", "empty: all", highest=100_000),
+            FormField("phase", "Phase", "choice", is_required=True, options=phases),
+            FormField("sample", "How many sheets", "whole", "empty: all", highest=100_000),
             REASON,
         ),
         command='exceptiondrive organizer rescore verify --phase PHASE --sample all --reason "…"',

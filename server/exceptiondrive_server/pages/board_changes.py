@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import BoardHistoryLine
-from exceptiondrive_server.pages.numbers import counted, day, listed, minute
+from exceptiondrive_server.pages.numbers import day, listed, minute
 
 MAX_NAMED = 3
 

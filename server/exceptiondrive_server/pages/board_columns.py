@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_server.pages.board_query import DEFAULT_SORT, BoardQuery, Order
+from exceptiondrive_server.pages.board_query import BY_RANK, BoardQuery
 from exceptiondrive_server.pages.numbers import unit_of
 
+Order = Literal["ascending", "descending"]
 Kind = Literal["primary", "diagnostic", "outcome", "date"]
 _DIRECTION_WORDS = {
     "higher": {"descending": "best first", "ascending": "worst first"},
@@ -40,13 +41,13 @@ class ColumnChoice:
     is_shown: bool
 
 
-def default_order(challenge: Challenge, sort: str) -> Order:
-    """Return the direction in which a column is sorted first."""
-    if sort in ("method", DEFAULT_SORT):
-        return "ascending"
-    if sort in challenge.metric_keys:
-        return "ascending" if challenge.metric(sort).better == "lower" else "descending"
-    return "descending"
+def first_sort(challenge: Challenge, key: str) -> str:
+    """Return how a column is sorted first: a metric best first, a date newest first."""
+    if key == "method" or (
+        key in challenge.metric_keys and challenge.metric(key).better == "lower"
+    ):
+        return key
+    return f"-{key}"
 
 
 def metric_columns(challenge: Challenge, query: BoardQuery) -> tuple[Column, ...]:
@@ -84,7 +85,7 @@ def column_choices(challenge: Challenge, query: BoardQuery) -> tuple[ColumnChoic
 
 def _metric_column(challenge: Challenge, metric: Metric, query: BoardQuery) -> Column:
     order, url = _sorting(challenge, query, metric.key)
-    first = default_order(challenge, metric.key)
+    first: Order = "descending" if first_sort(challenge, metric.key)[0] == "-" else "ascending"
     words = _DIRECTION_WORDS[metric.better][order or first]
     label, subscript = split_label(metric.label)
     return Column(
@@ -109,13 +110,11 @@ def split_label(label: str) -> tuple[str, str]:
 
 def _sorting(challenge: Challenge, query: BoardQuery, key: str) -> tuple[Order | None, str]:
     """The direction in which `key` sorts now, if it does, and the address that sorts by it."""
-    first = default_order(challenge, key)
-    ranked_by = challenge.metrics[0].key
-    is_sorted = query.sort == key or (query.sort == DEFAULT_SORT and key == ranked_by)
-    if not is_sorted:
-        return None, query.url(sort=key, order=None)
-    order = query.order or first
-    if query.sort == DEFAULT_SORT:
-        order = first
-    flipped: Order = "ascending" if order == "descending" else "descending"
-    return order, query.url(sort=key, order=None if flipped == first else flipped)
+    first = first_sort(challenge, key)
+    is_by_rank = query.sort == BY_RANK and key == challenge.metrics[0].key
+    sort = first if is_by_rank else query.sort
+    if sort.removeprefix("-") != key:
+        return None, query.url(sort=first)
+    if sort.startswith("-"):
+        return "descending", query.url(sort=key)
+    return "ascending", query.url(sort=f"-{key}")

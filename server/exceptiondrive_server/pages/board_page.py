@@ -6,7 +6,7 @@ from urllib.parse import urlencode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
-from exceptiondrive_schemas.phase_life import PhaseNow
+from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.pages.board_changes import BoardBefore, ChangeLine, change_line
 from exceptiondrive_server.pages.board_query import AVERAGE_TITLES, AVERAGES, BoardQuery
@@ -144,16 +144,17 @@ def submit_command(challenge: Challenge, phase_id: str) -> str:
 
 
 def _protocol_choices(reading: BoardReading, query: BoardQuery) -> tuple[Choice, ...]:
+    """The protocol in force, which needs no name, and the others; a board of a date has its own."""
     shown = reading.board.protocol.version if reading.board else reading.current_protocol
-    choices = [
-        Choice("", f"{reading.current_protocol} (current)", shown == reading.current_protocol)
-    ]
-    choices += [
-        Choice(version, version, shown == version)
-        for version in reading.protocol_versions
-        if version != reading.current_protocol
-    ]
-    return tuple(choices)
+    unnamed = f"{reading.current_protocol} (current)"
+    if query.as_of is not None and shown != reading.current_protocol:
+        unnamed = f"{shown} (of that date)"
+    names = (v for v in reading.protocol_versions if not unnamed.startswith(f"{v} ("))
+    is_named = not unnamed.startswith(f"{shown} (")
+    return (
+        Choice("", unnamed, not is_named),
+        *(Choice(name, name, is_named and name == shown) for name in names),
+    )
 
 
 def _average_choices(view: BoardView | None) -> tuple[Choice, ...]:
@@ -172,7 +173,7 @@ def _average_choices(view: BoardView | None) -> tuple[Choice, ...]:
 
 def _kept_fields(query: BoardQuery) -> tuple[tuple[str, str], ...]:
     """What the filter form carries on unseen."""
-    kept = ("phase", "view", "source", "sort", "order")
+    kept = ("challenge", "phase", "view", "source", "sort")
     return tuple((key, value) for key, value in query.pairs() if key in kept)
 
 
@@ -223,7 +224,7 @@ def _notice(reading: BoardReading, query: BoardQuery) -> Notice | None:
     board = reading.board
     if board is None or reading.is_current:
         return None
-    asked = f", the board as of {query.as_of}" if query.as_of and query.board is None else ""
+    asked = f", the board as of {query.as_of_text}" if query.as_of else ""
     words = (
         f"This is history{asked}: board {board.board} of {minute(board.published_at)}, "
         f"scored under protocol {board.protocol.version}. It is not the current one."

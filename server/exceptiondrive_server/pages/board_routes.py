@@ -4,20 +4,27 @@ from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import late_board
-from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.boards import late_board, parsed_board
+from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions import ids_of_team
 from exceptiondrive_records.tokens import Scope
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.pages.board_changes import history_lines
 from exceptiondrive_server.pages.board_page import board_page
-from exceptiondrive_server.pages.board_query import BoardQuery
+from exceptiondrive_server.pages.board_query import AskedBoard
+from exceptiondrive_server.pages.board_selection import sorted_board
 from exceptiondrive_server.pages.exports import EXPORTS
 from exceptiondrive_server.pages.feed import atom_feed
 from exceptiondrive_server.pages.page_parts import PhaseLink
-from exceptiondrive_server.pages.readings import read_board, read_history, read_phases
-from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page, problem_page, refused
+from exceptiondrive_server.pages.readings import (
+    chosen_board,
+    read_board,
+    read_history,
+    read_phases,
+)
+from exceptiondrive_server.pages.responses import SECURITY_HEADERS, page
 from exceptiondrive_server.pages.site import origin_of
 from exceptiondrive_server.session_reading import principal_of_session, session_secret
 
@@ -26,17 +33,13 @@ MAX_HISTORY = 100
 
 
 @router.get("/")
-def show_board(request: Request) -> Response:
+def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
     """Show the board that the address asks for; a team that signed in finds its rows marked."""
-    query = BoardQuery.parse(request.query_params.multi_items())
-    if "apply" in request.query_params:
+    if "apply" in request.query_params or "order" in request.query_params:
         return RedirectResponse(query.url(), status_code=303)
-    try:
-        with request.app.state.services.database.read() as session:
-            reading = read_board(session, query)
-            own = _own_submissions(session, session_secret(request), reading.phase)
-    except RecordsError as error:
-        return refused(request, error)
+    with services.database.read() as session:
+        reading = read_board(session, query)
+        own = _own_submissions(session, session_secret(request), reading.phase)
     return page(request, "board.html", "board", page=board_page(reading, query, own))
 
 
@@ -49,18 +52,14 @@ def _own_submissions(session: Session, secret: str, phase: PhaseLink | None) -> 
 
 
 @router.get("/history")
-def show_history(request: Request) -> Response:
+def show_history(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
     """Show every board that a phase ever had."""
-    query = BoardQuery.parse(request.query_params.multi_items())
-    try:
-        with request.app.state.services.database.read() as session:
-            phases, phase = read_phases(session, query.phase)
-            lines = board_history(session, phase.id) if phase else []
-            has_late_view = phase is not None and late_board(session, phase.id) is not None
-    except RecordsError as error:
-        return refused(request, error)
-    if phase is None:
-        return problem_page(request, 404, ProblemCode.NOT_FOUND, "There is no phase yet.")
+    with services.database.read() as session:
+        phases, phase = read_phases(session, query)
+        if phase is None:
+            raise NotFound("phase of the challenge", "any")
+        lines = board_history(session, phase.id)
+        has_late_view = late_board(session, phase.id) is not None
     return page(
         request,
         "history.html",
@@ -74,33 +73,25 @@ def show_history(request: Request) -> Response:
 
 
 @router.get("/export/board.{form}")
-def export_board(request: Request, form: str) -> Response:
+def export_board(request: Request, services: ServicesOf, query: AskedBoard, form: str) -> Response:
     """Give a board as CSV, LaTeX or BibTeX."""
     export = EXPORTS.get(form)
     if export is None:
-        return problem_page(request, 404, ProblemCode.NOT_FOUND, f"There is no export {form!r}.")
-    query = BoardQuery.parse(request.query_params.multi_items())
-    try:
-        with request.app.state.services.database.read() as session:
-            reading = read_board(session, query)
-    except RecordsError as error:
-        return refused(request, error)
-    if reading.board is None:
-        return problem_page(request, 404, ProblemCode.NOT_FOUND, "No board was published yet.")
-    text = export.write(reading.board, reading.protocol, origin_of(request))
-    name = f"exceptiondrive-{reading.board.phase}-board-{reading.board.board}.{form}"
+        raise NotFound("export", form)
+    with services.database.read() as session:
+        row = chosen_board(session, query)
+        protocol = find_protocol(session, row.protocol_digest)
+    board = sorted_board(parsed_board(row), query.sort)
+    text = export.write(board, protocol, origin_of(request))
+    name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
     return Response(text, media_type=export.media_type, headers=headers)
 
 
 @router.get("/feed.atom")
-def feed(request: Request) -> Response:
+def feed(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
     """List the newest boards of a phase as an Atom feed."""
-    query = BoardQuery.parse(request.query_params.multi_items())
-    try:
-        with request.app.state.services.database.read() as session:
-            history = read_history(session, query.phase)
-    except RecordsError as error:
-        return refused(request, error)
+    with services.database.read() as session:
+        history = read_history(session, query)
     text = atom_feed(history, origin_of(request))
     return Response(text, media_type="application/atom+xml", headers=SECURITY_HEADERS)

@@ -1,7 +1,7 @@
 """Everything the board page shows, as one value: pure, from a board and a query."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import Challenge
@@ -16,7 +16,7 @@ from exceptiondrive_server.pages.board_columns import (
 )
 from exceptiondrive_server.pages.board_query import (
     AVERAGE_TITLES,
-    DEFAULT_SORT,
+    BY_RANK,
     SOURCES,
     Average,
     BoardQuery,
@@ -127,7 +127,7 @@ def board_view(
     """Set a board for a query."""
     challenge = challenge_of(board)
     offered = {choice.key for choice in column_choices(challenge, query)}
-    query = replace(query, hidden=query.hidden & offered)
+    query = query.model_copy(update={"hidden": query.hidden & offered})
     average: Average = query.average or board.headline
     digits = Digits.of(protocol.publication)
     setter = RowSetter.of(board, average, digits, query.hidden, is_current)
@@ -212,11 +212,11 @@ def _page_links(query: BoardQuery, number: int, n_pages: int) -> PageLinks:
 
 
 def _sort_sentence(challenge: Challenge, query: BoardQuery, columns: Sequence[Column]) -> str:
-    if query.sort == DEFAULT_SORT:
+    if query.sort == BY_RANK:
         return f"Sorted by rank: {challenge.metrics[0].label}, then {challenge.metrics[1].label}."
-    column = next((column for column in columns if column.key == query.sort), None)
+    column = next((column for column in columns if column.key == query.sort_key), None)
     if column:
         return f"{column.label}{column.subscript} {column.sort_words}; ranks stay as they are."
-    if query.sort.startswith("family."):
+    if query.sort_key.startswith("family."):
         return "Sorted by one family; ranks stay as they are."
-    return f"Sorted by {query.sort}; ranks stay as they are."
+    return f"Sorted by {query.sort_key}; ranks stay as they are."

@@ -2,16 +2,15 @@
 
 from collections.abc import Sequence
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import public_board_with, public_protocols
+from exceptiondrive_records.boards import boards_by_protocol, newest_board_with, parsed_board
 from exceptiondrive_records.drawings import entry_drawings
 from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phase_life import is_anonymous
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.published_forms import shown_sheet
-from exceptiondrive_records.tables import Phase, ProtocolRow, ScoreSheetRow, Submission
+from exceptiondrive_records.tables import BoardRow, Phase, ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -20,7 +19,7 @@ from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.entry_facts import find_entry
 from exceptiondrive_server.pages.entry_history import PastStanding
 from exceptiondrive_server.pages.entry_page import EntryReading, Receipt
-from exceptiondrive_server.pages.readings import parsed_board, read_board
+from exceptiondrive_server.pages.readings import read_board
 
 MOST_PROTOCOLS = 8
 
@@ -72,7 +71,7 @@ def _board_with(
         late = read_board(session, BoardQuery(phase=submission.phase_id, view="late")).board
         if late and find_entry(late, key):
             return late, True
-    row = public_board_with(session, submission)
+    row = newest_board_with(session, submission.id)
     if row is None:
         raise NotFound("entry", key)
     return parsed_board(row), False
@@ -94,27 +93,19 @@ def _sheet(session: Session, key: str, board: Board) -> ScoreSheet | None:
 
 def _is_kept_private(session: Session, submission: Submission) -> bool:
     phase = session.get_one(Phase, submission.phase_id)
-    return phase.life.entries_private and submission.published_at is None
+    return phase.policy.entries_private and submission.published_at is None
 
 
 def _past(session: Session, submission: Submission) -> tuple[PastStanding, ...]:
     """Where the entry stands, or stood last, under each protocol that was ever shown; newest first."""
-    used = public_protocols(session, submission.phase_id)
-    query = select(ProtocolRow).where(ProtocolRow.digest.in_(used))
-    newest = query.order_by(ProtocolRow.created_at.desc()).limit(MOST_PROTOCOLS)
-    found = (_standing(session, submission, row.digest) for row in session.scalars(newest))
+    rows = boards_by_protocol(session, submission, MOST_PROTOCOLS)
+    found = (_standing(submission.id, first, last) for first, last in rows)
     return tuple(standing for standing in found if standing is not None)
 
 
-def _standing(
-    session: Session, submission: Submission, protocol_digest: str
-) -> PastStanding | None:
-    last = public_board_with(session, submission, protocol_digest=protocol_digest)
-    first = public_board_with(session, submission, oldest=True, protocol_digest=protocol_digest)
-    if last is None or first is None:
-        return None
+def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastStanding | None:
     board, first_board = parsed_board(last), parsed_board(first)
-    entry, first_entry = (find_entry(each, submission.id) for each in (board, first_board))
+    entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
     return PastStanding(board, entry, first_board, first_entry)

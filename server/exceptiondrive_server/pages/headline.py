@@ -6,11 +6,11 @@ from functools import partial
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.pages.entry_facts import entry_url, primary_metrics
 from exceptiondrive_server.pages.numbers import (
     THIN_SPACE,
     Digits,
-    counted,
     grouped,
     with_unit,
 )

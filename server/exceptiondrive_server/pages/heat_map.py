@@ -49,8 +49,8 @@ def heat_map(board: Board, heat: HeatScale, rows: Sequence[Row], query: BoardQue
             short=short_title(head.title),
             n_text=f"n = {grouped(head.n)}",
             share_text=f"{fixed(100 * head.n / total, 1)} % of samples",
-            sort_url=query.url(sort=f"family.{head.id}", order=None, anchor="families"),
-            is_sorted=query.sort == f"family.{head.id}",
+            sort_url=query.url(sort=f"-family.{head.id}", anchor="families"),
+            is_sorted=query.sort_key == f"family.{head.id}",
         )
         for head in board.families
     )

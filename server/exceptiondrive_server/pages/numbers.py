@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from exceptiondrive_schemas.challenges import Metric
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import PublicationSection
 
 MINUS = "\u2212"
@@ -67,11 +68,6 @@ def fixed(value: float, decimals: int) -> str:
 def grouped(count: int) -> str:
     """Write a count with thousands separated."""
     return f"{count:,}"
-
-
-def counted(count: int, noun: str, plural: str | None = None) -> str:
-    """Write `1 entry`, `3 entries`."""
-    return f"{grouped(count)} {noun if count == 1 else plural or noun + 's'}"
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.phase_life import PhaseNow
+from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_server.pages.numbers import minute
 from exceptiondrive_server.pages.page_parts import Notice
 

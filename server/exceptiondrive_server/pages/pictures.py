@@ -12,13 +12,14 @@ from pathlib import Path
 from resvg_py import svg_to_bytes
 
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_rows import Row, RowSetter
 from exceptiondrive_server.pages.entry_facts import board_name, challenge_of, primary_metrics
 from exceptiondrive_server.pages.entry_page import EntryReading
 from exceptiondrive_server.pages.entry_standing import Standing, standing_of
 from exceptiondrive_server.pages.headline import headline
-from exceptiondrive_server.pages.numbers import Digits, counted, day
+from exceptiondrive_server.pages.numbers import Digits, day
 from exceptiondrive_server.pages.picture_text import fitted, in_lines, is_latin
 from exceptiondrive_server.pages.scales import px
 from exceptiondrive_server.pages.templating import render
@@ -122,8 +123,8 @@ def entry_picture(reading: EntryReading) -> str:
 
 
 def picture_tag(svg: str) -> str:
-    """Return the strong ETag of a picture: it is a function of its drawing."""
-    return f'"{hashlib.sha256(svg.encode()).hexdigest()[:32]}"'
+    """Return the ETag of a picture: it is a function of its drawing."""
+    return hashlib.sha256(svg.encode()).hexdigest()
 
 
 @lru_cache(maxsize=128)

@@ -88,7 +88,7 @@ def _previous(protocol: Protocol, versions: Sequence[Protocol]) -> Protocol | No
 def _rank_rules(protocol: Protocol) -> tuple[RankRule, ...]:
     rules = []
     for challenge in CHALLENGES.values():
-        keys = protocol.ranking.order[challenge.id]
+        keys = protocol.ranking.order_of(challenge)
         words = [f"{challenge.metric(key.metric).label}, {_FIRST[key.order]} first" for key in keys]
         rules.append(RankRule(challenge.title, ", then ".join(words)))
     return tuple(rules)

@@ -1,8 +1,5 @@
 """What pages read from the records, in one short transaction each."""
 
-from datetime import UTC, date, datetime, time
-from functools import lru_cache
-
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
@@ -12,26 +9,24 @@ from exceptiondrive_records.boards import (
     find_board,
     late_board,
     latest_public_board,
+    parsed_board,
     public_protocols,
     was_shown,
 )
 from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.drawings import protocol_drawing
-from exceptiondrive_records.errors import InvalidRecord, NotFound
+from exceptiondrive_records.errors import NotFound
 from exceptiondrive_records.phase_life import phase_now, takes_late_entries
 from exceptiondrive_records.phases import is_open, list_phases
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ProtocolRow, SplitRow
-from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_server.pages.board_changes import BoardBefore
 from exceptiondrive_server.pages.board_page import BoardReading
 from exceptiondrive_server.pages.board_query import BoardQuery
 from exceptiondrive_server.pages.feed import BoardNote, History
 from exceptiondrive_server.pages.page_parts import PhaseLink
-from exceptiondrive_server.times import in_utc
-from exceptiondrive_server.zone_sign import with_zone_sign
 
 
 def read_board(session: Session, query: BoardQuery) -> BoardReading:
@@ -40,13 +35,12 @@ def read_board(session: Session, query: BoardQuery) -> BoardReading:
     Raises:
         NotFound: The phase, protocol or board does not exist.
     """
-    phases = list_phases(session)
-    phase = _phase(phases, query.phase)
-    links = tuple(phase_link(session, each, each is phase) for each in phases)
+    phase = choose_phase(session, query)
+    links = _phase_links(session, phase)
     if phase is None:
         protocol = latest_protocol(session)
         return BoardReading((), None, None, protocol, (), protocol.version, True)
-    row = _board_row(session, phase, query)
+    row = choose_board(session, phase, query)
     board = parsed_board(row) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
@@ -66,17 +60,19 @@ def read_board(session: Session, query: BoardQuery) -> BoardReading:
 
 
 def read_phases(
-    session: Session, wanted: str | None
+    session: Session, query: BoardQuery
 ) -> tuple[tuple[PhaseLink, ...], PhaseLink | None]:
     """Read all phases, and the one asked for.
 
     Raises:
         NotFound: The phase does not exist.
     """
-    phases = list_phases(session)
-    phase = _phase(phases, wanted)
-    links = tuple(phase_link(session, each, each is phase) for each in phases)
+    links = _phase_links(session, choose_phase(session, query))
     return links, next((link for link in links if link.is_current), None)
+
+
+def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...]:
+    return tuple(phase_link(session, each, each is chosen) for each in list_phases(session))
 
 
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
@@ -109,28 +105,36 @@ def latest_protocol(session: Session) -> Protocol:
     return find_protocol(session, digest) if digest else packaged_protocol()
 
 
-def parsed_board(row: BoardRow) -> Board:
-    """Return the document of a board; boards never change, so it is read once."""
-    return _parsed(row.body_digest, row.body)
+def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
+    """Return the phase asked for, else the first one in the registry's order of challenges.
 
+    Returns:
+        None where no phase is named and there is none at all.
 
-@lru_cache(maxsize=32)
-def _parsed(body_digest: str, body: str) -> Board:
-    return Board.model_validate_json(body)
-
-
-def _phase(phases: list[Phase], phase_id: str | None) -> Phase | None:
-    """The phase asked for, or the first one, in the registry's order of challenges."""
-    if phase_id is not None:
-        found = next((phase for phase in phases if phase.id == phase_id), None)
+    Raises:
+        NotFound: The phase does not exist, or is not of the challenge that is asked for.
+    """
+    phases = list_phases(session)
+    if query.phase is not None:
+        found = next((phase for phase in phases if phase.id == query.phase), None)
         if found is None:
-            raise NotFound("phase", phase_id)
+            raise NotFound("phase", query.phase)
+        if query.challenge is not None and found.challenge != query.challenge:
+            raise NotFound(f"phase of the {query.challenge} challenge", query.phase)
         return found
-    order = {challenge_id.value: at for at, challenge_id in enumerate(CHALLENGES)}
-    return min(phases, key=lambda phase: order[phase.challenge], default=None)
+    order = [query.challenge] if query.challenge else list(CHALLENGES)
+    offered = [phase for phase in phases if phase.challenge in order]
+    if query.challenge is not None and not offered:
+        raise NotFound("phase of the challenge", query.challenge)
+    return min(offered, key=lambda phase: order.index(ChallengeId(phase.challenge)), default=None)
 
 
-def _board_row(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:
+def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:
+    """Return the board of a phase that is asked for; None where it has none yet.
+
+    Raises:
+        NotFound: The protocol or the board does not exist, or nothing came late.
+    """
     if query.view == "late":
         row = late_board(session, phase.id)
         if row is None:
@@ -144,28 +148,27 @@ def _board_row(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | 
         if row is None:
             raise NotFound("board of this phase under protocol", query.protocol)
         return row
-    if query.as_of is not None:
-        moment = parse_moment(query.as_of)
-        if moment is None:
-            raise InvalidRecord(
-                "The date of the board must be a day such as 2026-11-21 or a time such as "
-                "2026-11-21T12:00:00Z."
-            )
-        row = board_at(session, phase.id, moment)
+    if query.until is not None:
+        row = board_at(session, phase.id, query.until)
         if row is None:
-            raise NotFound("board of this phase as of", query.as_of)
+            raise NotFound("board of this phase as of", query.as_of_text)
         return row
     return current_board(session, phase.id)
 
 
-def parse_moment(text: str) -> datetime | None:
-    """Read a day (its end counts) or a moment with time zone (UTC if none); None if neither."""
-    try:
-        if len(text) == 10:
-            return datetime.combine(date.fromisoformat(text), time.max, UTC)
-        return in_utc(datetime.fromisoformat(with_zone_sign(text)))
-    except (ValueError, OverflowError):
-        return None
+def chosen_board(session: Session, query: BoardQuery) -> BoardRow:
+    """Return the board that is asked for.
+
+    Raises:
+        NotFound: There is none.
+    """
+    phase = choose_phase(session, query)
+    if phase is None:
+        raise NotFound("phase of the challenge", "any")
+    row = choose_board(session, phase, query)
+    if row is None:
+        raise NotFound("such board of the phase", phase.id)
+    return row
 
 
 def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
@@ -197,21 +200,21 @@ def _protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
     return tuple(session.scalars(query.order_by(ProtocolRow.created_at)))
 
 
-def read_history(session: Session, phase_id: str | None, limit: int = 30) -> History:
+def read_history(session: Session, query: BoardQuery, limit: int = 30) -> History:
     """Read the newest boards of a phase, without their entries.
 
     Raises:
         NotFound: The phase does not exist, or there is none at all.
     """
-    phase = _phase(list_phases(session), phase_id)
+    phase = choose_phase(session, query)
     if phase is None:
         raise NotFound("phase", "")
-    query = (
+    newest = (
         select(BoardRow.number, BoardRow.digest, ProtocolRow.version, BoardRow.published_at)
         .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
         .where(BoardRow.phase_id == phase.id, was_shown())
         .order_by(BoardRow.number.desc())
         .limit(limit)
     )
-    notes = tuple(BoardNote(*row) for row in session.execute(query))
+    notes = tuple(BoardNote(*row) for row in session.execute(newest))
     return History(phase.id, phase.title, notes)

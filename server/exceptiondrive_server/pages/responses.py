@@ -1,6 +1,5 @@
 """HTML answers: headers, ETag and 304, problems as pages."""
 
-import hashlib
 from typing import Any
 
 from fastapi import Request
@@ -8,6 +7,7 @@ from fastapi.responses import HTMLResponse, Response
 
 from exceptiondrive_records.errors import RecordsError
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.etag import conditional
 from exceptiondrive_server.pages.problem_help import PROBLEM_HELP, steps_in_browser
 from exceptiondrive_server.pages.site import site_of
 from exceptiondrive_server.pages.templating import render
@@ -38,21 +38,14 @@ def page(
     """
     site = site_of(request, current)
     body = render(template, site=site, **values).encode()
-    etag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
     kept = "private, no-cache" if site.has_session else "no-cache"
     is_public = status == 200 and not site.has_session
     by_proxy = {"X-Accel-Expires": str(PROXY_KEEPS_S)} if is_public else {}
     # nginx before 1.23 obeys the first of two headers that say how long
-    headers = {
-        **by_proxy,
-        **SECURITY_HEADERS,
-        "ETag": etag,
-        "Cache-Control": kept,
-        "Vary": "Cookie",
-    }
-    if status == 200 and etag in request.headers.get("if-none-match", ""):
-        return Response(status_code=304, headers=headers)
-    return HTMLResponse(body, status_code=status, headers=headers)
+    headers = {**by_proxy, **SECURITY_HEADERS, "Cache-Control": kept, "Vary": "Cookie"}
+    if status != 200:
+        return HTMLResponse(body, status_code=status, headers=headers)
+    return conditional(request, body, "text/html", headers=headers)
 
 
 def problem_page(request: Request, status: int, code: ProblemCode, detail: str) -> Response:

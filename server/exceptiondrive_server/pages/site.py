@@ -3,6 +3,7 @@
 from fastapi import Request
 
 from exceptiondrive_server.pages.page_parts import THEMES, Site, Theme
+from exceptiondrive_server.services import services_of
 
 THEME_COOKIE = "theme"
 SESSION_COOKIES = ("__Host-session", "session")
@@ -19,7 +20,7 @@ def theme_of(text: str | None) -> Theme:
 
 def origin_of(request: Request) -> str:
     """Return the address of this site: as the operator set it, else as the request names it."""
-    public_url: str = request.app.state.services.settings.public_url
+    public_url = services_of(request).settings.public_url
     return (public_url or str(request.base_url)).rstrip("/")
 
 

@@ -9,6 +9,7 @@ from markupsafe import Markup, escape
 
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.pages import numbers
+from exceptiondrive_server.pages.condense import Condensed
 from exceptiondrive_server.pages.entry_facts import board_name
 from exceptiondrive_server.pages.scales import px
 
@@ -60,6 +61,7 @@ def environment() -> Environment:
         autoescape=True,
         undefined=StrictUndefined,
         finalize=shown,
+        extensions=[Condensed],
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -74,7 +74,7 @@ def show_submission(
         protocol=protocol,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         is_again=again,
-        life=rules.life,
+        policy=rules.policy,
         has_closed=rules.has_closed,
     )
     return private_page(request, "submission.html", "my", page=content)
@@ -124,7 +124,7 @@ _SAYINGS = {"choose": choose, "publish": publish, "unpublish": unpublish}
 def _rules(session: Session) -> dict[str, PhaseRules]:
     now = database_now(session)
     return {
-        phase.id: PhaseRules(phase.life, has_closed(phase, now)) for phase in list_phases(session)
+        phase.id: PhaseRules(phase.policy, has_closed(phase, now)) for phase in list_phases(session)
     }
 
 

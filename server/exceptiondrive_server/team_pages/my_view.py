@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from exceptiondrive_records.tokens import Principal, Scope
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.team_pages.status_words import Status, status_of
 from exceptiondrive_server.team_pages.submission_view import actions_of
@@ -27,7 +27,7 @@ class MyLine:
     status: Status
     rank: int | None
     standing: str
-    """How it stands in the life of its phase; empty where there is nothing to say."""
+    """How it stands in the policy of its phase; empty where there is nothing to say."""
     actions: tuple[tuple[str, str], ...]
     """What the team may say of it: end of the address, and words."""
 
@@ -36,7 +36,7 @@ class MyLine:
 class PhaseRules:
     """What the list needs to know of the phase of a submission."""
 
-    life: PhaseLife
+    policy: PhasePolicy
     has_closed: bool
 
 
@@ -90,7 +90,7 @@ def my_view(
 
 
 def _line(one: SubmissionView, rules: PhaseRules, can_say: bool) -> MyLine:
-    life, has_closed = rules.life, rules.has_closed
+    policy, has_closed = rules.policy, rules.has_closed
     return MyLine(
         id=one.id,
         method=one.method,
@@ -99,17 +99,17 @@ def _line(one: SubmissionView, rules: PhaseRules, can_say: bool) -> MyLine:
         received_at=one.received_at,
         status=status_of(one),
         rank=one.rank,
-        standing=", ".join(_standing(one, life)),
-        actions=actions_of(one, life, has_closed=has_closed) if can_say else (),
+        standing=", ".join(_standing(one, policy)),
+        actions=actions_of(one, policy, has_closed=has_closed) if can_say else (),
     )
 
 
-def _standing(one: SubmissionView, life: PhaseLife) -> Iterator[str]:
+def _standing(one: SubmissionView, policy: PhasePolicy) -> Iterator[str]:
     if one.status is not SubmissionStatus.SCORED:
         return
-    if one.is_chosen and life.entries_shown == "chosen":
+    if one.is_chosen and policy.entries_shown == "chosen":
         yield "chosen"
-    if life.entries_private:
+    if policy.entries_private:
         yield "published" if one.is_published else "private"
     if one.is_late:
         yield "late"

@@ -20,7 +20,7 @@ from exceptiondrive_server.browser_session import (
     visitor_secret,
 )
 from exceptiondrive_server.pages.site import safe_back
-from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.problem_vocabulary import ApiProblem
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.team_pages.sign_in_routes import (

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
-from exceptiondrive_server.pages.numbers import counted
 
 _MEANING = {
     SubmissionStatus.RECEIVED: "Kept. It cannot be lost any more.",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
-from exceptiondrive_schemas.phase_life import PhaseLife
+from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
@@ -45,7 +45,7 @@ class SubmissionContent:
     can_withdraw: bool
     is_again: bool
     sentences: tuple[str, ...]
-    """How it stands in the life of its phase."""
+    """How it stands in the policy of its phase."""
     actions: tuple[tuple[str, str], ...]
     """What the team may say of it: end of the address, and words."""
 
@@ -57,7 +57,7 @@ def submission_view(
     protocol: Protocol,
     form_token: str | None,
     is_again: bool = False,
-    life: PhaseLife = PhaseLife(),  # noqa: B008 - immutable
+    policy: PhasePolicy = PhasePolicy(),  # noqa: B008 - immutable
     has_closed: bool = False,
     now: datetime | None = None,
 ) -> SubmissionContent:
@@ -80,7 +80,7 @@ def submission_view(
         can_withdraw=not ended_without and seen.status is not SubmissionStatus.WITHDRAWN,
         is_again=is_again,
         sentences=tuple(_sentences(seen)),
-        actions=actions_of(seen, life, has_closed=has_closed),
+        actions=actions_of(seen, policy, has_closed=has_closed),
     )
 
 
@@ -99,18 +99,20 @@ def _sentences(seen: SubmissionView) -> Iterator[str]:
 
 
 def actions_of(
-    seen: SubmissionView, life: PhaseLife, *, has_closed: bool
+    seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool
 ) -> tuple[tuple[str, str], ...]:
     """Return what the team may say of a submission now: end of the address, and words."""
     is_scored = seen.status is SubmissionStatus.SCORED
-    return tuple(_actions(seen, life, has_closed)) if is_scored else ()
+    return tuple(_actions(seen, policy, has_closed)) if is_scored else ()
 
 
-def _actions(seen: SubmissionView, life: PhaseLife, has_closed: bool) -> Iterator[tuple[str, str]]:
-    can_choose = life.entries_shown == "chosen" and not has_closed
+def _actions(
+    seen: SubmissionView, policy: PhasePolicy, has_closed: bool
+) -> Iterator[tuple[str, str]]:
+    can_choose = policy.entries_shown == "chosen" and not has_closed
     if can_choose and not seen.is_chosen and not seen.is_late:
         yield "choose", "Choose it for the board"
-    if life.entries_private:
+    if policy.entries_private:
         yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
 
 

@@ -23,9 +23,8 @@ from exceptiondrive_server.pages.readings import latest_protocol, phase_link
 from exceptiondrive_server.pages.responses import page, private_page
 from exceptiondrive_server.pages.site import origin_of
 from exceptiondrive_server.pages.submit_page import SubmitPage, submit_page
-from exceptiondrive_server.problem_vocabulary import STATUS_OF
+from exceptiondrive_server.problem_vocabulary import STATUS_OF, ApiProblem
 from exceptiondrive_server.problems import (
-    ApiProblem,
     problem_of_fields,
     problem_of_records,
     wants_page,

@@ -35,7 +35,7 @@ from exceptiondrive_server.browser_session import (
     require_scope,
 )
 from exceptiondrive_server.pages.responses import private_page
-from exceptiondrive_server.problems import ApiProblem
+from exceptiondrive_server.problem_vocabulary import ApiProblem
 from exceptiondrive_server.services import Services
 from exceptiondrive_server.team_pages.team_view import team_view
 

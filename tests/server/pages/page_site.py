@@ -15,9 +15,10 @@ from tests.server.pages.invented_board import (
     PROTOCOL,
     N,
 )
+from tests.support.work import claim_board_of
 
 from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import claim_board, publish_board
+from exceptiondrive_records.boards import publish_board
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.drawings import find_public_split, keep_entry_drawings
 from exceptiondrive_records.phases import create_phase
@@ -30,6 +31,7 @@ from exceptiondrive_schemas.board import (
 )
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
@@ -45,6 +47,8 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server import pages, team_pages
+from exceptiondrive_server.api import boards
+from exceptiondrive_server.problems import install_problem_handlers
 from exceptiondrive_server.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
@@ -52,6 +56,7 @@ from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_spli
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
 ROUTES.include_router(pages.router)
 ROUTES.include_router(team_pages.router)
+ROUTES.include_router(boards.router, prefix="/api/v1")
 
 
 class Services:
@@ -71,6 +76,7 @@ class Site:
         self.app = FastAPI()
         self.app.state.services = Services(database)
         self.app.router.routes.extend(ROUTES.routes)
+        install_problem_handlers(self.app)
         team_pages.lead_to_sign_in(self.app)
         pages.mount_static(self.app)
 
@@ -85,6 +91,7 @@ class Site:
     ) -> httpx.Response:
         transport = httpx.ASGITransport(app=self.app)
         named = {key.replace("_", "-"): value for key, value in headers.items()}
+        named = {"accept": "text/html", **named}
         async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
             return await client.request(method, path, headers=named, data=data)
 
@@ -93,7 +100,7 @@ class Site:
         with self.database.write() as session:
             want_board(session, board.phase, board.protocol.digest)
         with self.database.write() as session:
-            claim = claim_board(session, board.phase, board.protocol.digest, 30)
+            claim = claim_board_of(session, board.phase, board.protocol.digest)
             assert claim is not None
             assert publish_board(session, claim, board, late) is not None
 
@@ -104,13 +111,15 @@ class Site:
             register_split(session, MANIFEST, COUNTS, "test")
             create_phase(
                 session,
-                phase_id,
-                challenge=challenge,
-                title=phase_id.replace("-", " ").title(),
-                split_name="sample",
-                protocol="1.0",
+                NewPhase(
+                    id=phase_id,
+                    challenge=ChallengeId(challenge),
+                    title=phase_id.replace("-", " ").title(),
+                    split="sample",
+                    protocol="1.0",
+                    **more,
+                ),
                 actor="test",
-                **more,
             )
 
     def publish_split(self) -> None:

@@ -1,22 +1,23 @@
 """The state of the board page in its address."""
 
+from datetime import UTC, date, datetime
 from urllib.parse import parse_qsl, urlsplit
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_server.pages.board_query import BoardQuery
 
 queries = st.builds(
     BoardQuery,
     phase=st.sampled_from([None, "sample", "test-2026"]),
-    protocol=st.sampled_from([None, "1.0"]),
-    board=st.sampled_from([None, 3]),
+    as_of=st.sampled_from([None, date(2026, 11, 21), datetime(2026, 11, 21, 9, 5, tzinfo=UTC)]),
     source=st.sampled_from([None, "scored", "reported"]),
     average=st.sampled_from([None, "micro"]),
     search=st.sampled_from(["", "lane keeper", "a&b=c"]),
-    sort=st.sampled_from(["rank", "ur", "family.lane_blockage"]),
-    order=st.sampled_from([None, "ascending"]),
+    sort=st.sampled_from(["rank", "-ur", "family.lane_blockage"]),
     page=st.integers(1, 4),
     hidden=st.frozensets(st.sampled_from(["hpr", "cts", "date"])),
 )
@@ -36,8 +37,50 @@ def test_a_change_goes_back_to_the_first_page() -> None:
     assert BoardQuery(page=3).url(sort="ur") == "/?sort=ur#board"
 
 
-def test_what_is_not_understood_falls_back_to_the_default() -> None:
-    pairs = [("source", "hacked"), ("order", "up"), ("page", "-1"), ("board", "x"), ("zzz", "1")]
+@pytest.mark.parametrize(
+    "address",
+    [
+        "source=hacked", "page=-1", "page=", "board=x", "sort=ur;drop", "sort=", "phase=", "view=x",
+        "sort=ur&order=up", "average=mean", "challenge=chess", "as_of=yesterday", "board=0",
+    ],
+)  # fmt: skip
+def test_what_is_not_understood_is_refused_by_name_and_never_repeated(address: str) -> None:
+    with pytest.raises(InvalidRecord) as refused:
+        BoardQuery.parse(parse_qsl(address, keep_blank_values=True))
+    name, value = address.split("&")[0].split("=")
+    assert list(refused.value.fields) == [name]
+    assert name in str(refused.value)
+    if len(value) > 2:
+        assert value not in str(refused.value) + str(refused.value.fields)
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("as_of=2026-11-21&protocol=1.0", "for a date or for a protocol"),
+        ("board=3&protocol=1.0", "the number of a board alone"),
+        ("board=3&as_of=2026-11-21", "the number of a board alone"),
+        ("view=late&as_of=2026-11-21", "The late view is the present one"),
+        ("view=late&board=3", "The late view is the present one"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(address: str, words: str) -> None:
+    with pytest.raises(InvalidRecord, match=words):
+        BoardQuery.parse(parse_qsl(address))
+
+
+def test_what_others_put_into_an_address_is_let_be() -> None:
+    assert BoardQuery.parse([("utm_source", "mail")]) == BoardQuery()
+
+
+def test_an_order_in_words_is_understood_as_a_sign() -> None:
+    parsed = BoardQuery.parse([("sort", "hcc"), ("order", "descending")])
+    assert parsed.sort == "-hcc"
+    assert BoardQuery.parse([("sort", "hcc"), ("order", "ascending")]).sort == "hcc"
+
+
+def test_a_form_sends_its_empty_fields_too() -> None:
+    pairs = [("apply", "1"), ("protocol", ""), ("as_of", ""), ("q", "")]
     assert BoardQuery.parse(pairs) == BoardQuery()
 
 

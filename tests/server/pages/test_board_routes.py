@@ -1,13 +1,17 @@
 """The board page over real records."""
 
+import csv
+import io
 import re
 from datetime import UTC, datetime, timedelta
+from html import unescape
 from typing import Any
 
 import pytest
 from tests.server.pages.invented_board import LONG_AGO
 
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_server.pages import board_query
 
 AGO, AGO_TOO = LONG_AGO, LONG_AGO + timedelta(hours=1)
 AHEAD = datetime(2090, 5, 5, 9, 30, tzinfo=UTC)
@@ -59,10 +63,88 @@ async def test_what_does_not_exist_is_a_404_page_with_a_way_back(
     assert 'href="/"' in answer.text
 
 
-@pytest.mark.parametrize("as_of", ["yesterday", "0001-01-01T00:00:00%2B05:00"])
-async def test_a_date_that_is_none_is_told_with_an_example(lively_site: Any, as_of: str) -> None:
+@pytest.mark.parametrize(
+    ("as_of", "words"),
+    [
+        ("yesterday", "such as 2026-11-21"),
+        ("0001-01-01T00:00:00%2B05:00", "within the years 1 to 9999"),
+    ],
+)
+async def test_a_date_that_is_none_is_told_what_is_wrong(
+    lively_site: Any, as_of: str, words: str
+) -> None:
     answer = await lively_site.get(f"/?as_of={as_of}")
-    assert (answer.status_code, "such as 2026-11-21" in answer.text) == (400, True)
+    assert (answer.status_code, words in answer.text) == (400, True)
+
+
+REFUSED = (
+    "sort=nonsense",
+    "sort=--ur",
+    "sort=accuracy",
+    "as_of=yesterday",
+    "as_of=2000-01-01&protocol=1.0",
+    "view=late&protocol=1.0",
+    "view=early",
+    "challenge=chess",
+)
+
+
+@pytest.mark.parametrize("query", REFUSED)
+async def test_page_exports_and_api_refuse_the_same_in_the_same_words(
+    lively_site: Any, query: str
+) -> None:
+    refused = await lively_site.get(f"/api/v1/leaderboard?{query}", accept="*/*")
+    assert (refused.status_code, refused.json()["code"]) == (400, "bad_request")
+    said = [refused.json()["detail"], *refused.json().get("fields", {}).values()]
+    for path in ("/", "/export/board.csv", "/export/board.bib", "/pictures/board.png", "/compare"):
+        answer = await lively_site.get(f"{path}?{query}")
+        if "sort" in query and "--" not in query and path not in ("/", "/export/board.csv"):
+            continue  # it sorts nothing
+        assert answer.status_code == 400, path
+        assert all(words in unescape(answer.text) for words in said), path
+
+
+@pytest.mark.parametrize("sort", ["ur", "-ur", "-hcc", "method", "-date", "rank", None])
+async def test_the_same_sort_is_the_same_order_on_page_api_and_csv(
+    lively_site: Any, sort: str | None
+) -> None:
+    query = f"?sort={sort}" if sort else ""
+    board = Board.model_validate_json(
+        (await lively_site.get(f"/api/v1/leaderboard{query}")).content
+    )
+    wanted = [entry.method for entry in board.entries if entry.source == "scored"]
+    assert await shown_order(lively_site, query) == [wanted, wanted, wanted]
+
+
+async def shown_order(site: Any, query: str) -> list[list[str]]:
+    """Return the scored methods as the page, the CSV and the API's CSV list them."""
+    text = (await site.get(f"/{query}")).text
+    rows = text.split('class="blk-scored"')[1].split("</tbody>")[0]
+    found = [[unescape(name) for name in re.findall(r'class="pn"[^>]*>([^<]*)</a>', rows)]]
+    for path in ("/export/board.csv", "/api/v1/leaderboard.csv"):
+        lines = csv.DictReader(io.StringIO((await site.get(f"{path}{query}")).text))
+        found.append([line["method"] for line in lines if line["source"] == "scored"])
+    return found
+
+
+async def test_the_default_sort_is_one_constant(
+    lively_site: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    by_rank = await shown_order(lively_site, "")
+    monkeypatch.setattr(board_query, "DEFAULT_SORT", "-ur")
+    by_ur = await shown_order(lively_site, "")
+    board = Board.model_validate_json((await lively_site.get("/api/v1/leaderboard")).content)
+    assert by_ur[0] == [entry.method for entry in board.entries if entry.source == "scored"]
+    assert by_ur[0] == by_ur[1] == by_ur[2]
+    assert by_ur != by_rank
+    assert await shown_order(lively_site, "?sort=rank") == by_rank
+
+
+async def test_an_address_with_an_order_in_words_leads_to_the_one_with_a_sign(
+    lively_site: Any,
+) -> None:
+    answer = await lively_site.get("/?sort=ur&order=descending")
+    assert (answer.status_code, answer.headers["location"]) == (303, "/?sort=-ur#board")
 
 
 async def test_an_unchanged_page_is_answered_by_304(lively_site: Any) -> None:

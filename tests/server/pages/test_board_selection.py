@@ -4,9 +4,28 @@ from typing import Any
 
 import pytest
 
+from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.pages.board_query import BoardQuery
-from exceptiondrive_server.pages.board_selection import PAGE_ROWS, select
+from exceptiondrive_server.pages.board_selection import (
+    PAGE_ROWS,
+    select,
+    sort_entries,
+    sorted_board,
+)
+
+
+@pytest.mark.parametrize("sort", ["accuracy", "nonsense", "family.nowhere", "team"])
+def test_only_what_a_board_has_sorts_it(lively_board: Board, sort: str) -> None:
+    with pytest.raises(InvalidRecord) as refused:
+        sort_entries(lively_board, lively_board.entries, sort)
+    assert "one of hcc, ur" in refused.value.fields["sort"]
+
+
+def test_a_board_is_kept_in_the_order_of_its_ranks(lively_board: Board) -> None:
+    assert sorted_board(lively_board, "rank") is lively_board
+    ranks = [entry.rank for entry in sorted_board(lively_board, "-rank").entries]
+    assert ranks[:7] == [6, 5, 4, 3, 2, 1, None]
 
 
 def names(board: Board, **query: Any) -> list[list[str]]:
@@ -16,8 +35,8 @@ def names(board: Board, **query: Any) -> list[list[str]]:
 
 def test_blocks_are_never_mixed_whatever_the_sort(lively_board: Board) -> None:
     for sort in ("rank", "hcc", "ur", "method", "date", "family.lane_blockage"):
-        for order in ("ascending", "descending"):
-            page = select(lively_board, BoardQuery(sort=sort, order=order), "macro_family")
+        for sign in ("", "-"):
+            page = select(lively_board, BoardQuery(sort=sign + sort), "macro_family")
             assert [block.source for block in page.blocks] == ["scored", "reference", "reported"]
             for block in page.blocks:
                 assert {entry.source for entry in block.entries} == {block.source}
@@ -28,18 +47,18 @@ def test_by_default_ranks_rise_and_unranked_rows_stand_last(lively_board: Board)
     assert [entry.rank for entry in page.blocks[0].entries] == [1, 2, 3, 4, 5, 6, None]
 
 
-@pytest.mark.parametrize("order", ["ascending", "descending"])
+@pytest.mark.parametrize("sign", ["", "-"])
 @pytest.mark.parametrize("sort", ["ur", "hcc", "cts", "family.road_surface_hazard"])
 def test_a_row_without_the_value_stands_last_in_either_direction(
-    lively_board: Board, sort: str, order: str
+    lively_board: Board, sort: str, sign: str
 ) -> None:
-    assert names(lively_board, sort=sort, order=order)[0][-1] == "half-a-file"
+    assert names(lively_board, sort=sign + sort)[0][-1] == "half-a-file"
 
 
-def test_the_first_click_on_a_column_sorts_best_first(lively_board: Board) -> None:
+def test_a_minus_sorts_descending(lively_board: Board) -> None:
     assert names(lively_board, sort="ur")[0][0] == "Kestrel-2"
-    assert names(lively_board, sort="ur", order="descending")[0][0] == "nerve"
-    assert names(lively_board, sort="hcc")[2][0] == "ST-P3"
+    assert names(lively_board, sort="-ur")[0][0] == "nerve"
+    assert names(lively_board, sort="-hcc")[2][0] == "ST-P3"
 
 
 def test_filters_match_method_and_team_whatever_the_case(lively_board: Board) -> None:

@@ -93,7 +93,7 @@ def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round()
     assert [column.aria_sort for column in columns].count(None) == len(columns) - 1
     ur = next(column for column in columns if column.key == "ur")
     assert (ur.aria_sort, ur.sort_words) == ("ascending", "sorted, best first")
-    assert ur.sort_url == "/?sort=ur&order=descending#board"
+    assert ur.sort_url == "/?sort=-ur#board"
 
 
 def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks() -> None:

@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.pages.numbers import (
     Digits,
-    counted,
     day,
     fixed,
     grouped,

@@ -8,7 +8,7 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-IMMUTABLE = ("audit_lines", "boards", "board_flips", "protocols", "score_sheets")
+IMMUTABLE = ("audit_lines", "boards", "board_entries", "board_flips", "protocols", "score_sheets")
 """Nothing in these tables is ever overwritten or deleted, by whatever code."""
 
 TIME = sa.DateTime(timezone=True)
@@ -211,7 +211,7 @@ def create_phases() -> None:
         sa.Column("current_board_id", sa.Integer()),
         sa.Column("shows_reported", sa.Boolean(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
-        sa.Column("life", sa.Text(), nullable=False),
+        sa.Column("policy", sa.Text(), nullable=False),
         sa.Column("unfrozen_at", TIME),
         sa.Column("names_revealed_at", TIME),
         sa.Column("pseudonym_salt", sa.String()),
@@ -300,7 +300,7 @@ def create_submissions() -> None:
 
 
 def create_boards() -> None:
-    """Board snapshots, the moves of the pointer to the current one, and boards to be built."""
+    """Board snapshots with their entries, the moves of the pointer to the current one, and boards to be built."""
     op.create_table(
         "boards",
         sa.Column("id", sa.Integer(), primary_key=True),
@@ -317,6 +317,13 @@ def create_boards() -> None:
         sa.Column("view", sa.String(), nullable=False),
         sa.UniqueConstraint("phase_id", "number"),
     )
+    op.create_table(
+        "board_entries",
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
+        sa.Column("submission_id", sa.String(), primary_key=True),
+        sa.Column("rank", sa.Integer()),
+    )
+    op.create_index("ix_board_entries_submission", "board_entries", ["submission_id", "board_id"])
     op.create_table(
         "board_flips",
         sa.Column("id", sa.Integer(), primary_key=True),

@@ -1,0 +1,349 @@
+"""Documents of the API as people read them in a terminal."""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from exceptiondrive.errors import utc_text
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, Metric
+from exceptiondrive_schemas.faults import CheckReport, FaultGroup
+from exceptiondrive_schemas.protocol import Protocol, PublicationSection, packaged_protocol
+from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
+from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
+
+EXAMPLES_SHOWN = 5
+SENSITIVITY = "d_safe_x"
+AGGREGATES = {
+    "macro_family": "macro_family (mean of the family means)",
+    "micro": "micro (mean over all samples)",
+}
+STYLES = {
+    SubmissionStatus.SCORED: "green",
+    SubmissionStatus.REJECTED: "red",
+    SubmissionStatus.FAILED: "red",
+    SubmissionStatus.WITHDRAWN: "dim",
+}
+
+
+def plain_table(*titles: str) -> Table:
+    """Return a table without lines; wide cells of `titles` fold."""
+    table = Table(box=None, padding=(0, 1), header_style="bold")
+    for title in titles:
+        table.add_column(title, overflow="fold")
+    return table
+
+
+def challenge_of(challenge_id: str) -> Challenge:
+    """Return the challenge with this id."""
+    return CHALLENGES[ChallengeId(challenge_id)]
+
+
+def metric_head(metric: Metric) -> str:
+    """Column head: label, unit, and which way is better."""
+    arrow = {"higher": " ^", "lower": " v", None: ""}[metric.better]
+    unit = "%" if metric.unit == "fraction" else "m"
+    return f"{metric.label} {unit}{arrow}"
+
+
+def metric_text(
+    metric: Metric, value: float | None, publication: PublicationSection | None = None
+) -> str:
+    """Return a value as the board shows it.
+
+    Args:
+        metric: Which metric.
+        value: Fraction or metres; None where undefined.
+        publication: Digits; two where not given.
+    """
+    if value is None:
+        return "-"
+    if metric.unit == "fraction":
+        return f"{100 * value:.{publication.percent_decimals if publication else 2}f}"
+    return f"{value:.{publication.metre_decimals if publication else 2}f}"
+
+
+def report_view(report: CheckReport, name: str = "The file") -> Iterator[RenderableType]:
+    """Yield what to print for a report.
+
+    Args:
+        report: Outcome of a check.
+        name: What to call the file.
+    """
+    yield Text(_headline(report, name), style="bold red" if report.faults else "bold green")
+    for group in report.faults:
+        yield ""
+        yield Text.assemble((group.code.value, "bold"), f"  x {group.count}  {group.message}")
+        yield _examples(group)
+        rest = group.count - min(len(group.examples), EXAMPLES_SHOWN)
+        if rest > 0:
+            yield Text(f"  ... and {rest} more", style="dim")
+    for note in report.notes:
+        yield Text(f"note: {note}", style="yellow")
+
+
+def _headline(report: CheckReport, name: str) -> str:
+    if not report.faults:
+        facts = [report.challenge or "", f"{report.n_predictions} predictions"]
+        facts += [f"split {report.split}"] if report.split else []
+        return f"{name} is valid: {', '.join(fact for fact in facts if fact)}"
+    total = sum(group.count for group in report.faults)
+    kinds = len(report.faults)
+    return (
+        f"{name} is not valid: {total} fault{'s' * (total > 1)} of {kinds} kind{'s' * (kinds > 1)}"
+    )
+
+
+def _examples(group: FaultGroup) -> Table:
+    shown = group.examples[:EXAMPLES_SHOWN]
+    has_sample = any(fault.sample_id for fault in shown)
+    has_hint = any(fault.hint for fault in shown)
+    table = Table(box=None, padding=(0, 2), header_style="dim")
+    for title, is_shown in (
+        ("where", True),
+        ("sample", has_sample),
+        ("expected", True),
+        ("got", True),
+        ("hint", has_hint),
+    ):
+        if is_shown:
+            table.add_column(title, overflow="fold")
+    for fault in shown:
+        cells = [fault.path]
+        cells += [fault.sample_id or ""] if has_sample else []
+        cells += [fault.expected, fault.got]
+        cells += [fault.hint or ""] if has_hint else []
+        table.add_row(*(Text(cell) for cell in cells))
+    return table
+
+
+def sheet_view(
+    sheet: ScoreSheet, protocol: Protocol | None = None, with_tasks: bool = True
+) -> Iterator[RenderableType]:
+    """Yield what to print for a score sheet.
+
+    Args:
+        sheet: Scores, exact or as published.
+        protocol: Gives titles, digits and the headline; else the one that ships with the client
+            if it is the sheet's, else ids and two digits are shown.
+        with_tasks: Whether to show the rows of the tasks.
+    """
+    protocol = protocol or _shipped(sheet.protocol)
+    yield Text(
+        f"{challenge_of(sheet.challenge).title} · split {sheet.split.name} · "
+        f"protocol {sheet.protocol.version} · {sheet.n} samples",
+        style="bold",
+    )
+    edited, source = sheet.coverage.edited, sheet.coverage.source
+    answered = f"{edited:.2%}" if source is None else f"{edited:.2%} edited, {source:.2%} source"
+    yield Text(f"answers given: {answered}", style="dim")
+    yield _sheet_table(sheet, protocol, with_tasks)
+    yield from _sensitivity(sheet, protocol)
+    yield from _plausibility(sheet)
+    yield from _extra(sheet)
+
+
+def _shipped(wanted: ProtocolRef) -> Protocol | None:
+    try:
+        shipped = packaged_protocol(wanted.version)
+    except FileNotFoundError:
+        return None
+    return shipped if shipped.digest == wanted.digest else None
+
+
+def _sheet_table(sheet: ScoreSheet, protocol: Protocol | None, with_tasks: bool) -> Table:
+    challenge = challenge_of(sheet.challenge)
+    table = plain_table("")
+    table.add_column("n", justify="right")
+    for metric in challenge.metrics:
+        table.add_column(metric_head(metric), justify="right", no_wrap=True)
+    headline = protocol.grading.headline if protocol else "macro_family"
+    for key in sorted(AGGREGATES, key=lambda key: key != headline):
+        row: MetricRow = getattr(sheet, key)
+        style = "bold" if key == headline else ""
+        table.add_row(AGGREGATES[key], str(sheet.n), *_cells(challenge, row, protocol), style=style)
+    table.add_section()
+    families = {family.id: family.title for family in protocol.families} if protocol else {}
+    _add_rows(table, challenge, sheet.families, families, protocol)
+    if with_tasks:
+        tasks = {task.id: f"{task.id} {task.name}" for task in protocol.tasks} if protocol else {}
+        table.add_row()
+        _add_rows(table, challenge, sheet.tasks, tasks, protocol)
+    return table
+
+
+def _add_rows(
+    table: Table,
+    challenge: Challenge,
+    rows: Mapping[str, BreakdownRow],
+    titles: Mapping[str, str],
+    protocol: Protocol | None,
+) -> None:
+    in_order = [key for key in titles if key in rows]  # kept sheets come sorted by key
+    for key in [*in_order, *(key for key in rows if key not in titles)]:
+        row = rows[key]
+        n = "" if row.n is None else str(row.n)
+        table.add_row(titles.get(key, key), n, *_cells(challenge, row.metrics, protocol))
+
+
+def _cells(challenge: Challenge, row: MetricRow, protocol: Protocol | None) -> list[str]:
+    digits = protocol.publication if protocol else None
+    return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.metrics]
+
+
+def _sensitivity(sheet: ScoreSheet, protocol: Protocol | None) -> Iterator[Text]:
+    """One line for each other required clearance that the protocol asks about."""
+    hcc = next((m for m in challenge_of(sheet.challenge).metrics if m.key == "hcc"), None)
+    digits = protocol.publication if protocol else None
+    for name, row in sheet.extra.items():
+        if hcc is not None and name.startswith(SENSITIVITY):
+            averages = ("hcc_macro_family", "macro_family"), ("hcc_micro", "micro")
+            parts = [f"{title} {metric_text(hcc, row.get(k), digits)}" for k, title in averages]
+            factor = name.removeprefix(SENSITIVITY)
+            yield Text(f"HCC % at {factor} times d_safe: {', '.join(parts)}", style="dim")
+
+
+def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
+    shares = {key: share for key, share in sheet.plausibility.shares.items() if share is not None}
+    if shares:
+        listed = ", ".join(f"{key.replace('_', ' ')} {share:.1%}" for key, share in shares.items())
+        yield Text(f"plausibility: {listed}", style="dim")
+    for flag in sheet.plausibility.flags:
+        yield Text.assemble(("flag ", "yellow"), (flag.label, "bold yellow"), f": {flag.detail}")
+
+
+def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
+    """Further named rows: counts as counts, anything else as the fraction that it is."""
+    by_columns: dict[tuple[str, ...], Table] = {}
+    others = {key: row for key, row in sheet.extra.items() if not key.startswith(SENSITIVITY)}
+    for name, row in others.items():
+        table = by_columns.get(tuple(row))
+        if table is None:
+            table = by_columns[tuple(row)] = plain_table("")
+            for key in row:
+                table.add_column(key.replace("_", " "), justify="right")
+        is_count = "n" in row
+        table.add_row(name.replace("_", " "), *(_extra_cell(v, is_count) for v in row.values()))
+    yield from by_columns.values()
+
+
+def _extra_cell(value: float | None, is_count: bool) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.0f}" if is_count else f"{value:.2%}"
+
+
+def status_line(view: SubmissionView) -> str:
+    """Say where a submission stands, in one line."""
+    return view.status.value if view.queue is None else f"{view.status}: {queue_text(view.queue)}"
+
+
+def queue_text(queue: QueuePlace) -> str:
+    """Say how long it will take."""
+    if queue.workers_alive == 0:
+        return f"place {queue.position}, no worker is alive: it waits until one is"
+    wait = ""
+    if queue.expected_wait_s is not None:
+        wait = f", about {max(1, round(queue.expected_wait_s))} s"
+    again = f", attempt {queue.attempts + 1}" if queue.attempts > 1 else ""
+    return f"place {queue.position}{wait}{again}"
+
+
+def submission_view(
+    view: SubmissionView, page_url: str, unranked_because: str | None = None
+) -> Iterator[RenderableType]:
+    """Yield what to print for one submission."""
+    style = STYLES.get(view.status, "yellow")
+    yield Text.assemble((f"{view.id}  ", "bold"), (status_line(view), f"bold {style}"))
+    yield Text(
+        f"{view.method} · team {view.team} · phase {view.phase} · {utc_text(view.received_at)}",
+        style="dim",
+    )
+    if view.is_duplicate:
+        yield "The same bytes were submitted before: this is that submission, no quota was spent."
+    if view.failure is not None:
+        yield Text(f"{view.failure.code}: {view.failure.message}")
+    if view.report is not None and view.report.faults:
+        yield from report_view(view.report)
+    if view.sheet is not None:
+        yield from sheet_view(view.sheet, with_tasks=False)
+    if view.status is SubmissionStatus.SCORED:
+        rank = f"rank {view.rank}" if view.rank else "not ranked"
+        why = f": {unranked_because}" if unranked_because else ""
+        yield Text(f"{rank} in phase {view.phase}{why}", style="bold")
+        yield Text(page_url)
+    elif not view.status.is_terminal:
+        yield Text(f"follow it with: exceptiondrive status {view.id}")
+        yield Text(f"or in the browser: {page_url}")
+
+
+def submissions_table(views: Iterable[SubmissionView]) -> Table:
+    """Return the table of many submissions."""
+    table = plain_table("id", "phase", "method", "status", "received", "rank")
+    for view in views:
+        style = STYLES.get(view.status, "yellow")
+        table.add_row(
+            view.id,
+            view.phase,
+            Text(view.method),
+            Text(status_line(view), style=style),
+            utc_text(view.received_at),
+            str(view.rank or ""),
+        )
+    return table
+
+
+def board_view(board: Board) -> Iterator[RenderableType]:
+    """Yield what to print for a board."""
+    challenge = challenge_of(board.challenge)
+    yield Text(
+        f"{challenge.title} · phase {board.phase} · split {board.split.name} "
+        f"({board.n_samples} samples) · protocol {board.protocol.version}",
+        style="bold",
+    )
+    yield Text(
+        f"board {board.board} of {board.published_at:%Y-%m-%d %H:%M} UTC, metrics: "
+        f"{board.headline}",
+        style="dim",
+    )
+    if board.view == "late":
+        yield Text(
+            "late view: with the entries that came after the deadline; no rank of the board moves"
+        )
+    if board.part is not None:
+        yield Text(f"counts the {board.part} part of the split")
+    yield _board_table(board, challenge)
+    for entry in board.entries:
+        if entry.unranked_because:
+            yield Text(f"{entry.method} ({entry.team}): {entry.unranked_because}", style="dim")
+
+
+def _board_table(board: Board, challenge: Challenge) -> Table:
+    table = Table(box=None, padding=(0, 1), header_style="bold")
+    table.add_column("rank", justify="right", no_wrap=True)
+    table.add_column("range", justify="right", no_wrap=True)
+    table.add_column("method", overflow="fold")
+    table.add_column("team", overflow="fold")
+    for metric in challenge.metrics:
+        table.add_column(metric_head(metric), justify="right", no_wrap=True)
+    table.add_column("source", no_wrap=True)
+    table.add_column("flags", overflow="fold")
+    for entry in board.entries:
+        table.add_row(*_entry_cells(entry, challenge), style="" if entry.rank else "dim")
+    return table
+
+
+def _entry_cells(entry: BoardEntry, challenge: Challenge) -> list[Text]:
+    interval = entry.rank_interval
+    cells = [
+        str(entry.rank or "-"),
+        "" if interval is None else f"{interval[0]}-{interval[1]}",
+        entry.method,
+        entry.team,
+        *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.metrics),
+        entry.source,
+        ", ".join([*(["late"] if entry.is_late else []), *(flag.label for flag in entry.flags)]),
+    ]
+    return [Text(cell) for cell in cells]

@@ -1,0 +1,83 @@
+"""What a terminal shows: text that cannot steer it, and progress on stderr where a person sees it."""
+
+from collections.abc import Iterable
+from typing import Self
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.segment import Segment
+from rich.status import Status
+
+from exceptiondrive.cli.output import console, has_terminal
+from exceptiondrive.cli.tables import status_line
+from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.submission import SubmissionView
+
+
+class SafeConsole(Console):
+    """Rich's console; control characters in what is shown become replacement signs.
+
+    Rich itself lets ESC through. Its own colours and cursor movements are not in the text of
+    segments and stay.
+    """
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Yield what is shown, cleaned."""
+        for segment in super().render(renderable, options):
+            if segment.control:
+                yield segment
+            else:
+                yield Segment(printable(segment.text), segment.style)
+
+
+class UploadBar:
+    """A bar that is called with bytes sent and bytes in all."""
+
+    def __init__(self, name: str) -> None:
+        self._bar = Progress(
+            TextColumn("uploading {task.description}"),
+            BarColumn(),
+            DownloadColumn(),
+            TimeRemainingColumn(),
+            console=console(stderr=True),
+            transient=True,
+            disable=not has_terminal(),
+        )
+        self._task = self._bar.add_task(name, total=None)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def __call__(self, sent: int, total: int) -> None:
+        """Move the bar."""
+        self._bar.update(self._task, completed=sent, total=total)
+
+
+class WaitLine:
+    """A line that says where a submission stands."""
+
+    def __init__(self, view: SubmissionView) -> None:
+        self._status = Status(_place(view), console=console(stderr=True))
+
+    def __enter__(self) -> Self:
+        if has_terminal():
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._status.stop()
+
+    def __call__(self, view: SubmissionView) -> None:
+        """Say the new state."""
+        if has_terminal():
+            self._status.update(_place(view))
+
+
+def _place(view: SubmissionView) -> str:
+    return f"{view.id}  {status_line(view)}"

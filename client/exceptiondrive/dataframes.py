@@ -1,0 +1,106 @@
+"""Documents of the API as pandas tables; needs the extra `data`.
+
+Numbers stay what the documents hold: fractions for safety metrics, metres for shifts, NaN where
+undefined. Times are in UTC.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from exceptiondrive.client import Submission
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import SubmissionView
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Row = dict[str, Any]
+AGGREGATES = ("macro_family", "micro")
+
+
+def to_dataframe(
+    document: "Board | ScoreSheet | Submission | SubmissionView | Iterable[SubmissionView]",
+    *,
+    families: bool = False,
+) -> "pd.DataFrame":
+    """Return a document as a table.
+
+    Args:
+        document: A board: one row an entry, in the board's order. A score sheet, of `evaluate_file`
+            or of a submission: rows `all`, `family` and `task` by id, as a two-level index.
+            Submissions, one or many: one row each, with the totals of those that are scored.
+        families: For a board: one row an entry and family instead.
+
+    Raises:
+        InvalidArgumentError: The extra `data` is missing.
+    """
+    try:
+        import pandas as pd
+    except ModuleNotFoundError:
+        raise InvalidArgumentError(
+            "extra_missing", "Tables need pandas.", 'Run: pip install "exceptiondrive[data]"'
+        ) from None
+    if isinstance(document, Board):
+        make_rows = _family_rows if families else _entry_rows
+        return _typed(pd.DataFrame([*make_rows(document.entries)]))
+    if isinstance(document, ScoreSheet):
+        rows = {(level, key): row for level, key, row in _sheet_rows(document)}
+        index = pd.MultiIndex.from_tuples(list(rows), names=["level", "id"])
+        return _typed(pd.DataFrame(list(rows.values()), index=index))
+    if isinstance(document, Submission):
+        document = document.view
+    views = [document] if isinstance(document, SubmissionView) else document
+    return _typed(pd.DataFrame([_submission_row(view) for view in views]))
+
+
+def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
+    """Give times a time zone, and ranks a type that knows of missing ones."""
+    import pandas as pd
+
+    for name in {"submitted_at", "received_at"}.intersection(table.columns):
+        table[name] = pd.to_datetime(table[name], utc=True)
+    for name in {"rank", "rank_low", "rank_high", "n"}.intersection(table.columns):
+        table[name] = table[name].astype("Int64")
+    return table
+
+
+def _entry_rows(entries: Iterable[BoardEntry]) -> Iterator[Row]:
+    for entry in entries:
+        low, high = entry.rank_interval or (None, None)
+        row: Row = {"rank": entry.rank, "rank_low": low, "rank_high": high}
+        row |= {"method": entry.method, "team": entry.team, "source": entry.source}
+        row |= entry.metrics
+        for key, interval in entry.intervals.items():
+            row[f"{key}_low"], row[f"{key}_high"] = interval or (None, None)
+        row |= {f"coverage_{key}": share for key, share in entry.coverage.items()}
+        row["flags"] = ", ".join(flag.label for flag in entry.flags)
+        row |= {"is_late": entry.is_late, "unranked_because": entry.unranked_because}
+        yield row | {"submission_id": entry.submission_id, "submitted_at": entry.submitted_at}
+
+
+def _family_rows(entries: Iterable[BoardEntry]) -> Iterator[Row]:
+    for entry in entries:
+        for family, cell in entry.families.items():
+            named = {"method": entry.method, "team": entry.team, "family": family}
+            yield {**named, "n": cell.n, **cell.metrics}
+
+
+def _sheet_rows(sheet: ScoreSheet) -> Iterator[tuple[str, str, Row]]:
+    for key in AGGREGATES:
+        yield "all", key, {"n": sheet.n, **getattr(sheet, key)}
+    levels: Mapping[str, Any] = {"family": sheet.families, "task": sheet.tasks}
+    for level, rows in levels.items():
+        for key, row in rows.items():
+            yield level, key, {"n": row.n, **row.metrics}
+
+
+def _submission_row(view: SubmissionView) -> Row:
+    row: Row = {"id": view.id, "phase": view.phase, "challenge": view.challenge}
+    row |= {"method": view.method, "status": view.status.value, "rank": view.rank}
+    row |= {"received_at": view.received_at, "is_late": view.is_late}
+    if view.sheet is not None:
+        for key in AGGREGATES:
+            row |= {f"{name}_{key}": number for name, number in getattr(view.sheet, key).items()}
+    return row

@@ -1,0 +1,12 @@
+"""`python -m exceptiondrive_agent remind | decide`: the two commands alone."""
+
+import typer
+
+from exceptiondrive.cli import Commands
+from exceptiondrive_agent.cli import register
+
+app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False)
+register(app)
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,281 @@
+"""The network edge: one chat completion from any OpenAI-compatible endpoint.
+
+Endpoints differ in structured output and in the name of the token limit: every refusal leads to a
+plainer dialect, never back, so asking ends after a few tries. Retries with back-off and Retry-After
+are the openai library's (429, 408, 409, 5xx, timeouts, broken connections); every HTTP request,
+retries included, waits for its slot. Redirects are not followed: images go to the address that was
+given and nowhere else.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, Self
+
+import openai
+from pydantic import BaseModel, ValidationError
+
+from exceptiondrive_agent.answers import Schema
+from exceptiondrive_agent.errors import (
+    AgentError,
+    EndpointRefusesError,
+    NoAnswerError,
+    Reason,
+)
+from exceptiondrive_agent.questions import Message, ModelSettings
+
+
+class Pace:
+    """Hands out time slots that lie at least 60 s / `requests_per_minute` apart."""
+
+    def __init__(self, requests_per_minute: float | None) -> None:
+        self._interval_s = 60.0 / requests_per_minute if requests_per_minute else 0.0
+        self._next_s = float("-inf")
+
+    def reserve(self, now_s: float) -> float:
+        """Take the next free slot and return how many seconds away it is.
+
+        Args:
+            now_s: Time of any clock that never goes back.
+        """
+        slot_s = max(now_s, self._next_s)
+        self._next_s = slot_s + self._interval_s
+        return slot_s - now_s
+
+
+class AnswerForm(StrEnum):
+    """How the answer's form is asked for: by schema, as any JSON object, or in words alone."""
+
+    JSON_SCHEMA = "json_schema"
+    JSON_OBJECT = "json_object"
+    WORDS = "words"
+
+
+_PLAINER = {
+    AnswerForm.JSON_SCHEMA: AnswerForm.JSON_OBJECT,
+    AnswerForm.JSON_OBJECT: AnswerForm.WORDS,
+}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """One way of asking."""
+
+    form: AnswerForm = AnswerForm.JSON_SCHEMA
+    token_limit: str = "max_tokens"
+    sends_temperature: bool = True
+
+
+def plainer(dialect: Dialect, refused_field: str | None) -> Dialect | None:
+    """Return the dialect to try after a refusal, or None when there is none left.
+
+    Args:
+        dialect: The dialect that was refused.
+        refused_field: Request field that the endpoint names as the cause, if it names one.
+    """
+    if refused_field == "max_tokens" and dialect.token_limit == "max_tokens":
+        return replace(dialect, token_limit="max_completion_tokens")
+    if refused_field == "temperature" and dialect.sends_temperature:
+        return replace(dialect, sends_temperature=False)
+    if dialect.form in _PLAINER:
+        return replace(dialect, form=_PLAINER[dialect.form])
+    return None
+
+
+def request_body(
+    settings: ModelSettings, dialect: Dialect, messages: list[Message], name: str, schema: Schema
+) -> dict[str, Any]:
+    """The chat-completions request in one dialect; `extra` fields win over ours."""
+    body: dict[str, Any] = {"model": settings.model, "messages": messages}
+    body[dialect.token_limit] = settings.max_tokens
+    if dialect.sends_temperature:
+        body["temperature"] = settings.temperature
+    if dialect.form is AnswerForm.JSON_SCHEMA:
+        body["response_format"] = {
+            "type": "json_schema",
+            "json_schema": {"name": name, "strict": True, "schema": schema},
+        }
+    elif dialect.form is AnswerForm.JSON_OBJECT:
+        body["response_format"] = {"type": "json_object"}
+    return {**body, **settings.extra}
+
+
+class Usage(BaseModel):
+    """Tokens that the endpoint says it counted."""
+
+    prompt_tokens: int = 0
+    completion_tokens: int = 0
+
+
+class _Message(BaseModel):
+    content: str | None = None
+    refusal: str | None = None
+
+
+class _Choice(BaseModel):
+    message: _Message
+    finish_reason: str | None = None
+
+
+class Completion(BaseModel):
+    """The part of a chat completion that we read; whatever else it holds is ignored."""
+
+    choices: tuple[_Choice, ...]
+    usage: Usage | None = None
+    model: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The model's whole text.
+
+        Raises:
+            NoAnswerError: `refusal`, `filtered`, `truncated`, `empty` or `bad_response`.
+        """
+        if len(self.choices) != 1:
+            detail = f"expected one choice, got {len(self.choices)}"
+            raise NoAnswerError(Reason.BAD_RESPONSE, detail)
+        choice = self.choices[0]
+        content = choice.message.content
+        if choice.message.refusal:
+            raise NoAnswerError(
+                Reason.REFUSAL, "the model refused to answer", choice.message.refusal
+            )
+        if choice.finish_reason == "content_filter":
+            raise NoAnswerError(Reason.FILTERED, "the endpoint's filter cut the answer", content)
+        if choice.finish_reason == "length":
+            detail = "the answer hit the token limit; raise --max-tokens"
+            raise NoAnswerError(Reason.TRUNCATED, detail, content)
+        if content is None or not content.strip():
+            raise NoAnswerError(Reason.EMPTY, "the answer is empty")
+        return content
+
+
+def read_completion(body: bytes) -> Completion:
+    """Return the chat completion in a response body.
+
+    Raises:
+        NoAnswerError: `bad_response`: the body is not a chat completion.
+    """
+    try:
+        return Completion.model_validate_json(body)
+    except ValidationError:
+        raw = body.decode("utf-8", errors="replace")
+        raise NoAnswerError(
+            Reason.BAD_RESPONSE, "the response is no chat completion", raw
+        ) from None
+
+
+Sleep = Callable[[float], Awaitable[None]]
+_RAW_RESPONSE = "x-stainless-raw-response"  # the library reads it back from the request
+_KEY_ADVICE = "Set EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY."
+
+
+@dataclass(frozen=True)
+class EndpointSettings:
+    """Where and how to reach the endpoint."""
+
+    base_url: str
+    key: str | None = None
+    timeout_s: float = 120.0
+    max_retries: int = 5
+    requests_per_minute: float | None = None
+
+
+class Endpoint:
+    """A connection pool to one endpoint; use it as an asynchronous context manager."""
+
+    def __init__(
+        self, settings: EndpointSettings, model: ModelSettings, sleep: Sleep = asyncio.sleep
+    ) -> None:
+        self._sleep = sleep
+        self._key = settings.key
+        self._model = model
+        self._pace = Pace(settings.requests_per_minute)
+        self._dialect = Dialect()
+        self.n_requests = 0
+        self._client = openai.AsyncOpenAI(
+            base_url=settings.base_url,
+            api_key=settings.key or "none",
+            timeout=settings.timeout_s,
+            max_retries=settings.max_retries,
+            http_client=openai.DefaultAsyncHttpxClient(
+                follow_redirects=False, event_hooks={"request": [self._before_request]}
+            ),
+        )
+
+    async def __aenter__(self) -> Self:
+        """Return the endpoint."""
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Close all connections."""
+        await self._client.close()
+
+    async def _before_request(self, request: Any) -> None:
+        """Wait for a slot, and drop the headers in which the library describes this machine."""
+        for name in set(request.headers):
+            if name.startswith("x-stainless-") and name != _RAW_RESPONSE:
+                del request.headers[name]
+        self.n_requests += 1
+        await self._sleep(self._pace.reserve(asyncio.get_running_loop().time()))
+
+    async def complete(
+        self, messages: list[Message], name: str, schema: Schema
+    ) -> tuple[Completion, Dialect]:
+        """Ask once, in the plainest dialect that has proved necessary so far.
+
+        Raises:
+            NoAnswerError: The endpoint did not answer, refused this request or answered nonsense.
+            ExceptionDriveError: No sample can be asked: key, account or model name is refused.
+        """
+        dialect: Dialect | None = self._dialect
+        while dialect is not None:
+            body = request_body(self._model, dialect, messages, name, schema)
+            try:
+                completion = read_completion(await self._post(body))
+            except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
+                refusal = error
+                dialect = plainer(dialect, error.param)
+            else:
+                self._dialect = dialect
+                return completion, dialect
+        raise self._refused(refusal) from None
+
+    async def _post(self, body: dict[str, Any]) -> bytes:
+        try:
+            response = await self._client.chat.completions.with_raw_response.create(
+                model=body["model"], messages=body["messages"], extra_body=body
+            )
+            return bytes(response.content)
+        except openai.APITimeoutError:
+            raise NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries") from None
+        except openai.APIConnectionError as error:
+            detail = f"no connection, after retries: {self._clean(str(error.__cause__ or error))}"
+            raise NoAnswerError(Reason.CONNECTION, detail) from None
+        except (openai.BadRequestError, openai.UnprocessableEntityError):
+            raise
+        except openai.APIStatusError as error:
+            self._stop_if_hopeless(error)
+            raise self._refused(error) from None
+
+    def _stop_if_hopeless(self, error: openai.APIStatusError) -> None:
+        said = self._clean(error.message)
+        if error.status_code == 401:
+            raise EndpointRefusesError(f"The endpoint refuses the key: {said}.", _KEY_ADVICE)
+        if error.status_code == 402 or error.code == "insufficient_quota":
+            raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
+        if error.status_code == 404:
+            advice = "Correct --base-url or --model."
+            raise AgentError(f"The endpoint knows no such address or model: {said}.", advice)
+
+    def _refused(self, error: openai.APIStatusError) -> NoAnswerError:
+        reason = Reason.REQUEST_REFUSED
+        if error.status_code == 429:
+            reason = Reason.RATE_LIMITED
+        elif error.status_code in (408, 409) or error.status_code >= 500:
+            reason = Reason.SERVER_ERROR
+        return NoAnswerError(reason, f"HTTP {error.status_code}: {self._clean(error.message)}")
+
+    def _clean(self, text: str) -> str:
+        return (text.replace(self._key, "***") if self._key else text)[:300]

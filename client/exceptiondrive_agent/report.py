@@ -1,0 +1,98 @@
+"""What a run did: answers, failures by reason, tokens, cost."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from exceptiondrive_agent.journal import JournalLine
+from exceptiondrive_schemas.base import Document
+
+
+class Prices(Document):
+    """Price of a million tokens, in whatever currency the endpoint charges."""
+
+    prompt: float
+    completion: float
+
+
+class RunReport(Document):
+    """Totals of one run; `answered` counts earlier runs of the same journal too."""
+
+    samples: int
+    answered: int
+    asked: int
+    done: int
+    failed: dict[str, int]
+    given_reminders: int
+    requests: int
+    prompt_tokens: int
+    completion_tokens: int
+    without_token_counts: int
+    unreachable: int
+    cost: float | None
+    out: str
+
+    @property
+    def text(self) -> str:
+        """The report for a reader."""
+        n_failed = sum(self.failed.values())
+        uncounted = self.without_token_counts
+        lines = [
+            f"samples      {self.samples}, with an answer {self.answered}",
+            f"this run     asked {self.asked}, done {self.done}, failed {n_failed}",
+            *(f"  failed     {count} {reason}" for reason, count in self.failed.items()),
+            f"requests     {self.requests}, samples asked with a reminder {self.given_reminders}",
+            f"tokens       {self.prompt_tokens} in, {self.completion_tokens} out",
+        ]
+        if uncounted:
+            lines.append(f"             the endpoint counted none for {uncounted} answers")
+        if self.cost is not None:
+            lines.append(f"cost         {self.cost:.4f}")
+        return "\n".join((*lines, f"written to   {self.out}"))
+
+
+def run_report(
+    lines: Sequence[JournalLine],
+    *,
+    samples: int,
+    answered: int,
+    requests: int,
+    prices: Prices | None,
+    out: str,
+) -> RunReport:
+    """Sum up the journal lines of one run.
+
+    Args:
+        lines: Lines of this run.
+        samples: How many samples there are to answer.
+        answered: How many of them have an answer, from this run or an earlier one.
+        requests: HTTP requests sent, retries included.
+        prices: Prices per million tokens, if known.
+        out: Where the answers are.
+    """
+    prompt = sum(line.prompt_tokens or 0 for line in lines)
+    completion = sum(line.completion_tokens or 0 for line in lines)
+    failed = Counter(line.reason.value for line in lines if line.reason is not None)
+    return RunReport(
+        samples=samples,
+        answered=answered,
+        asked=len(lines),
+        done=sum(line.is_done for line in lines),
+        failed=dict(failed.most_common()),
+        given_reminders=sum(line.given_reminder_digest is not None for line in lines),
+        requests=requests,
+        prompt_tokens=prompt,
+        completion_tokens=completion,
+        without_token_counts=sum(
+            line.form is not None and line.prompt_tokens is None for line in lines
+        ),
+        unreachable=sum(line.reason is not None and line.reason.is_unreachable for line in lines),
+        cost=cost(prices, prompt, completion),
+        out=out,
+    )
+
+
+def cost(prices: Prices | None, prompt_tokens: int, completion_tokens: int) -> float | None:
+    """Cost of the counted tokens, or None without prices."""
+    if prices is None:
+        return None
+    return (prices.prompt * prompt_tokens + prices.completion * completion_tokens) / 1e6

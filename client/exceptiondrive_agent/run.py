@@ -1,0 +1,360 @@
+"""`remind` and `decide` as functions: settings and paths in, files and a report out.
+
+Every unfinished sample is asked once, several at a time, and each outcome is journalled.
+"""
+
+import asyncio
+import os
+import sys
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from exceptiondrive_agent.endpoint import Endpoint, EndpointSettings
+from exceptiondrive_agent.errors import AgentError, EndpointGoneError, NoAnswerError, Reason
+from exceptiondrive_agent.images import ImagePaths, find_images, load_images
+from exceptiondrive_agent.journal import (
+    MAX_RAW_CHARACTERS,
+    Journal,
+    JournalLine,
+    latest,
+    read_journal,
+)
+from exceptiondrive_agent.questions import (
+    Message,
+    ModelSettings,
+    Question,
+    decide_question,
+    messages,
+    remind_question,
+)
+from exceptiondrive_agent.report import Prices, RunReport, run_report
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.strategy import ReminderRecord, StrategyPrediction, StrategySubmission
+from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
+
+
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Callable[[JournalLine], None]]:
+    """Give a function that moves the bar on by one journal line."""
+    columns = (
+        TextColumn(title),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[failed]} failed"),
+    )
+    console = Console(stderr=True)
+    failed = 0
+    with Progress(*columns, console=console, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=total, failed=0)
+
+        def advance(line: JournalLine) -> None:
+            nonlocal failed
+            failed += not line.is_done
+            bar.update(task, advance=1, failed=failed)
+
+        yield advance
+
+
+def read_manifest(path: Path) -> Manifest:
+    """Read a split's public manifest.
+
+    Raises:
+        AgentError: There is no such file, or it is no manifest.
+    """
+    try:
+        return Manifest.read(path.read_bytes())
+    except OSError as error:
+        raise AgentError(f"{path}: {error.strerror}") from None
+    except ValidationError:
+        raise AgentError(
+            f"{path}: not a manifest; download it from /api/v1/phases/<phase>/manifest"
+        ) from None
+
+
+def strategy_submission(
+    manifest: Manifest,
+    strategies: Mapping[str, Strategy],
+    reminders: Mapping[str, ReminderRecord],
+) -> StrategySubmission:
+    """Build the submission in the manifest's order.
+
+    Args:
+        manifest: Names the split and its samples.
+        strategies: Answers by sample; samples that are not in it become null.
+        reminders: Records to attach; empty attaches none.
+    """
+    return StrategySubmission(
+        schema_="exceptiondrive.strategy/1",
+        split=manifest.name,
+        predictions=tuple(
+            _prediction(sample_id, strategies.get(sample_id), reminders.get(sample_id))
+            for sample_id in manifest.sample_ids
+        ),
+    )
+
+
+def _prediction(
+    sample_id: str, strategy: Strategy | None, reminder: ReminderRecord | None
+) -> StrategyPrediction:
+    if reminder is None:
+        return StrategyPrediction(sample_id=sample_id, strategy=strategy)
+    return StrategyPrediction(sample_id=sample_id, strategy=strategy, reminder=reminder)
+
+
+def write_submission(submission: StrategySubmission, path: Path) -> None:
+    """Write the file in one step: a reader sees the old file or the new one.
+
+    Raises:
+        AgentError: The file cannot be written.
+    """
+    text = submission.model_dump_json(by_alias=True, exclude_unset=True, indent=1)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(text + "\n", encoding="utf-8")
+        os.replace(partial, path)
+    except OSError as error:
+        raise AgentError(f"{path}: {error.strerror}") from None
+
+
+GIVE_UP_AFTER = 20
+
+Ask = Callable[[str], Awaitable[JournalLine]]
+Take = Callable[[JournalLine], None]
+
+
+async def ask_sample(
+    sample_id: str, question: Question, images: ImagePaths, endpoint: Endpoint
+) -> JournalLine:
+    """Ask one sample; whatever keeps it from an answer becomes the line's reason."""
+    known: dict[str, Any] = {
+        "sample_id": sample_id,
+        "given_reminder_digest": question.given_reminder_digest(sample_id),
+    }
+    try:
+        request = await asyncio.to_thread(_request, sample_id, question, images)
+        completion, dialect = await endpoint.complete(request, question.name, question.schema)
+        known |= {"model": completion.model, "form": dialect.form.value}
+        if completion.usage is not None:
+            known |= completion.usage.model_dump()
+        return JournalLine(**known, **question.read(completion.text))
+    except NoAnswerError as error:
+        raw = None if error.raw is None else error.raw[:MAX_RAW_CHARACTERS]
+        return JournalLine(**known, reason=error.reason, detail=error.detail, raw=raw)
+
+
+def _request(sample_id: str, question: Question, images: ImagePaths) -> list[Message]:
+    loaded = load_images(images.get(sample_id, ()))
+    if question.views and len(question.views) != len(loaded):
+        detail = f"{len(question.views)} views are named, the sample has {len(loaded)} images"
+        raise NoAnswerError(Reason.WRONG_IMAGE_COUNT, detail)
+    reminder = question.reminders.get(sample_id)
+    return messages(question.instructions, loaded, question.views, reminder)
+
+
+async def ask_all(sample_ids: Iterable[str], ask: Ask, take: Take, concurrency: int) -> None:
+    """Ask the samples in order, at most `concurrency` at a time; hand each line to `take`.
+
+    Raises:
+        ExceptionDriveError: The endpoint refuses the run, or failed for 20 samples in a row.
+    """
+    queue = iter(sample_ids)
+    watch = _Watch()
+
+    async def work() -> None:
+        for sample_id in queue:
+            line = await ask(sample_id)
+            take(line)
+            watch.note(line)
+
+    try:
+        async with asyncio.TaskGroup() as group:
+            for _ in range(concurrency):
+                group.create_task(work())
+    except ExceptionGroup as errors:
+        raise errors.exceptions[0] from None
+
+
+class _Watch:
+    """Stops a run whose endpoint has gone, before every sample has waited for it in vain."""
+
+    def __init__(self) -> None:
+        self._failures_in_a_row = 0
+
+    def note(self, line: JournalLine) -> None:
+        failed = line.reason is not None and line.reason.is_from_endpoint
+        self._failures_in_a_row = self._failures_in_a_row + 1 if failed else 0
+        if self._failures_in_a_row >= GIVE_UP_AFTER:
+            raise EndpointGoneError(
+                f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time with: "
+                f"{line.detail}."
+            )
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What both questions share."""
+
+    protocol: Protocol
+    endpoint: EndpointSettings
+    model: ModelSettings
+    concurrency: int = 4
+    views: tuple[str, ...] = ()
+    limit: int | None = None
+    prices: Prices | None = None
+
+
+def remind(images: Path, out: Path, settings: RunSettings, manifest: Path | None) -> RunReport:
+    """Write one reminder record per sample to the journal `out`.
+
+    Args:
+        images: Folder or JSON file of `find_images`.
+        out: The journal; finished samples in it are not asked again.
+        settings: Endpoint, model, protocol and limits.
+        manifest: Ask for the samples of this manifest only; all samples with images otherwise.
+
+    Raises:
+        AgentError: A file is not what it must be, or the endpoint refuses the run.
+    """
+    found = find_images(images)
+    sample_ids = read_manifest(manifest).sample_ids if manifest else tuple(found)
+    _check_that_any_has_images(sample_ids, found)
+    question = remind_question(settings.protocol.taxonomy, settings.views)
+    header = question.header(settings.model)
+    with Journal(out, header) as journal:
+        return _run(question, sample_ids, found, journal, settings, out)
+
+
+def decide(
+    images: Path,
+    manifest_path: Path,
+    out: Path,
+    settings: RunSettings,
+    *,
+    journal_path: Path | None = None,
+    reminders_path: Path | None = None,
+    attach_reminders: bool = False,
+) -> RunReport:
+    """Write a strategy submission for every sample of the manifest.
+
+    Args:
+        images: Folder or JSON file of `find_images`.
+        manifest_path: The split's public manifest.
+        out: The submission file.
+        settings: Endpoint, model, protocol and limits.
+        journal_path: Journal of the decisions; by default next to `out`.
+        reminders_path: Journal of `remind`; without it the baseline is asked.
+        attach_reminders: Put the reminder records into the submission.
+
+    Raises:
+        AgentError: A file is not what it must be, or the endpoint refuses the run.
+    """
+    if attach_reminders and reminders_path is None:
+        raise AgentError("--attach-reminders needs --reminders")
+    manifest = read_manifest(manifest_path)
+    found = find_images(images)
+    _check_that_any_has_images(manifest.sample_ids, found)
+    taxonomy = settings.protocol.taxonomy
+    reminders = read_reminders(reminders_path, manifest, taxonomy) if reminders_path else {}
+    question = decide_question(reminders, taxonomy, settings.views)
+    header = question.header(settings.model, with_reminders=reminders_path is not None)
+    with Journal(journal_path or out.with_name(f"{out.name}.journal.jsonl"), header) as journal:
+        report = _run(question, manifest.sample_ids, found, journal, settings, out)
+        strategies = {
+            key: line.strategy
+            for key, line in answers(journal.lines, question).items()
+            if line.strategy is not None
+        }
+    attached = reminders if attach_reminders else {}
+    write_submission(strategy_submission(manifest, strategies, attached), out)
+    return report
+
+
+def read_reminders(path: Path, manifest: Manifest, taxonomy: Taxonomy) -> dict[str, ReminderRecord]:
+    """Return the reminder records in a journal of `remind`, for samples of the manifest.
+
+    Raises:
+        AgentError: The file is no such journal, none of its records is of these samples, or one
+            names a hazard type that this taxonomy does not know.
+    """
+    header, lines = read_journal(path)
+    if header.question != "remind":
+        raise AgentError(f"{path}: holds decisions; --reminders takes the file of `remind`")
+    records = {line.sample_id: line.reminder for line in lines if line.reminder is not None}
+    wanted = {key: records[key] for key in manifest.sample_ids if key in records}
+    if not wanted:
+        raise AgentError(f"{path}: no reminder record for any sample of the manifest")
+    named = {record.hazard_type for record in wanted.values()} - {None}
+    unknown = sorted(str(key) for key in named - {task.id for task in taxonomy.tasks})
+    if unknown:
+        raise AgentError(
+            f"{path}: hazard types that this protocol does not know: {', '.join(unknown)}; "
+            "use the --protocol with which the reminders were made"
+        )
+    return wanted
+
+
+def answers(lines: Sequence[JournalLine], question: Question) -> dict[str, JournalLine]:
+    """The lines that answer the question as it would be asked now, by sample."""
+    return latest(line for line in lines if question.is_finished(line))
+
+
+def _run(
+    question: Question,
+    sample_ids: Sequence[str],
+    images: ImagePaths,
+    journal: Journal,
+    settings: RunSettings,
+    out: Path,
+) -> RunReport:
+    finished = answers(journal.lines, question)
+    open_ids = [key for key in sample_ids if key not in finished][: settings.limit]
+    n_before = len(journal.lines)
+    n_requests = asyncio.run(_ask(question, open_ids, images, journal, settings))
+    return run_report(
+        journal.lines[n_before:],
+        samples=len(sample_ids),
+        answered=len(answers(journal.lines, question).keys() & set(sample_ids)),
+        requests=n_requests,
+        prices=settings.prices,
+        out=str(out),
+    )
+
+
+async def _ask(
+    question: Question,
+    sample_ids: Sequence[str],
+    images: ImagePaths,
+    journal: Journal,
+    settings: RunSettings,
+) -> int:
+    async with Endpoint(settings.endpoint, settings.model) as endpoint:
+
+        async def ask(sample_id: str) -> JournalLine:
+            return await ask_sample(sample_id, question, images, endpoint)
+
+        with progress_bar(question.name, len(sample_ids)) as advance:
+
+            def take(line: JournalLine) -> None:
+                journal.append(line)
+                advance(line)
+
+            await ask_all(sample_ids, ask, take, settings.concurrency)
+        return endpoint.n_requests
+
+
+def _check_that_any_has_images(sample_ids: Sequence[str], found: ImagePaths) -> None:
+    if not any(found.get(sample_id) for sample_id in sample_ids):
+        raise AgentError(
+            "no sample has images: the folder names (or the keys of the JSON file) must be the "
+            "sample ids of the manifest"
+        )

@@ -1,0 +1,66 @@
+"""Dates and times that people send: ISO 8601 text, taken to UTC."""
+
+import re
+from datetime import UTC, date, datetime
+from typing import Annotated
+
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
+
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
+_BLANK_ZONE = re.compile(r"(T[0-9:.]+) ([0-9]{2}:?[0-9]{2})$")
+_SENTENCE = "must be {} such as 2026-11-21T12:00:00Z"
+
+
+def in_utc(time: datetime) -> datetime:
+    """Return the time in UTC; one without a zone is taken as UTC.
+
+    Raises:
+        ValueError: It lies outside the calendar.
+    """
+    try:
+        return time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)
+    except OverflowError:
+        raise ValueError("must lie within the years 1 to 9999") from None
+
+
+def with_zone_sign(text: str) -> str:
+    """Return a time from an address with the plus of its zone, where it was not sent as %2B."""
+    return _BLANK_ZONE.sub(r"\1+\2", text)
+
+
+def _text_or_time(value: object) -> object:
+    """Refuse what pydantic would also read as a time: a number of seconds or milliseconds."""
+    if isinstance(value, str) and _DATE.match(value) is None:
+        raise ValueError(_SENTENCE.format("text"))
+    if value is None or isinstance(value, str | datetime):
+        return value
+    raise ValueError(_SENTENCE.format("text"))
+
+
+def _date_or_time(value: object) -> object:
+    """Keep a bare date a date: pydantic would take it for its own midnight."""
+    if not isinstance(value, str):
+        return value
+    if _DATE.match(value) is None:
+        raise ValueError(_SENTENCE.format("a date such as 2026-11-21 or a time"))
+    try:
+        return date.fromisoformat(value)
+    except ValueError:
+        if len(value) == len("2026-11-21"):
+            raise ValueError("must be a day of the calendar") from None
+        return with_zone_sign(value)
+
+
+def _moment_in_utc(value: datetime | date) -> datetime | date:
+    return in_utc(value) if isinstance(value, datetime) else value
+
+
+Time = Annotated[
+    AwareDatetime,
+    Field(strict=False),
+    BeforeValidator(_text_or_time),
+    AfterValidator(in_utc),
+]
+"""A time with its zone, kept in UTC; text in every form of JSON."""
+Moment = Annotated[datetime | date, BeforeValidator(_date_or_time), AfterValidator(_moment_in_utc)]
+"""A time, or a whole day."""

@@ -1,0 +1,165 @@
+"""What organizers settle of a phase: dates, limits, and what is shown when and to whom.
+
+Each setting is one field here, with its title, a sentence, its bounds and its default. API, form,
+command line and the table in `docs/phases.md` are made from these models; the records refuse what
+does not fit together. A further setting is a field of `PhasePolicy`, which is kept as one document,
+and the place that heeds it. The fields of `PhaseSettings` are columns, since queries read them.
+"""
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.datetimes import Time
+
+SplitPart = Literal["public", "private"]
+LivePart = Literal["public", "whole"]
+RevealedPart = Literal["private", "whole"]
+LateEntries = Literal["refused", "own_view"]
+FrozenScores = Literal["shown", "hidden"]
+EntriesShown = Literal["all", "chosen"]
+BoardView = Literal["main", "late"]
+Title = Annotated[str, Field(min_length=1, max_length=120)]
+
+
+class PhasePolicy(Document):
+    """What is shown of a phase, when, and to whom. The defaults show everything at once."""
+
+    live_part: LivePart = Field(
+        default="public",
+        title="Live board on",
+        description="Of a split with parts: which samples the board counts until the reveal. A "
+        "split without parts is always whole. Fixed once there are submissions.",
+    )
+    revealed_part: RevealedPart = Field(
+        default="private",
+        title="Revealed board on",
+        description="Of a split with parts: which samples count after the reveal.",
+    )
+    late_entries: LateEntries = Field(
+        default="refused",
+        title="Late entries",
+        description="After the deadline: refused, or scored and ranked on a view of their own "
+        "that moves no rank of the board.",
+    )
+    freezes_at: Time | None = Field(
+        default=None,
+        title="Board freezes at",
+        description="From then the public board stays as it is until it is revealed.",
+    )
+    frozen_scores: FrozenScores = Field(
+        default="shown",
+        title="Own scores while frozen",
+        description="Whether a team sees the scores of what it submits after the freeze.",
+    )
+    families_from: Time | None = Field(
+        default=None,
+        title="Families shown from",
+        description="Until then no family or task is shown anywhere; without it they are shown.",
+    )
+    entries_shown: EntriesShown = Field(
+        default="all",
+        title="Entries on the board",
+        description="All methods, or one entry of each team: its choice, else its latest.",
+    )
+    anonymous: bool = Field(
+        default=False,
+        title="Anonymous until revealed",
+        description="Teams and methods stand under pseudonyms until the organizers reveal them. "
+        "Fixed once there are submissions.",
+    )
+    entries_private: bool = Field(
+        default=False,
+        title="Private until published",
+        description="An entry stands on the board when its team publishes it. Fixed once there "
+        "are submissions.",
+    )
+
+
+class PhaseSettings(Document):
+    """What organizers settle of a phase, when they make it or later."""
+
+    title: Title = Field(title="Title", description="Shown to readers.")
+    description: str = Field(
+        default="", max_length=4000, title="Description", description="Shown to readers."
+    )
+    opens_at: Time | None = Field(
+        default=None, title="Opens at", description="Without it the phase is open from the start."
+    )
+    closes_at: Time | None = Field(
+        default=None,
+        title="Closes at",
+        description="The deadline; without it the phase never closes.",
+    )
+    quota_per_day: int = Field(
+        default=3,
+        ge=1,
+        le=10_000,
+        title="Submissions a day",
+        description="Of a team, per UTC day.",
+    )
+    quota_total: int | None = Field(
+        default=None,
+        ge=1,
+        le=1_000_000,
+        title="Submissions in all",
+        description="Of a team; without it there is no limit.",
+    )
+    quota_concurrent: int | None = Field(
+        default=None,
+        ge=1,
+        le=10_000,
+        title="Waiting at once",
+        description="Submissions of a team that wait for a score; without it there is no limit.",
+    )
+    rejected_per_day: int = Field(
+        default=20,
+        ge=1,
+        le=10_000,
+        title="Wrong files a day",
+        description="Of a team, per UTC day.",
+    )
+    shows_reported: bool = Field(
+        default=False,
+        title="Show the paper's rows",
+        description="Whether the board shows the paper's rows beside the scored entries.",
+    )
+    policy: PhasePolicy = PhasePolicy()
+
+
+class PhaseChange(PhaseSettings):
+    """Settings to be changed: what is left out stays, null takes a limit or date away.
+
+    Of the fields of `policy`, too, only those that are sent are changed.
+    """
+
+    title: Title = Field(default="", title="Title", description="Shown to readers.")
+
+
+class NewPhase(PhaseSettings):
+    """A phase to be made: its settings, and what it is made of for good."""
+
+    id: str = Field(max_length=64, description="Stands in addresses.")
+    challenge: ChallengeId = Field(strict=False)
+    split: str = Field(max_length=64, description="Name of a registered split.")
+    split_revision: str | None = Field(
+        default=None, max_length=100, description="By default the one registered last."
+    )
+    protocol: str = Field(max_length=100, description="Version or digest.")
+
+
+class PhaseNow(Document):
+    """Where a phase stands in its life."""
+
+    part: SplitPart | None = None
+    """Which part of the split the board counts; None: all samples."""
+    n_counted: int
+    """How many samples that are."""
+    frozen_since: datetime | None = None
+    families_shown_from: datetime | None = None
+    is_anonymous: bool = False
+    takes_late_entries: bool = False
+    """Closed, and what comes now stands on the late view."""

@@ -1,0 +1,81 @@
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from exceptiondrive import Client, evaluate_file, to_dataframe
+from exceptiondrive.client import Submission
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.submission import SubmissionView
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+MakeFile = Callable[..., Path]
+
+
+@pytest.fixture
+def board() -> Board:
+    return Board.read((EXAMPLES / "board.json").read_bytes())
+
+
+@pytest.fixture
+def submission() -> SubmissionView:
+    return SubmissionView.read((EXAMPLES / "submission.json").read_bytes())
+
+
+def test_a_board_is_a_row_an_entry_in_its_order(board: Board) -> None:
+    table = to_dataframe(board)
+    assert list(table["method"]) == [entry.method for entry in board.entries]
+    assert table["rank"].dtype == "Int64"
+    for entry, (_, row) in zip(board.entries, table.iterrows(), strict=True):
+        assert {key: row[key] for key in entry.metrics} == entry.metrics
+        assert pd.isna(row["rank"]) if entry.rank is None else row["rank"] == entry.rank
+    assert isinstance(table["submitted_at"].dtype, pd.DatetimeTZDtype)
+
+
+def test_a_board_by_family_is_a_row_an_entry_and_family(board: Board) -> None:
+    table = to_dataframe(board, families=True)
+    assert len(table) == sum(len(entry.families) for entry in board.entries)
+    first = board.entries[0]
+    family = next(iter(first.families))
+    row = table[(table["method"] == first.method) & (table["family"] == family)].iloc[0]
+    for key, value in first.families[family].metrics.items():
+        assert pd.isna(row[key]) if value is None else row[key] == value
+
+
+def test_a_score_sheet_has_its_totals_families_and_tasks(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    sheet = evaluate_file(planning_file(), split=split_file)
+    table = to_dataframe(sheet)
+    assert table.loc[("all", "micro"), "hcc"] == sheet.micro["hcc"]
+    assert list(table.loc["family"].index) == list(sheet.families)
+    assert list(table.loc["task"].index) == list(sheet.tasks)
+    assert table.loc[("all", "macro_family"), "n"] == sheet.n
+
+
+def test_submissions_one_or_many_are_a_row_each(submission: SubmissionView) -> None:
+    table = to_dataframe([submission, submission])
+    assert list(table["id"]) == [submission.id] * 2
+    assert submission.sheet is not None
+    assert table.loc[0, "hcc_micro"] == submission.sheet.micro["hcc"]
+    with Client("http://127.0.0.1:9", token="edk_t_1") as client:
+        pd.testing.assert_frame_equal(to_dataframe(Submission(client, submission)), table[:1])
+    pd.testing.assert_frame_equal(to_dataframe(submission), table[:1])
+
+
+def test_no_submissions_are_an_empty_table() -> None:
+    assert to_dataframe([]).empty
+
+
+def test_without_pandas_the_error_says_what_to_install() -> None:
+    code = (
+        "import sys; sys.modules['pandas'] = None\n"
+        "from exceptiondrive import InvalidArgumentError, to_dataframe\n"
+        "try:\n    to_dataframe([])\n"
+        "except InvalidArgumentError as error:\n    print(error.code, error.advice)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == 'extra_missing Run: pip install "exceptiondrive[data]"\n'

@@ -1,0 +1,240 @@
+"""A server newer than the client: every answer has keys that the client has never heard of.
+
+The keys are put in by the OpenAPI document, at every depth, so that a new answer is covered as
+soon as it is declared.
+"""
+
+import functools
+import json
+import pkgutil
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import httpx
+import pytest
+from hypothesis import find
+from hypothesis.strategies import from_regex
+from typer.testing import CliRunner
+
+import exceptiondrive_schemas
+from exceptiondrive import Client
+from exceptiondrive.cli import app
+from exceptiondrive.organizer import Organizer
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.publish.examples import EXAMPLES
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.settings import ServerSettings
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+NEW = {"new_here": {"of_any_form": [1, "two"]}, "new_text": "text", "new_number": 0}
+
+
+@functools.cache
+def openapi() -> dict[str, Any]:
+    """What the server says of itself; nothing is opened for that."""
+    with TemporaryDirectory() as folder:
+        settings = ServerSettings(database_url=f"sqlite:///{folder}/empty.db")
+        return create_app(settings).openapi()
+
+
+def answers() -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Path, method and schema of every JSON answer, refusals among them."""
+    for path, methods in openapi()["paths"].items():
+        for method, operation in methods.items():
+            for status, answer in operation["responses"].items():
+                for kind, content in answer.get("content", {}).items():
+                    if "json" in kind and "schema" in content:
+                        yield f"{method} {path} {status}", path, content["schema"]
+
+
+def resolved(schema: dict[str, Any]) -> dict[str, Any]:
+    """The schema that a reference names."""
+    while "$ref" in schema:
+        schema = openapi()["components"]["schemas"][schema["$ref"].rsplit("/", 1)[1]]
+    return schema
+
+
+def made(schema: dict[str, Any]) -> Any:
+    """The smallest value with everything in it that a schema names."""
+    schema = resolved(schema)
+    for fixed in ("const", "default"):
+        if schema.get(fixed) is not None:
+            return schema[fixed]
+    if "enum" in schema:
+        return schema["enum"][0]
+    if "anyOf" in schema:
+        return made(schema["anyOf"][0])
+    match schema.get("type"):
+        case "object":
+            of_maps = schema.get("additionalProperties")
+            named = {key: made(part) for key, part in schema.get("properties", {}).items()}
+            return named | ({"key": made(of_maps)} if isinstance(of_maps, dict) else {})
+        case "array" if "prefixItems" in schema:
+            return [made(part) for part in schema["prefixItems"]]
+        case "array":
+            return [made(schema["items"])] * schema.get("minItems", 1)
+        case "string" if "pattern" in schema:
+            return find(from_regex(schema["pattern"], fullmatch=True), lambda _: True)
+        case "string" if schema.get("format") == "date-time":
+            return "2026-11-22T12:00:00Z"
+        case "string":
+            return "text"
+        case "boolean":
+            return True
+        case "null":
+            return None
+        case kind:
+            assert kind in ("integer", "number"), schema
+            return schema.get("minimum", schema.get("exclusiveMinimum", 0) + 1)
+
+
+def widened(value: Any, schema: dict[str, Any]) -> Any:
+    """The value with new keys in every object; a map's keys are data and stay."""
+    schema = resolved(schema)
+    if "anyOf" in schema:
+        fitting = (part for part in schema["anyOf"] if _fits(value, resolved(part)))
+        return widened(value, next(fitting, {}))
+    if isinstance(value, list):
+        parts = schema.get("prefixItems") or [schema.get("items", {})] * len(value)
+        return [widened(item, part) for item, part in zip(value, parts, strict=True)]
+    if not isinstance(value, dict):
+        return value
+    fields, others = schema.get("properties"), schema.get("additionalProperties")
+    of_others = others if isinstance(others, dict) else {}
+    known = {key: widened(item, (fields or {}).get(key, of_others)) for key, item in value.items()}
+    return known | NEW if fields else known
+
+
+def without_new(value: Any) -> Any:
+    """The value without the new keys that rows of metrics keep."""
+    if isinstance(value, dict):
+        return {key: without_new(item) for key, item in value.items() if key not in NEW}
+    return type(value)(map(without_new, value)) if isinstance(value, list | tuple) else value
+
+
+def _fits(value: Any, schema: dict[str, Any]) -> bool:
+    kinds: dict[str, Any] = {"object": dict, "array": list, "null": type(None)}
+    return isinstance(value, kinds.get(schema.get("type", ""), str | int | float))
+
+
+def documents() -> dict[str, type[Document]]:
+    """Every document of the schemas by its name."""
+    for module in pkgutil.walk_packages(exceptiondrive_schemas.__path__, "exceptiondrive_schemas."):
+        if not module.name.endswith("__main__"):
+            import_module(module.name)
+    waiting, found = [Document], {}
+    while waiting:
+        kind = waiting.pop()
+        waiting.extend(kind.__subclasses__())
+        found[kind.__name__] = kind
+    return found
+
+
+def documented() -> dict[str, dict[str, Any]]:
+    """Every answer that is a document of the schemas, by the document's name."""
+    known = documents()
+    schemas = (schema for _, _, schema in answers())
+    names = {
+        part["$ref"].rsplit("/", 1)[1]: part
+        for schema in schemas
+        for part in (schema, schema.get("items", {}))
+        if "$ref" in part
+    }
+    return {name: part for name, part in names.items() if name in known}
+
+
+def test_every_documented_answer_is_read_with_new_keys_at_every_depth() -> None:
+    examples = {type(example): example for example in (make() for make in EXAMPLES.values())}
+    found = documented()
+    assert {"Board", "SubmissionView", "Problem", "Receipt", "Me"} <= found.keys()
+    for name, schema in found.items():
+        kind = documents()[name]
+        example = examples.get(kind)
+        value = made(schema) if example is None else json.loads(example.model_dump_json())
+        today = kind.read(json.dumps(value))
+        newer = kind.read(json.dumps(widened(value, schema)))
+        assert without_new(newer.model_dump()) == today.model_dump(), name
+        with pytest.raises(ValueError, match="Extra inputs are not permitted"):
+            kind.model_validate_json(json.dumps(value | NEW))
+
+
+@pytest.fixture
+def newer(working: "Running", monkeypatch: pytest.MonkeyPatch) -> "Running":
+    """A running server whose every JSON answer gains new keys on its way."""
+    schemas = {key: schema for key, _, schema in answers()}
+    send = httpx.Client.send
+
+    def widen(client: httpx.Client, request: httpx.Request, **more: Any) -> httpx.Response:
+        response = send(client, request, **more)
+        if "json" not in response.headers.get("content-type", ""):
+            return response
+        schema = _schema_of(request, response, schemas)
+        body = json.dumps(widened(json.loads(response.read()), schema)).encode()
+        return httpx.Response(
+            response.status_code,
+            headers={"content-type": response.headers["content-type"]},
+            content=body,
+            request=request,
+        )
+
+    monkeypatch.setattr(httpx.Client, "send", widen)
+    return working
+
+
+def _schema_of(
+    request: httpx.Request, response: httpx.Response, schemas: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    steps = request.url.path.split("/")
+    for key, schema in schemas.items():
+        method, path, status = key.split()
+        parts = path.split("/")
+        same = len(parts) == len(steps) and all(
+            part == step or part.startswith("{") for part, step in zip(parts, steps, strict=True)
+        )
+        if same and method == request.method.lower() and status == str(response.status_code):
+            return schema
+    raise AssertionError(f"undocumented: {request.method} {request.url} {response.status_code}")
+
+
+def test_sdk_and_commands_work_with_a_newer_server(
+    newer: "Running", planning_file: Callable[..., Path], split_file: Path, tmp_path: Path
+) -> None:
+    with Client(newer.url, newer.token) as client:
+        submission = client.submit(planning_file(), phase="dev", method="Planner")
+        assert submission.wait(60).rank == 1
+        assert client.leaderboard(phase="dev").entries[0].metrics.keys() >= {"hcc", "ur"}
+        assert client.me().team == "Alpha"
+        assert client.submissions()
+        assert [phase.id for phase in client.phases()] == ["dev", "words"]
+        assert client.protocol("1.0").version == "1.0"
+        assert client.split("tiny").name == "tiny"
+    receipt, identifier = tmp_path / "receipt.json", submission.id
+    for words in (
+        ["leaderboard", "--phase", "dev"],
+        ["status", identifier],
+        ["submissions"],
+        ["phases"],
+        ["whoami"],
+        ["manifest", "dev", "-o", str(tmp_path / "manifest.json")],
+        ["receipt", "get", identifier, "-o", str(receipt)],
+        ["withdraw", identifier],
+    ):
+        done = run(newer.url, newer.token, words)
+        assert done.exit_code == 0, (words, done.stderr)
+    missing = run(newer.url, newer.token, ["status", "no-such-submission"])
+    assert "does not know" not in missing.stderr
+    with Organizer(newer.url, newer.organizer_token) as organizer:
+        assert organizer.teams()
+    for words in (["teams", "list"], ["protocols", "list"], ["audit", "verify"]):
+        done = run(newer.url, newer.organizer_token, ["organizer", *words])
+        assert done.exit_code == 0, (words, done.stderr)
+
+
+def run(server: str, token: str, words: list[str]) -> Any:
+    environment = {"EXCEPTIONDRIVE_SERVER": server, "EXCEPTIONDRIVE_TOKEN": token}
+    return CliRunner().invoke(app, words, env=environment)

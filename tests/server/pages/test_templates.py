@@ -1,0 +1,53 @@
+"""How templates are written, and what of it is sent."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import exceptiondrive_server
+from exceptiondrive_server.pages.condense import condensed
+
+TEMPLATES = sorted(
+    path
+    for ending in ("html", "svg")
+    for path in Path(exceptiondrive_server.__file__).parent.rglob(f"templates/**/*.{ending}")
+)
+BEGINS_A_LINE = re.compile(r"<(article|div|dd|dl|dt|form|li|ol|option|p|section|t[dhr]|ul)\b")
+
+
+def test_there_are_templates() -> None:
+    assert len(TEMPLATES) > 50
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_a_template_has_short_lines_and_one_block_a_line(path: Path) -> None:
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        assert len(line) <= 120, f"line {number} has {len(line)} columns"
+        assert len(BEGINS_A_LINE.findall(line)) <= 1, f"line {number} begins several blocks: {line}"
+
+
+@pytest.mark.parametrize(
+    ("written", "sent"),
+    [
+        ("<b>a</b>\n  <i>b</i>", "<b>a</b><i>b</i>"),
+        ("<b>a</b> <i>b</i>", "<b>a</b> <i>b</i>"),
+        ("<p>\n  text\n  <b>bold</b>,\n  more\n</p>", "<p>text <b>bold</b>, more</p>"),
+        ("text<br>\nmore", "text<br> more"),
+        ("<p>\n  {% if x %}\n    a\n  {% else %}\n    b\n  {% endif %}\n</p>", "<p>{% if x %}a{% else %}b{% endif %}</p>"),
+        ("a.\n{% if x %}\n  b.\n{% endif %}\nc", "a. {% if x %}b. {% endif %}c"),
+        ("<b>a</b>\n{% if x %}\n  <i>b</i>\n{% endif %}\n<u>c</u>", "<b>a</b>{% if x %}<i>b</i>{% endif %}<u>c</u>"),
+        ('<b>a</b>\n{{ icon("up") }}\n<i>b</i>', '<b>a</b>{{ icon("up") }}<i>b</i>'),
+        ("<b>a</b>\n{{ text }}\n<i>b</i>", "<b>a</b> {{ text }} <i>b</i>"),
+        ('<a\n  href="{{ at(">") }}"\n  {% if x > 1 %}hidden{% endif %}\n>', '<a href="{{ at(">") }}" {% if x > 1 %}hidden{% endif %} >'),
+        ("<pre>\n a\n <b>b</b>\n</pre>\n<p>", "<pre>\n a\n <b>b</b>\n</pre><p>"),
+        ("{% macro a() %}\n  text\n{% endmacro %}\nmore", "{% macro a() %}text{% endmacro %}more"),
+    ],
+)  # fmt: skip
+def test_a_line_break_is_layout_but_in_running_text(written: str, sent: str) -> None:
+    assert re.sub(r"\{#\n*#\}", "", condensed(written)) == sent
+
+
+def test_every_line_keeps_its_number() -> None:
+    for path in TEMPLATES:
+        assert condensed(path.read_text()).count("\n") == path.read_text().count("\n")
