@@ -15,7 +15,8 @@ from sqlalchemy.orm import Session
 from sqlalchemy.types import TypeEngine
 
 from exceptiondrive_records.columns import DocumentText, UtcDateTime
-from exceptiondrive_records.tables import Base, WorkerHeartbeat
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.tables import WorkerHeartbeat
 from exceptiondrive_records.tables_people import SignInFlow
 
 _PASSING = {SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}

@@ -4,9 +4,10 @@ from sqlalchemy import Column, Table, delete, exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit import audit
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.errors import Conflict
 from exceptiondrive_records.identifiers import checked_reason
-from exceptiondrive_records.tables import Base, Submission, Team, Token
+from exceptiondrive_records.tables import Submission, Team, Token
 from exceptiondrive_records.teams import find_team
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from enum import StrEnum
 from types import MappingProxyType
 
-from exceptiondrive_records.tables import Base
+from exceptiondrive_records.db.base import Base
 
 
 class Role(StrEnum):

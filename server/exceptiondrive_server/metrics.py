@@ -69,9 +69,9 @@ def _queue(session: Session) -> Iterable[Metric]:
     )
     now = database_now(session)
     for lane, state, count, created_at in rows:
-        depth.add_metric([lane, state], count)
+        depth.add_metric([str(lane), state], count)
         if state is WorkState.QUEUED:
-            oldest.add_metric([lane], (now - created_at).total_seconds())
+            oldest.add_metric([str(lane)], (now - created_at).total_seconds())
     return depth, oldest
 
 

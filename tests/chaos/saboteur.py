@@ -50,12 +50,12 @@ def _once(name: str) -> bool:
 
 def _sabotage_worker() -> Callable[[], None]:
     import exceptiondrive_scoring
-    from exceptiondrive_records import broker_options
+    from exceptiondrive_records.work import dispatch
 
     exceptiondrive_scoring.SCORER_VERSION = os.environ.get(
         SCORER, exceptiondrive_scoring.SCORER_VERSION
     )
-    options = broker_options.transport_options
+    options = dispatch.transport_options
 
     def impatient(**named: Any) -> dict[str, Any]:
         wait_s = float(os.environ[VISIBILITY_S])
@@ -63,7 +63,7 @@ def _sabotage_worker() -> Callable[[], None]:
         return {**options(**named), **restore, "visibility_timeout": wait_s}
 
     if VISIBILITY_S in os.environ:
-        broker_options.transport_options = impatient
+        dispatch.transport_options = impatient
 
     from exceptiondrive_worker import operator_cli
     from exceptiondrive_worker.stages import Stages

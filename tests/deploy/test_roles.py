@@ -12,10 +12,10 @@ from sqlalchemy import make_url
 from tests.conftest import as_role
 from tests.postgres_server import Postgres
 
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.errors import InvalidRecord
 from exceptiondrive_records.role_grants import grant_to_files
 from exceptiondrive_records.roles import RIGHTS, Role, rights_of
-from exceptiondrive_records.tables import Base
 from exceptiondrive_worker.sample.files import write_sample_split
 
 pytestmark = pytest.mark.postgres

@@ -71,6 +71,7 @@ def test_the_pause_begins_when_a_build_ends(world: World) -> None:
     with world.database.write() as session:
         claim = claim_board_of(session, "dev", world.protocol_digest)
     assert claim is not None
+    assert claim.leased_at is not None
     claim.leased_at -= timedelta(seconds=2)
     with world.database.write() as session:
         assert boards.publish_board(session, claim, board_of(world)) is not None

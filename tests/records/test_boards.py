@@ -161,6 +161,7 @@ def test_what_came_while_a_board_was_built_is_built_next(world: World) -> None:
 def test_a_late_builder_publishes_nothing(world: World) -> None:
     late = take(world)
     assert late is not None
+    assert late.leased_at is not None
     with world.database.write() as session:
         session.execute(update(BoardRequest).values(lease_until=late.leased_at.replace(year=2020)))
     publish(world, board(world, "new"))

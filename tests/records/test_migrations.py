@@ -12,8 +12,8 @@ from sqlalchemy import inspect
 from tests.later_release import become_later_release
 
 from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.migrations import is_current, is_usable, migrate
-from exceptiondrive_records.tables import Base
 from exceptiondrive_records.teams import create_team, find_team
 
 

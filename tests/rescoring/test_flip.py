@@ -21,7 +21,7 @@ from exceptiondrive_records.tables import BoardFlip, Phase, ScoreSheetRow
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_worker import scoring_run
+from exceptiondrive_worker import work
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
@@ -116,11 +116,11 @@ def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
 def test_the_background_waits_while_other_workers_have_live_work(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scoring_run, "_MOST_PATIENCE_S", 60.0)
+    monkeypatch.setattr(work, "_MOST_PATIENCE_S", 60.0)
     stage.submit(3.0, "fresh")
-    scoring_run.let_live_work_pass(stage.context)  # serves the live lane itself: does not wait
-    background = replace(stage.context, serves_live=False)
-    waiting = threading.Thread(target=scoring_run.let_live_work_pass, args=(background,))
+    work.let_live_work_pass(stage.context)  # serves the live lane itself: does not wait
+    background = replace(stage.context, lanes=frozenset({Lane.RESCORE}))
+    waiting = threading.Thread(target=work.let_live_work_pass, args=(background,))
     waiting.start()
     waiting.join(0.3)
     assert waiting.is_alive()

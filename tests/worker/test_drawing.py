@@ -13,6 +13,7 @@ from sqlalchemy.exc import IntegrityError
 from tests.support.worker import build_board_of
 
 from exceptiondrive_records.board_requests import want_board
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.drawings import (
     PublicSplit,
     entry_drawings,
@@ -22,7 +23,7 @@ from exceptiondrive_records.drawings import (
 )
 from exceptiondrive_records.invariants import violations
 from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import Base, Phase
+from exceptiondrive_records.tables import Phase
 from exceptiondrive_records.tables_drawings import EntryDrawingsRow, ProtocolDrawingRow
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings, packaged_drawing, pictured_digest

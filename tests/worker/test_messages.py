@@ -12,7 +12,7 @@ from exceptiondrive_worker.app import MAX_MESSAGE_BYTES, why_junk
 @pytest.mark.parametrize("name", JobName)
 def test_a_message_of_ours_passes(name: JobName) -> None:
     more = {"callbacks": None, "errbacks": None, "chain": None, "chord": None}
-    body = (["live"], {}, more)
+    body: object = (["live"], {}, more)
     assert why_junk(message(body=body, headers={"task": name.value})) is None
 
 

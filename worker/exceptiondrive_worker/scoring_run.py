@@ -46,7 +46,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
     """
     with context.database.read() as session:
         wanted = _splits_wanted(session, lane, *which)
-    here, away = set(), set()
+    here, away = set[str](), set[str]()
     for name, revision, protocol in wanted:
         (here if _is_here(context, name, revision, protocol) else away).add(revision)
     if not here:

@@ -36,21 +36,19 @@ def work(context: WorkerContext, lane: Lane) -> int:
 def _do_next(context: WorkerContext, lane: Lane) -> bool:
     """Due boards come first: their own pace keeps them from taking more than their part."""
     if lane is Lane.RESCORE:
-        if Lane.LIVE in context.lanes:
-            if _do_next(context, Lane.LIVE):
-                return True
-        else:
-            _let_live_work_pass(context)
+        if Lane.LIVE in context.lanes and _do_next(context, Lane.LIVE):
+            return True
+        let_live_work_pass(context)
     return build_next_board(context, lane) or score_next(context, lane)
 
 
-def _let_live_work_pass(context: WorkerContext) -> None:
+def let_live_work_pass(context: WorkerContext) -> None:
     """Wait a moment before anything of the background, while other workers have live work.
 
     All of them write to one database, one after the other. A worker that serves the live lane too
     does not wait: the live work may be waiting for it.
     """
-    until = time.monotonic() + _MOST_PATIENCE_S
+    until = time.monotonic() + (0 if Lane.LIVE in context.lanes else _MOST_PATIENCE_S)
     while time.monotonic() < until:
         with context.database.read() as session:
             if not is_live_work_open(session):

@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from exceptiondrive_records.tables import Base
+from exceptiondrive_records.db.base import Base
 
 context.configure(
     connection=context.config.attributes["connection"],

@@ -96,8 +96,10 @@ def _put(session: Session, team_id: int, run_id: str, view: NotificationView) ->
     )
     for contact in session.scalars(contacts):
         key = f"{row.id}/{contact.id}"
-        ids = {"notification_id": row.id, "contact_id": contact.id}
-        session.add(new_item(Delivery, key, view.created_at, **ids))
+        delivery = new_item(
+            Delivery, key, view.created_at, notification_id=row.id, contact_id=contact.id
+        )
+        session.add(delivery)
     return row
 
 

@@ -62,7 +62,7 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
     return True
 
 
-def _due(session: Session) -> Select[tuple[str]]:
+def _due(session: Session) -> Select[str]:
     return (
         select(Delivery.id)
         .join(ContactPoint, ContactPoint.id == Delivery.contact_id)

@@ -21,7 +21,7 @@ def waits(lane: Lane, now: datetime) -> ColumnElement[bool]:
     return and_(Job.lane == lane, is_claimable(Job, now))
 
 
-def fair_order(waiting: ColumnElement[bool], lane: Lane, now: datetime) -> Select[tuple[str]]:
+def fair_order(waiting: ColumnElement[bool], lane: Lane, now: datetime) -> Select[str]:
     """Select the ids of waiting jobs in the order in which they are to be scored.
 
     Args:

@@ -63,9 +63,7 @@ def is_claimable(kind: type[WorkItem], now: datetime) -> ColumnElement[bool]:
     return and_(is_free(kind, now), kind.available_at <= now)
 
 
-def claim(
-    session: Session, kind: type[Item], first: Select[tuple[str]], lease_s: float
-) -> Item | None:
+def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float) -> Item | None:
     """Choose and lease an item in one statement; None: nothing is free.
 
     Args:

@@ -145,7 +145,7 @@ def _line(one: Submission, slug: str, name: str) -> SubmissionLine:
 def _job(job: Job, versions: Mapping[str, str]) -> JobLine:
     return JobLine(
         protocol=versions[job.protocol_digest],
-        lane=job.lane.value,
+        lane=str(job.lane),
         state=job.state.value,
         attempts=job.attempts,
         created_at=job.created_at,
