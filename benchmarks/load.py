@@ -40,7 +40,7 @@ from exceptiondrive_records.invariants import unfinished, violations
 from exceptiondrive_records.tables import BoardRow, Submission, Team
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.tables_of_work import BoardRequest, Job
 
 _CLIENTS = 12
 _TIMES = {

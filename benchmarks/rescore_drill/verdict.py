@@ -11,7 +11,7 @@ from exceptiondrive_records.audit import count_audit_lines, verify_audit
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.invariants import unfinished, violations
 from exceptiondrive_records.tables import BoardRow, ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.submission import SubmissionStatus
 

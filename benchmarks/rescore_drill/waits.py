@@ -7,7 +7,7 @@ from sqlalchemy import select
 
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables_of_work import Job
 
 ALLOWED_RATIO = 2.0
 """A run may double the waiting time of fresh submissions, and no more (issue 4)."""

@@ -12,7 +12,7 @@ from exceptiondrive_records.heartbeats import HEARTBEAT_TTL_S
 from exceptiondrive_records.rescoring.keys import OPEN
 from exceptiondrive_records.tables import Submission, Team, WorkerHeartbeat
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 

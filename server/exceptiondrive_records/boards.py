@@ -22,7 +22,7 @@ from exceptiondrive_records.tables import (
     ProtocolRow,
     Submission,
 )
-from exceptiondrive_records.work.tables import BoardRequest
+from exceptiondrive_records.work.tables_of_work import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.phase_settings import BoardView

@@ -19,7 +19,7 @@ from exceptiondrive_records.file_store import FileDamaged, FileStore
 from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_records.tables import AuditLine, ProtocolRow, ScoreSheetRow, Submission
 from exceptiondrive_records.violations import Violation
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.protocol import ProtocolError
 from exceptiondrive_schemas.submission import SubmissionStatus as Status
 

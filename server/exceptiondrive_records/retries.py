@@ -10,8 +10,8 @@ from exceptiondrive_records.identifiers import checked_reason
 from exceptiondrive_records.rescoring.fan_out import score_waiting_under
 from exceptiondrive_records.rescoring.keys import key_of_phase
 from exceptiondrive_records.tables import Phase, Submission
-from exceptiondrive_records.work.jobs import queue_again
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.scoring_jobs import queue_again
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 

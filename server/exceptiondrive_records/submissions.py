@@ -18,8 +18,8 @@ from exceptiondrive_records.quotas import require_quota
 from exceptiondrive_records.registrations import require_approved
 from exceptiondrive_records.rescoring.keys import companion_key
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
-from exceptiondrive_records.work.jobs import cancel_jobs_of, new_job
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.scoring_jobs import cancel_jobs_of, new_job
+from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus

@@ -254,4 +254,3 @@ from exceptiondrive_records import (  # noqa: F401 - one metadata
     tables_rescoring,
     tables_similarity,
 )
-from exceptiondrive_records.work import tables as work_tables  # noqa: F401

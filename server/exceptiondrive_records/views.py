@@ -14,7 +14,7 @@ from exceptiondrive_records.published_forms import score_kept_back_since, shown_
 from exceptiondrive_records.quotas import WAITING
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_records.work.fair_share import jobs_ahead
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet

@@ -28,7 +28,7 @@ from exceptiondrive_records.migrations import is_current, is_usable
 from exceptiondrive_records.reconciler import LEADERSHIP
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.tables import Phase
-from exceptiondrive_records.work.tables import Job, Leader, WorkState
+from exceptiondrive_records.work.tables_of_work import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 _CLOCK_SKEW_S = 2.0

@@ -12,7 +12,7 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.database import Database
 from exceptiondrive_records.tables import Submission, WorkerHeartbeat
 from exceptiondrive_records.views import recent_scoring_s
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
 
 
 class RequestMetrics:

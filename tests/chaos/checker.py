@@ -19,7 +19,7 @@ from exceptiondrive_records.invariants import damaged_uploads, unfinished, viola
 from exceptiondrive_records.quotas import COSTS_NOTHING
 from exceptiondrive_records.tables import BoardRow, Phase, ScoreSheetRow, Submission, Team
 from exceptiondrive_records.violations import Violation
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _LIMIT_BYTES = 2**26

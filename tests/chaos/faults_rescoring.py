@@ -8,7 +8,7 @@ from exceptiondrive_records.boards import current_board
 from exceptiondrive_records.database import database_now
 from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.tables import Phase, Submission
-from exceptiondrive_records.work.jobs import new_job
+from exceptiondrive_records.work.scoring_jobs import new_job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus

@@ -22,7 +22,7 @@ from exceptiondrive_records.reconciler import LEADERSHIP
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, WorkerHeartbeat
 from exceptiondrive_records.teams import find_team
 from exceptiondrive_records.violations import Violation
-from exceptiondrive_records.work.tables import Job, Leader, WorkState
+from exceptiondrive_records.work.tables_of_work import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionStatus

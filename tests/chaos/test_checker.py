@@ -14,7 +14,7 @@ from tests.chaos.checker import check
 from tests.chaos.history import BoardSeen, Call, Sighting
 
 from exceptiondrive_records.tables import BoardRow, ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables_of_work import Job
 
 if TYPE_CHECKING:
     from tests.chaos.conftest import Story

@@ -18,7 +18,7 @@ from exceptiondrive_records.protocols import add_protocol
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import issue_token
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml

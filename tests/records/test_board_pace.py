@@ -9,7 +9,7 @@ from tests.support.work import claim_board_of
 
 from exceptiondrive_records import boards
 from exceptiondrive_records.board_requests import LONGEST_PAUSE_S, PAUSE_FACTOR, is_due, pause_after
-from exceptiondrive_records.work.tables import BoardRequest
+from exceptiondrive_records.work.tables_of_work import BoardRequest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ProtocolRef

@@ -19,7 +19,7 @@ from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import BoardEntryRow, BoardRow, Phase
 from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.work.tables import BoardRequest
+from exceptiondrive_records.work.tables_of_work import BoardRequest
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.score_sheet import ProtocolRef

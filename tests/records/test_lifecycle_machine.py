@@ -30,10 +30,10 @@ from exceptiondrive_records.reconciler import reconcile_once
 from exceptiondrive_records.settings import RecordsSettings
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import AuditLine, ScoreSheetRow, Submission
-from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
-from exceptiondrive_records.work.jobs import Finish
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.scoring_jobs import Finish
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus

@@ -20,7 +20,7 @@ from exceptiondrive_records.phases import find_phase
 from exceptiondrive_records.quotas import quota_of
 from exceptiondrive_records.submissions import accept, withdraw
 from exceptiondrive_records.tables import Phase, Submission
-from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 

@@ -17,9 +17,9 @@ from exceptiondrive_records.submissions import (
 )
 from exceptiondrive_records.tables import Phase, Submission
 from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.jobs import Finish
-from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
+from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.scoring_jobs import Finish
+from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -12,8 +12,8 @@ from exceptiondrive_records.submissions import find_submission, withdraw
 from exceptiondrive_records.tables import WorkerHeartbeat
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.views import recent_scoring_s, view, views
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView

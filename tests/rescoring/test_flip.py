@@ -18,8 +18,8 @@ from exceptiondrive_records.rescoring.compared import _compared
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.retries import retry_submission
 from exceptiondrive_records.tables import BoardFlip, Phase, ScoreSheetRow
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker import work
 

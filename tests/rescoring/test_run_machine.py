@@ -38,8 +38,8 @@ from exceptiondrive_records.retries import retry_submission
 from exceptiondrive_records.submissions import withdraw
 from exceptiondrive_records.tables import Phase, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.tables_of_work import BoardRequest, Job
 from exceptiondrive_schemas.rescoring import RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -31,8 +31,8 @@ from exceptiondrive_records.splits import register_split
 from exceptiondrive_records.tables import BoardRow
 from exceptiondrive_records.teams import create_team
 from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml

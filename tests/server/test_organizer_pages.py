@@ -12,8 +12,8 @@ from tests.support.work import claim_this
 from exceptiondrive_records.heartbeats import beat
 from exceptiondrive_records.registrations import register_team
 from exceptiondrive_records.tables import AuditLine
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_server.organizer_pages import (
     audit_routes,
     overview_routes,

@@ -7,7 +7,7 @@ from sqlalchemy import func, select
 
 from exceptiondrive_records.heartbeats import live_workers
 from exceptiondrive_records.tables import AuditLine, ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus

@@ -14,7 +14,7 @@ from exceptiondrive_records.notices.settings import NoticeSettings
 from exceptiondrive_records.notices.webhooks import NotDelivered, send_webhook
 from exceptiondrive_records.tables_rescoring import Channel, ContactPoint, Delivery, Notification
 from exceptiondrive_records.work.lease import claim, finish, is_claimable, try_later
-from exceptiondrive_records.work.tables import WorkState
+from exceptiondrive_records.work.tables_of_work import WorkState
 from exceptiondrive_schemas.rescoring import NotificationView
 
 _log = structlog.get_logger("exceptiondrive.notices")

@@ -24,8 +24,8 @@ from exceptiondrive_records.rescoring.pairs import (
 )
 from exceptiondrive_records.tables import Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_records.work.jobs import new_job
-from exceptiondrive_records.work.tables import WAITING_STATES, Job, WorkState
+from exceptiondrive_records.work.scoring_jobs import new_job
+from exceptiondrive_records.work.tables_of_work import WAITING_STATES, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import RunState
 

@@ -29,7 +29,7 @@ from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import move_run, require_action
 from exceptiondrive_records.tables import BoardRow, Phase, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_records.work.tables import WAITING_STATES, Job
+from exceptiondrive_records.work.tables_of_work import WAITING_STATES, Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import Comparison, NotificationKind, RunAction, RunState
 

@@ -11,7 +11,7 @@ from exceptiondrive_records.quotas import WAITING
 from exceptiondrive_records.rescoring.keys import ScoringKey
 from exceptiondrive_records.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_records.work.tables import OPEN_STATES, Job
+from exceptiondrive_records.work.tables_of_work import OPEN_STATES, Job
 from exceptiondrive_schemas.rescoring import Progress, RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -29,7 +29,7 @@ from exceptiondrive_records.rescoring.readable import require_readable
 from exceptiondrive_records.splits import find_split
 from exceptiondrive_records.tables import Phase
 from exceptiondrive_records.tables_rescoring import RescoringRun
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunState, next_states
 
 _DONE = {

@@ -16,7 +16,7 @@ from exceptiondrive_records.tables import Submission, Team
 from exceptiondrive_records.teams import find_team, list_teams
 from exceptiondrive_records.tokens import names_of_actors
 from exceptiondrive_records.views import view
-from exceptiondrive_records.work.jobs import jobs_of
+from exceptiondrive_records.work.scoring_jobs import jobs_of
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.auth import ServicesOf
 from exceptiondrive_server.browser_session import PostedForm

@@ -6,7 +6,7 @@ from datetime import datetime
 from urllib.parse import urlencode
 
 from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.organizer_pages.audit_view import HistoryLine
 from exceptiondrive_server.team_pages.status_words import Status, Step, status_of, steps_of

@@ -13,7 +13,7 @@ from exceptiondrive_records.clock import database_now
 from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission
 from exceptiondrive_records.work.fair_share import fair_order, waits
 from exceptiondrive_records.work.lease import claim, finish, new_item, try_later
-from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
+from exceptiondrive_records.work.tables_of_work import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
