@@ -36,10 +36,12 @@ from benchmarks.load_records import (
 from benchmarks.load_simulation import SLOTS, simulated_waits
 from benchmarks.load_traffic import FLOOD, Readers, Reading, Uploads, arrivals, file_maker, upload
 from benchmarks.report import note
-from exceptiondrive_records.invariants import unfinished, violations
-from exceptiondrive_records.tables import BoardRow, Submission, Team
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_records.accounts.tokens import issue_token
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables_of_work import BoardRequest, Job
 
 _CLIENTS = 12

@@ -16,10 +16,10 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_server.pages.board_page import BoardReading, board_page
-from exceptiondrive_server.pages.board_query import BoardQuery
-from exceptiondrive_server.pages.page_parts import Site
-from exceptiondrive_server.pages.templating import render
+from exceptiondrive_server.boards.page import BoardReading, board_page
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.web.page_parts import Site
+from exceptiondrive_server.web.responses import render
 
 ENTRIES = 1000
 ROUNDS = 9
@@ -76,7 +76,7 @@ def _page(board: Board, protocol: Protocol) -> bytes:
     reading = BoardReading((), None, board, protocol, ("1.0",), "1.0", True)
     page = board_page(reading, BoardQuery.parse([]))
     site = Site("auto", "/", "board")
-    return render("board.html", site=site, page=page).encode()
+    return render("boards/board.html", site=site, page=page).encode()
 
 
 def _median_ms(work: Callable[[], object]) -> float:

@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import Engine
 from sqlalchemy.util import LRUCache
 
-from exceptiondrive_records import database
+from exceptiondrive_records.db import database
 
 FIRST: dict[str, Any] = {}
 """By backend, the engine whose dialect and cache the later ones take over."""

@@ -23,10 +23,9 @@ from sqlalchemy import make_url
 from tests.canary.watch import BrokerWatch, look_in_postgres
 from tests.postgres_server import TEMPLATE, Postgres
 
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.roles import Role, grant, make_role
 from exceptiondrive_records.migrations import migrate
-from exceptiondrive_records.role_grants import grant, make_role
-from exceptiondrive_records.roles import Role
 from exceptiondrive_server.launcher.broker import (
     NoBrokerError,
     broker_command,

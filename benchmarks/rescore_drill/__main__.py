@@ -25,7 +25,7 @@ from benchmarks.rescore_drill.report import Report
 from benchmarks.rescore_drill.stage import database_of, prepare_records
 from benchmarks.rescore_drill.uploads import REALDATA, variations
 from benchmarks.rescore_drill.verdict import NotProven, demand, demand_end_state
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 

@@ -13,8 +13,8 @@ from benchmarks.rescore_drill.processes import Deployment
 from benchmarks.rescore_drill.report import Report
 from benchmarks.rescore_drill.verdict import demand
 from benchmarks.rescore_drill.waits import ALLOWED_RATIO, Waits, ratio, waits_of
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.submission import SubmissionStatus
 

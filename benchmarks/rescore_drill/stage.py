@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.rescore_drill.uploads import SPLIT_FILE
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.preparation import prepare
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol

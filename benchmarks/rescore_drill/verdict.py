@@ -7,10 +7,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from benchmarks.rescore_drill.reader import Reader
-from exceptiondrive_records.audit import count_audit_lines, verify_audit
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.invariants import unfinished, violations
-from exceptiondrive_records.tables import BoardRow, ScoreSheetRow, Submission
+from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.submission import SubmissionStatus

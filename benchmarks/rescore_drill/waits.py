@@ -5,8 +5,8 @@ from statistics import median
 
 from sqlalchemy import select
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.tables_of_work import Job
 
 ALLOWED_RATIO = 2.0

@@ -5,18 +5,18 @@ from contextlib import asynccontextmanager
 
 from fastapi import APIRouter, FastAPI
 
-from exceptiondrive_records.settings import load_settings
-from exceptiondrive_server import api, health, organizer_pages, pages, team_pages
-from exceptiondrive_server.board_reader import BoardReader
-from exceptiondrive_server.body_limit import BodyLimit
-from exceptiondrive_server.head_requests import HeadRequests
-from exceptiondrive_server.logs import set_up_logs
-from exceptiondrive_server.middleware import RequestContext
-from exceptiondrive_server.openapi import describe
-from exceptiondrive_server.overload import Overload
-from exceptiondrive_server.problems import install_problem_handlers
-from exceptiondrive_server.services import Services
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_records.db.settings import load_settings
+from exceptiondrive_server.boards.reader import BoardReader
+from exceptiondrive_server.web import health, organizer_pages, team_pages
+from exceptiondrive_server.web import public_api as api
+from exceptiondrive_server.web import public_pages as pages
+from exceptiondrive_server.web.body_limit import BodyLimit, Overload
+from exceptiondrive_server.web.logs import set_up_logs
+from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
+from exceptiondrive_server.web.openapi import describe
+from exceptiondrive_server.web.problems import install_problem_handlers
+from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.settings import ServerSettings
 
 API_VERSION = "1.0"
 MULTIPART_OVERHEAD_BYTES = 64 * 1024

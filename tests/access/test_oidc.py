@@ -9,9 +9,9 @@ from pydantic import ValidationError
 from sqlalchemy import select, update
 from tests.access.conftest import free_port, query_of, with_provider
 
-from exceptiondrive_records.tables import AuditLine
-from exceptiondrive_records.tables_people import Person, PersonSession, SignInFlow
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_records.accounts.tables import Person, PersonSession, SignInFlow
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
     from tests.access.conftest import PersonBrowser, RunningProvider

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from typer.testing import CliRunner
 
-from exceptiondrive_records.people import Identity, welcome_person
-from exceptiondrive_server.operator_cli import app
+from exceptiondrive_records.accounts.people import Identity, welcome_person
+from exceptiondrive_server.operations.cli import app
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

@@ -8,18 +8,24 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import select, update
 
-from exceptiondrive_records.errors import NotFound
-from exceptiondrive_records.memberships import accept_invitation, invite, is_member
-from exceptiondrive_records.people import Identity, set_organizer, welcome_person
-from exceptiondrive_records.site_settings import switch_self_registration
-from exceptiondrive_records.tables import AuditLine
-from exceptiondrive_records.tables_people import Invitation, Person, PersonSession
+from exceptiondrive_records.accounts.people import (
+    Identity,
+    accept_invitation,
+    invite,
+    is_member,
+    set_organizer,
+    welcome_person,
+)
+from exceptiondrive_records.accounts.tables import Invitation, Person, PersonSession
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.teams.teams import switch_self_registration
 
 if TYPE_CHECKING:
     from tests.access.conftest import PersonBrowser, RunningProvider
     from tests.server.conftest import Api, TeamBrowser
 
-    from exceptiondrive_records.database import Database
+    from exceptiondrive_records.db.database import Database
 
 Open = Callable[["Api"], "PersonBrowser"]
 Browse = Callable[..., "TeamBrowser"]

@@ -1,6 +1,6 @@
 import pytest
 
-from exceptiondrive_records.settings import RecordsSettings
+from exceptiondrive_records.db.settings import RecordsSettings
 
 
 @pytest.fixture(scope="session")

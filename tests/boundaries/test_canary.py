@@ -20,15 +20,15 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.base import Base
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase

@@ -13,12 +13,15 @@ from tests.chaos.checker_told import boards_seen, endings_stay, scores_stay
 from tests.chaos.history import History
 from tests.chaos.topology import MAX_ATTEMPTS
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.invariants import damaged_uploads, unfinished, violations
-from exceptiondrive_records.quotas import COSTS_NOTHING
-from exceptiondrive_records.tables import BoardRow, Phase, ScoreSheetRow, Submission, Team
-from exceptiondrive_records.violations import Violation
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import Violation
+from exceptiondrive_records.operations.invariants import damaged_uploads, unfinished, violations
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.quotas import COSTS_NOTHING
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -12,11 +12,13 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 from tests.chaos.history import History
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.errors import Conflict
-from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.tables import AuditLine, BoardRow, Phase, ScoreSheetRow, Submission
-from exceptiondrive_records.violations import Violation
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.errors import Conflict, Violation
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.protocol import Protocol, ProtocolError

@@ -19,9 +19,9 @@ from tests.chaos.postgres import Postgres
 
 from exceptiondrive.checking import manifest_of
 from exceptiondrive.evaluation import score
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.violations import Violation
+from exceptiondrive_records.db.errors import Violation
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.protocol import Protocol

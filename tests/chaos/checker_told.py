@@ -6,8 +6,8 @@ from typing import Any
 
 from tests.chaos.history import BoardSeen, History
 
-from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.violations import Violation
+from exceptiondrive_records.db.errors import Violation
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _FINAL = {status.value for status in SubmissionStatus if status.is_terminal}

@@ -15,15 +15,15 @@ from sqlalchemy.orm import Session
 from tests.chaos.history import BoardSeen, Call, History, Sighting
 from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records.boards import publish_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.boards.boards import publish_board
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_records.work.scoring_jobs import Finish
 from exceptiondrive_records.work.tables_of_work import Job

@@ -14,12 +14,12 @@ from tests.chaos.checker import check
 from tests.chaos.postgres import Postgres
 from tests.chaos.run import Run, percentile
 
-from exceptiondrive_records.audit import count_audit_lines, verify_audit
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.migrations import is_current, migrate
-from exceptiondrive_records.tables import Submission
-from exceptiondrive_server.backup import restore_backup, write_backup
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_server.operations.backup import restore_backup, write_backup
 
 _WRITER = """
 import sys, time

@@ -4,10 +4,11 @@ from sqlalchemy import select
 from tests.chaos.run import OPEN, Run
 from tests.chaos.topology import PHASE
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.database import database_now
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import Phase, Submission
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.db.database import database_now
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.scoring_jobs import new_job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml

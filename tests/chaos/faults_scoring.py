@@ -9,8 +9,8 @@ from tests.chaos.run import Run
 from tests.chaos.saboteur import SCORER
 from tests.chaos.topology import PHASE
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.tables import ScoreSheetRow
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _OLDER = "0"

@@ -13,9 +13,9 @@ from tests.chaos.run import OPEN, Run
 from tests.chaos.topology import HEARTBEAT_TTL_S
 
 from exceptiondrive.receipts import verify_receipt
-from exceptiondrive_records.heartbeats import live_workers
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import KEY_PREFIX
+from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 

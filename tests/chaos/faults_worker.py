@@ -10,7 +10,7 @@ from tests.chaos.run import Hit, Run
 from tests.chaos.saboteur import VISIBILITY_S
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS
 
-from exceptiondrive_records.attention import attention
+from exceptiondrive_records.operations.dashboard import attention
 from exceptiondrive_records.work.tables_of_work import WorkState
 
 _DRAINS_WITHIN_S = 10.0

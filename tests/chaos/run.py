@@ -14,14 +14,16 @@ from tests.chaos.history import Call, History
 from tests.chaos.topology import LEASE_S, PHASE, Topology
 
 from exceptiondrive.evaluation import read_split
-from exceptiondrive_records.audit import count_audit_lines
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.invariants import unfinished
-from exceptiondrive_records.quotas import quota_of
-from exceptiondrive_records.reconciler import LEADERSHIP
-from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, WorkerHeartbeat
-from exceptiondrive_records.teams import find_team
-from exceptiondrive_records.violations import Violation
+from exceptiondrive_records.audit.log import count_audit_lines
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Violation
+from exceptiondrive_records.operations.invariants import unfinished
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.quotas import quota_of
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_records.work.reconciler import LEADERSHIP
+from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_records.work.tables_of_work import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol

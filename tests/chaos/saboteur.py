@@ -82,8 +82,8 @@ def _sabotage_worker() -> Callable[[], None]:
 
 
 def _sabotage_server() -> Callable[[], None]:
-    from exceptiondrive_server import operator_cli
-    from exceptiondrive_server import submitting as module
+    from exceptiondrive_server.operations import cli as operator_cli
+    from exceptiondrive_server.submissions import accepting as module
 
     submitting: Any = module
 

@@ -13,7 +13,8 @@ from sqlalchemy.orm import Session
 from tests.chaos.checker import check
 from tests.chaos.history import BoardSeen, Call, Sighting
 
-from exceptiondrive_records.tables import BoardRow, ScoreSheetRow, Submission
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables_of_work import Job
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def _sheet_from_nowhere(story: Story) -> None:
 
 def _scored_twice(story: Story) -> None:
     def change(session: Session) -> None:
-        from exceptiondrive_records.audit import audit
+        from exceptiondrive_records.audit.log import audit
 
         protocol = session.query(ScoreSheetRow).first()
         assert protocol is not None

@@ -12,8 +12,9 @@ from sqlalchemy.orm import Session
 from tests.chaos.checker import check
 from tests.chaos.history import Call, Sighting
 
-from exceptiondrive_records.audit import GENESIS, audit, line_hash
-from exceptiondrive_records.tables import AuditLine, BoardEntryRow, BoardRow
+from exceptiondrive_records.audit.log import GENESIS, audit, line_hash
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
 from exceptiondrive_schemas.base import canonical_json, content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 

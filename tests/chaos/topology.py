@@ -25,15 +25,14 @@ from tests.chaos.saboteur import ORDERS
 from tests.chaos.splits import multiply, plant_canary
 from tests.chaos.users import Users, as_user
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.preparation import prepare
-from exceptiondrive_records.role_grants import grant_to_files
-from exceptiondrive_records.roles import Role
-from exceptiondrive_records.splits import manifest_of
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_records.accounts.tokens import issue_token
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.roles import Role, grant_to_files
+from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.splits.splits import manifest_of
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path

@@ -167,7 +167,7 @@ def running(
 ) -> Iterator[Running]:
     """Start the application, without a worker."""
     from exceptiondrive_server.app import create_app
-    from exceptiondrive_server.settings import ServerSettings
+    from exceptiondrive_server.web.settings import ServerSettings
     from exceptiondrive_worker.context import open_context
     from exceptiondrive_worker.settings import WorkerSettings
 
@@ -201,7 +201,10 @@ def running(
 
 def _fill_records(context: "WorkerContext") -> tuple[str, str]:
     """Make protocol, split, two phases, a team and its token, an organizer and theirs."""
-    from exceptiondrive_records import phases, protocols, teams, tokens
+    from exceptiondrive_records.accounts import tokens
+    from exceptiondrive_records.phases import phases
+    from exceptiondrive_records.protocols import protocols
+    from exceptiondrive_records.teams import teams
     from exceptiondrive_schemas.challenges import ChallengeId
     from exceptiondrive_schemas.phase_settings import NewPhase
     from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml

@@ -26,7 +26,7 @@ from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.publish.examples import EXAMPLES
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running

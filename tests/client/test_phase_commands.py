@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from exceptiondrive import Client, NotAllowedError
 from exceptiondrive.cli import app
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.phases import find_phase
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.phases import find_phase
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running

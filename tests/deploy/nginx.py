@@ -20,7 +20,7 @@ import httpx
 import pytest
 from tests.chaos.users import as_user
 
-from exceptiondrive_server.self_signed import self_signed
+from exceptiondrive_server.operations.secrets import self_signed
 
 CONF = Path(__file__).parents[2] / "deploy/nginx.conf"
 _PLACES = f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin"

@@ -17,11 +17,10 @@ from sqlalchemy import URL, make_url
 from tests.deploy.nginx import free_port
 from typer.testing import CliRunner, Result
 
-from exceptiondrive_records.role_grants import role_of
-from exceptiondrive_records.roles import Role
+from exceptiondrive_records.db.roles import Role, role_of
 from exceptiondrive_server.launcher.broker import find_broker_binary
 from exceptiondrive_server.launcher.errors import LaunchError
-from exceptiondrive_server.operator_cli import app
+from exceptiondrive_server.operations.cli import app
 
 ROOT = Path(__file__).parents[2]
 _UNTIL_IT_STARTS = Retry(ConstantBackoff(0.05), 200)

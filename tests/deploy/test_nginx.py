@@ -15,8 +15,8 @@ from tests.deploy.nginx import CONF, Names, Nginx, free_port, replaced
 from exceptiondrive import ServerError
 from exceptiondrive.transport import Transport
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
-from exceptiondrive_server.problem_vocabulary import TITLE_OF
-from exceptiondrive_server.problems import TOO_LARGE
+from exceptiondrive_server.web.problem_vocabulary import TITLE_OF
+from exceptiondrive_server.web.problems import TOO_LARGE
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"}
 PLACES = {"pid", "listen", "resolver", "set", "http2", "ssl_certificate", "ssl_certificate_key"}

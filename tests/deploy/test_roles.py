@@ -13,9 +13,8 @@ from tests.conftest import as_role
 from tests.postgres_server import Postgres
 
 from exceptiondrive_records.db.base import Base
-from exceptiondrive_records.errors import InvalidRecord
-from exceptiondrive_records.role_grants import grant_to_files
-from exceptiondrive_records.roles import RIGHTS, Role, rights_of
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.db.roles import RIGHTS, Role, grant_to_files, rights_of
 from exceptiondrive_worker.sample.files import write_sample_split
 
 pytestmark = pytest.mark.postgres
@@ -25,7 +24,7 @@ PRIVILEGES = ("SELECT", "INSERT", "UPDATE", "DELETE", "TRUNCATE", "REFERENCES", 
 
 def test_every_table_has_a_row_that_says_who_may_do_what() -> None:
     assert set(RIGHTS) == {*Base.metadata.tables, "alembic_version"}, (
-        "a new table needs its row in exceptiondrive_records/roles.py"
+        "a new table needs its row in exceptiondrive_records/db/roles.py"
     )
 
 

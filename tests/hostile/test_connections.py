@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from tests.hostile.server_process import MEBIBYTE, ServerProcess, read_all, running_server
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_records.accounts.tokens import issue_token
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml

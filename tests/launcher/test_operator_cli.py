@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import pytest
 from fastapi import FastAPI
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.tokens import is_well_formed, verify_token
-from exceptiondrive_server import operator_cli
-from exceptiondrive_server.settings import ServerSettings
-from exceptiondrive_server.slow_clients import PatientProtocol
+from exceptiondrive_records.accounts.tokens import is_well_formed, verify_token
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_server.operations import cli as operator_cli
+from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.slow_clients import PatientProtocol
 
 
 @pytest.fixture

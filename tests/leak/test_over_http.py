@@ -11,17 +11,17 @@ import pytest
 from starlette.testclient import TestClient
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import issue_token
+from exceptiondrive_records.accounts.tokens import issue_token
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits_admin import register_all_splits

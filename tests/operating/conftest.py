@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from tests.chaos.conftest import tell
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.tables import BoardRow
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.file_store import FileStore
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,15 @@ from pathlib import Path
 import pytest
 from tests.operating.conftest import Lived
 
-from exceptiondrive_records.audit import verify_audit
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.dump import dump_rows, dumped_tables
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.invariants import damaged_uploads, violations
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import BoardRow, Submission
-from exceptiondrive_server.backup import BackupError, restore_backup, write_backup
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
+from exceptiondrive_records.operations.invariants import damaged_uploads, violations
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_server.operations.backup import BackupError, restore_backup, write_backup
 
 
 def all_rows(database: Database) -> dict[str, list[str]]:

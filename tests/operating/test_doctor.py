@@ -13,10 +13,10 @@ import pytest
 from sqlalchemy import text
 from tests.operating.conftest import Lived
 
-from exceptiondrive_records.heartbeats import beat
-from exceptiondrive_records.settings import RecordsSettings
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import take_lead
-from exceptiondrive_server.doctor import Finding, Severity, examine
+from exceptiondrive_server.operations.doctor import Finding, Severity, examine
 
 BIN = Path(sys.executable).parent
 
@@ -140,7 +140,7 @@ def doctor_as(user: int, withheld: Path) -> "subprocess.CompletedProcess[str]":
     environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
     code = (
         "import os, sys; from pathlib import Path;"
-        "from exceptiondrive_server.doctor import _wall;"
+        "from exceptiondrive_server.operations.doctor import _wall;"
         "user = int(sys.argv[1]); os.setgroups([]); os.setgid(user); os.setuid(user);"
         "[print(found.severity, found.what, '->', found.do) for found in _wall(Path(sys.argv[2]))]"
     )

@@ -25,8 +25,8 @@ from tests.operating.traffic import BOARD, Traffic, submit
 from tests.operating.upgrading import make_schema_newer, stop_while_uploading
 
 from exceptiondrive import Client
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.roles import Role
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.db.roles import Role
 from exceptiondrive_schemas.board import Board
 
 pytestmark = [pytest.mark.slow, pytest.mark.postgres]

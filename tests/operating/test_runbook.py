@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 import typer
 
-from exceptiondrive_records.roles import Role
-from exceptiondrive_server.metrics import RecordsCollector
-from exceptiondrive_server.operator_cli import app as server_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_server.operations.cli import app as server_app
+from exceptiondrive_server.web.metrics import RecordsCollector
+from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.operator_cli import app as worker_app
 from exceptiondrive_worker.settings import WorkerSettings
 
@@ -67,7 +67,7 @@ def test_every_setting_that_is_named_is_there(document: str) -> None:
 
 
 def test_every_metric_that_is_named_is_there(migrated_sqlite: Path) -> None:
-    from exceptiondrive_records.database import Database
+    from exceptiondrive_records.db.database import Database
 
     database = Database(f"sqlite:///{migrated_sqlite}")
     known = {metric.name for metric in RecordsCollector(database).collect()}

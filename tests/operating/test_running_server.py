@@ -15,7 +15,7 @@ from tests.chaos.topology import PHASE, Topology
 from tests.operating.held_upload import HeldUpload
 
 from exceptiondrive import Client
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 pytestmark = [pytest.mark.slow]

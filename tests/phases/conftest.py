@@ -17,18 +17,18 @@ from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore

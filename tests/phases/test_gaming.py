@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.teams.teams import create_team
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive_records.splits import find_split, list_splits
+from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split

@@ -34,11 +34,11 @@ def add_the_field() -> Any:
 def kept_value(model: Any, database_url: str) -> int:
     from tests.sample_documents import make_manifest
 
-    from exceptiondrive_records.database import Database
-    from exceptiondrive_records.phases import create_phase, find_phase
-    from exceptiondrive_records.preparation import prepare
-    from exceptiondrive_records.protocols import add_protocol
-    from exceptiondrive_records.splits import register_split
+    from exceptiondrive_records.db.database import Database
+    from exceptiondrive_records.db.setup import prepare
+    from exceptiondrive_records.phases.phases import create_phase, find_phase
+    from exceptiondrive_records.protocols.protocols import add_protocol
+    from exceptiondrive_records.splits.splits import register_split
     from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
     prepare(database_url)
@@ -64,8 +64,8 @@ def main() -> None:
 
     from exceptiondrive.cli import app
     from exceptiondrive_schemas.publish.settings_page import settings_page
-    from exceptiondrive_server.api import organizer_phases
-    from exceptiondrive_server.organizer_pages import phase_routes
+    from exceptiondrive_server.phases import organizer_api as organizer_phases
+    from exceptiondrive_server.phases import organizer_pages as phase_routes
 
     api = FastAPI()
     api.include_router(organizer_phases.router)

@@ -14,7 +14,7 @@ def _any_content(_: Any) -> Callable[..., Any]:
 
 
 def _believed_text(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.protocols import find_protocol_row
+    from exceptiondrive_records.protocols.protocols import find_protocol_row
     from exceptiondrive_schemas.protocol import parse_protocol
 
     return lambda session, version: parse_protocol(find_protocol_row(session, version).toml)
@@ -53,7 +53,7 @@ def _new_side_alone(_: Any) -> Callable[..., Any]:
 
 
 def _any_board(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.boards import latest_board
+    from exceptiondrive_records.boards.boards import latest_board
 
     return lambda session, phase_id, key: latest_board(
         session, phase_id, key.protocol_digest, key.split_revision
@@ -68,7 +68,7 @@ def _always_newer(_: Any) -> Callable[..., Any]:
 
 def _kept_by_halves(_: Any) -> Callable[..., Any]:
     """What a transaction did before it broke off stays."""
-    from exceptiondrive_records.audit import seal_audit_lines
+    from exceptiondrive_records.audit.log import seal_audit_lines
 
     @contextmanager
     def write(database: Any) -> Iterator[Any]:
@@ -86,7 +86,7 @@ def _kept_by_halves(_: Any) -> Callable[..., Any]:
 def _compared_each_time(_: Any) -> Callable[..., Any]:
     from functools import lru_cache
 
-    from exceptiondrive_records.rescoring import compared
+    from exceptiondrive_records.rescoring import comparison as compared
 
     return lru_cache(maxsize=0)(compared._compared.__wrapped__)
 

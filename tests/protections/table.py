@@ -17,7 +17,7 @@ from tests.protections.rescoring import RESCORING
 def _every_scope(principal_of: Any) -> Callable[..., Any]:
     from dataclasses import replace
 
-    from exceptiondrive_records.tokens import Scope
+    from exceptiondrive_records.accounts.tokens import Scope
 
     return lambda *arguments: replace(principal_of(*arguments), scopes=frozenset(Scope))
 
@@ -27,7 +27,7 @@ def _any_team(find: Any) -> Callable[..., Any]:
 
 
 def _unlocked(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.tables import Team
+    from exceptiondrive_records.teams.tables import Team
 
     return lambda session, team_id: session.get_one(Team, team_id)
 

@@ -8,12 +8,12 @@ import pytest
 from tests.sample_documents import make_manifest, make_sheet
 from tests.support.work import claim_this
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.submissions import Accepted, accept
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.submissions.submissions import Accepted, accept
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.scoring_jobs import Finish, finish_scored
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.challenges import ChallengeId

@@ -6,7 +6,7 @@ from typing import Any
 
 from sqlalchemy import event
 
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.database import Database
 
 
 @contextmanager

@@ -8,37 +8,34 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotAllowed, TooManyAttempts
-from exceptiondrive_records.errors import NotFound as NotFoundRecord
-from exceptiondrive_records.page_sessions import (
+from exceptiondrive_records.accounts.sessions import (
     end_page_session,
     find_page_session,
     open_page_session,
 )
-from exceptiondrive_records.sign_in_limits import (
+from exceptiondrive_records.accounts.sign_in import (
     PER_TOKEN_ID,
     count_attempt,
     give_attempt_back,
     keys_of,
 )
-from exceptiondrive_records.tables import Token
-from exceptiondrive_records.tables_access import PageSession, SignInAttempts
-from exceptiondrive_records.team_tokens import (
-    issue_team_token,
-    revoke_team_token,
-    rotate_team_token,
-    team_tokens,
-)
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import (
+from exceptiondrive_records.accounts.tables import PageSession, SignInAttempts, Token
+from exceptiondrive_records.accounts.tokens import (
     ORGANIZER_SCOPES,
     TEAM_SCOPES,
     Principal,
     Scope,
+    issue_team_token,
     issue_token,
+    revoke_team_token,
     revoke_token,
+    rotate_team_token,
+    team_tokens,
     verify_token,
 )
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotAllowed, TooManyAttempts
+from exceptiondrive_records.db.errors import NotFound as NotFoundRecord
+from exceptiondrive_records.teams.teams import create_team
 
 World = Any
 

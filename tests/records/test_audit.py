@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit import GENESIS, audit, audit_page, verify_audit
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.audit.log import GENESIS, audit, audit_page, verify_audit
+from exceptiondrive_records.db.database import Database
 
 
 def write_line(database: Database, number: int) -> None:

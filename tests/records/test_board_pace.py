@@ -7,8 +7,13 @@ import pytest
 from sqlalchemy import func, select
 from tests.support.work import claim_board_of
 
-from exceptiondrive_records import boards
-from exceptiondrive_records.board_requests import LONGEST_PAUSE_S, PAUSE_FACTOR, is_due, pause_after
+from exceptiondrive_records.boards import boards
+from exceptiondrive_records.work.board_requests import (
+    LONGEST_PAUSE_S,
+    PAUSE_FACTOR,
+    is_due,
+    pause_after,
+)
 from exceptiondrive_records.work.tables_of_work import BoardRequest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane

@@ -9,16 +9,18 @@ from sqlalchemy.exc import DatabaseError
 from tests.records.statements import statements
 from tests.support.work import claim_board_of
 
-from exceptiondrive_records import board_records, boards
-from exceptiondrive_records.audit import count_audit_lines
-from exceptiondrive_records.board_invariants import broken_boards
-from exceptiondrive_records.board_requests import is_board_wanted, want_board
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.errors import NotFound
+from exceptiondrive_records.audit.log import count_audit_lines
+from exceptiondrive_records.boards import boards
+from exceptiondrive_records.boards import ranking as board_records
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.operations.invariants import broken_boards
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.views import board_history
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import BoardEntryRow, BoardRow, Phase
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.work.tables_of_work import BoardRequest
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry

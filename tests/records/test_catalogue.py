@@ -8,10 +8,13 @@ from pydantic import ValidationError
 from sqlalchemy import text
 from sqlalchemy.exc import DatabaseError
 
-from exceptiondrive_records import phases, protocols, splits, teams
-from exceptiondrive_records.audit import count_audit_lines
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.audit.log import count_audit_lines
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.phases import phases
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols import protocols
+from exceptiondrive_records.splits import splits
+from exceptiondrive_records.teams import teams
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.heartbeats import beat
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import dispatch
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
+from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -120,7 +120,7 @@ def test_where_nothing_is_to_be_done_nobody_is_woken(
 def board_is_built(world: World) -> None:
     from tests.support.work import claim_board_of
 
-    from exceptiondrive_records.board_requests import finish_board
+    from exceptiondrive_records.work.board_requests import finish_board
 
     with world.database.write() as session:
         request = claim_board_of(session, "dev", world.protocol_digest)

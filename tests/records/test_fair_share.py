@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from sqlalchemy import delete, select
 from tests.support.fair_share import TeamQueue, served, team_to_serve
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_records.work.fair_share import fair_order, jobs_ahead, waits
 from exceptiondrive_records.work.lease import new_item
@@ -139,7 +139,7 @@ def rounds(queues: list[TeamQueue]) -> list[int]:
 
 
 def team_of(session: Any, number: int) -> int:
-    from exceptiondrive_records.tables import Team
+    from exceptiondrive_records.teams.tables import Team
 
     slug = f"team-{number}"
     team = session.scalars(select(Team).where(Team.slug == slug)).first()

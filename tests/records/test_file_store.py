@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive_records.errors import NotFound, StoreError, UploadTooLarge
-from exceptiondrive_records.file_store import FileDamaged, FileStore
+from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 
 DATA = b"trajectories" * 1000
 DIGEST = "sha256:" + hashlib.sha256(DATA).hexdigest()

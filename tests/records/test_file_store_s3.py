@@ -11,8 +11,8 @@ import obstore
 import pytest
 from obstore.store import from_url
 
-from exceptiondrive_records.errors import NotFound, StoreError, UploadTooLarge
-from exceptiondrive_records.file_store import FileDamaged, FileStore
+from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 
 moto_server = pytest.importorskip("moto.server", reason="moto, a local S3 server, is not installed")
 

@@ -5,8 +5,8 @@ from typing import Any
 from sqlalchemy import update
 from tests.support.work import claim_this
 
-from exceptiondrive_records.audit import count_audit_lines, verify_audit
-from exceptiondrive_records.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_records.work.scoring_jobs import Finish
 from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkState

@@ -22,16 +22,17 @@ from hypothesis.stateful import (
 from sqlalchemy import func, select
 from tests.support.work import let_time_pass
 
-from exceptiondrive_records.audit import verify_audit
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.errors import Conflict
-from exceptiondrive_records.heartbeats import beat
-from exceptiondrive_records.reconciler import reconcile_once
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import AuditLine, ScoreSheetRow, Submission
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
+from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_records.work.reconciler import reconcile_once
 from exceptiondrive_records.work.scoring_jobs import Finish
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.board_records import LinkedRecord, entries_for_board
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.submissions import Accepted, accept, withdraw
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.views import view
+from exceptiondrive_records.boards.ranking import LinkedRecord, entries_for_board
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.submissions.submissions import Accepted, accept, withdraw
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 
@@ -163,7 +163,8 @@ def test_a_refused_link_leaves_nothing(
 def world_counts() -> Callable[[Any], tuple[int, int]]:
     from sqlalchemy import func, select
 
-    from exceptiondrive_records.tables import AuditLine, Submission
+    from exceptiondrive_records.audit.tables import AuditLine
+    from exceptiondrive_records.submissions.tables import Submission
 
     def count(world: Any) -> tuple[int, int]:
         with world.database.read() as session:

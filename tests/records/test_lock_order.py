@@ -9,14 +9,14 @@ from sqlalchemy.exc import OperationalError
 from tests.records.conftest import World
 from tests.records.test_boards import board, take
 
-from exceptiondrive_records.board_requests import claim_board, is_due, want_board
-from exceptiondrive_records.boards import publish_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phase_boards import want_boards
-from exceptiondrive_records.phases import create_phase, lock_phase
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.boards.boards import publish_board
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase, lock_phase
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.board_requests import claim_board, is_due, want_board
+from exceptiondrive_records.work.phase_boards import want_boards
 from exceptiondrive_records.work.scoring_jobs import Finish
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.challenges import ChallengeId

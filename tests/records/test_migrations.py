@@ -11,10 +11,10 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect
 from tests.later_release import become_later_release
 
-from exceptiondrive_records.database import Database
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.migrations import is_current, is_usable, migrate
-from exceptiondrive_records.teams import create_team, find_team
+from exceptiondrive_records.teams.teams import create_team, find_team
 
 
 def test_migrating_an_empty_database_gives_exactly_the_tables_of_the_code(

@@ -11,12 +11,16 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from exceptiondrive_records import orphans
-from exceptiondrive_records.audit import count_audit_lines
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.orphans import keep_stored, run_sweeper, sweep_orphans
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_records.audit.log import count_audit_lines
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.submissions import file_store as orphans
+from exceptiondrive_records.submissions.file_store import (
+    FileStore,
+    keep_stored,
+    run_sweeper,
+    sweep_orphans,
+)
+from exceptiondrive_records.submissions.submissions import accept
 
 World = Any
 HOUR = timedelta(hours=1)

@@ -4,9 +4,9 @@ from importlib import resources
 
 from sqlalchemy import func, select
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.preparation import prepare
-from exceptiondrive_records.tables import ProtocolRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.protocols.tables import ProtocolRow
 
 
 def test_preparing_adds_every_protocol_that_ships_and_twice_changes_nothing(

@@ -3,10 +3,10 @@
 from datetime import timedelta
 from typing import Any
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.phase_changes import update_phase
-from exceptiondrive_records.published_forms import shown_sheet
-from exceptiondrive_records.tables import ScoreSheetRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy
 
 World = Any

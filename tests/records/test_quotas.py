@@ -10,16 +10,17 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.errors import (
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import (
     ConcurrentQuotaExceeded,
     QuotaExceeded,
     RejectedCapExceeded,
 )
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.quotas import quota_of
-from exceptiondrive_records.submissions import accept, withdraw
-from exceptiondrive_records.tables import Phase, Submission
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.quotas import quota_of
+from exceptiondrive_records.submissions.submissions import accept, withdraw
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive_records.settings import RecordsSettings, SettingsError, load_settings
+from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
 
 
 def test_the_defaults_are_those_that_survived_every_fault() -> None:

@@ -6,18 +6,19 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from exceptiondrive_records.audit import count_audit_lines
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
-from exceptiondrive_records.retries import retry_submission
-from exceptiondrive_records.submissions import (
+from exceptiondrive_records.audit.log import count_audit_lines
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import (
     accept,
     find_submission,
     list_submissions,
     withdraw,
 )
-from exceptiondrive_records.tables import Phase, Submission
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.jobs import retry_submission
 from exceptiondrive_records.work.scoring_jobs import Finish
 from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.board import Links

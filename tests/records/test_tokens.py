@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from sqlalchemy import inspect, text, update
 
-from exceptiondrive_records import tokens
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.tables import Token
-from exceptiondrive_records.tokens import Scope
+from exceptiondrive_records.accounts import tokens
+from exceptiondrive_records.accounts.tables import Token
+from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 
 World = Any
 

@@ -7,12 +7,12 @@ from sqlalchemy import update
 from tests.records.statements import statements
 from tests.records.test_boards import board, publish
 
-from exceptiondrive_records.heartbeats import beat, forget_worker, live_workers
-from exceptiondrive_records.submissions import find_submission, withdraw
-from exceptiondrive_records.tables import WorkerHeartbeat
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.views import recent_scoring_s, view, views
+from exceptiondrive_records.submissions.submissions import find_submission, withdraw
+from exceptiondrive_records.submissions.views import recent_scoring_s, view, views
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.heartbeats import beat, forget_worker, live_workers
+from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane

@@ -18,12 +18,12 @@ from tests.rescoring.documents import (
 )
 from tests.rescoring.stage import Stage, open_stage
 
-from exceptiondrive_records.roles import Role
-from exceptiondrive_records.teams import find_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 
 
 @pytest.fixture

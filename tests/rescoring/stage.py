@@ -14,18 +14,18 @@ from tests.conftest import as_role
 from tests.rescoring.documents import planning_file, split_document
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.keys import find_run
+from exceptiondrive_records.rescoring.tables import VerificationItem
 from exceptiondrive_records.rescoring.views import preview_of, run_view
-from exceptiondrive_records.roles import Role
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables_rescoring import VerificationItem
-from exceptiondrive_records.teams import create_team, find_team, list_teams
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase

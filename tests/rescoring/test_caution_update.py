@@ -14,8 +14,8 @@ from tests.rescoring.documents import strategy_file
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
-from exceptiondrive_records.notices.inbox import list_notifications
-from exceptiondrive_records.teams import find_team
+from exceptiondrive_records.notifications.inbox import list_notifications
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_worker.stages import Stages
 
 Stage = Any

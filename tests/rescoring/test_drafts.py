@@ -8,8 +8,8 @@ import pytest
 from sqlalchemy import select
 from tests.support.work import claim_this
 
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.phase_changes import freeze_phase
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.phases.changes import freeze_phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.work.scoring_jobs import finish_failed
 from exceptiondrive_records.work.tables_of_work import Job, WorkState

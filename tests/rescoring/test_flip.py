@@ -10,15 +10,17 @@ import pytest
 from sqlalchemy import delete, func, select
 from tests.support.work import claim_this
 
-from exceptiondrive_records.audit import verify_audit
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.errors import Conflict
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.boards.tables import BoardFlip
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring import flip
-from exceptiondrive_records.rescoring.compared import _compared
+from exceptiondrive_records.rescoring.comparison import _compared
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.retries import retry_submission
-from exceptiondrive_records.tables import BoardFlip, Phase, ScoreSheetRow
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.jobs import retry_submission
 from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker import work

@@ -16,19 +16,23 @@ import pytest
 from aiosmtpd.controller import Controller
 from sqlalchemy import select
 
-from exceptiondrive_records.errors import InvalidRecord
-from exceptiondrive_records.notices import webhooks
-from exceptiondrive_records.notices.contacts import _require_webhook, add_contact, remove_contact
-from exceptiondrive_records.notices.outbox import send_next
-from exceptiondrive_records.notices.public_address import is_public
-from exceptiondrive_records.notices.settings import NoticeSettings
-from exceptiondrive_records.notices.webhooks import NotDelivered, allowed_address, send_webhook
-from exceptiondrive_records.tables_rescoring import (
-    Channel,
-    ContactPoint,
-    Delivery,
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.notifications import channels as webhooks
+from exceptiondrive_records.notifications.channels import (
+    NotDelivered,
+    allowed_address,
+    is_public,
+    send_webhook,
 )
-from exceptiondrive_records.teams import find_team
+from exceptiondrive_records.notifications.contacts import (
+    _require_webhook,
+    add_contact,
+    remove_contact,
+)
+from exceptiondrive_records.notifications.outbox import send_next
+from exceptiondrive_records.notifications.settings import NoticeSettings
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.lease import new_item
 
 Stage = Any

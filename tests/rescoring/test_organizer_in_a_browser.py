@@ -11,10 +11,10 @@ import pytest
 import uvicorn
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from exceptiondrive_records.registrations import register_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 
 Stage = Any
 Make = Callable[..., str]

@@ -9,13 +9,13 @@ from sqlalchemy import select, update
 from starlette.testclient import TestClient
 from tests.conftest import as_role
 
-from exceptiondrive_records.roles import Role
-from exceptiondrive_records.tables import AuditLine
-from exceptiondrive_records.teams import find_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 
 Stage = Any
 Make = Callable[..., str]

@@ -29,16 +29,17 @@ from tests.rescoring.stage import Stage, open_stage
 from tests.support.work import claim_this
 from tests.support.worker import score_submission
 
-from exceptiondrive_records.errors import Conflict, InvalidRecord
-from exceptiondrive_records.invariants import unfinished, violations
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.keys import OPEN, UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.rescoring.pairs import count_pairs
-from exceptiondrive_records.retries import retry_submission
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import Phase, Submission
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.jobs import retry_submission
 from exceptiondrive_records.work.tables_of_work import BoardRequest, Job
 from exceptiondrive_schemas.rescoring import RunState
 from exceptiondrive_schemas.submission import SubmissionStatus

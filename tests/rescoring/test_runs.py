@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 from sqlalchemy import delete, func, select, update
 
-from exceptiondrive_records.audit import audit_page, verify_audit
-from exceptiondrive_records.boards import board_at, find_board
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.notices.inbox import list_notifications
+from exceptiondrive_records.audit.log import audit_page, verify_audit
+from exceptiondrive_records.boards.boards import board_at, find_board
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.rescoring import runs
 from exceptiondrive_records.rescoring.views import board_history, public_run
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.teams import find_team
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 
 Stage = Any

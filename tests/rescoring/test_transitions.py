@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.errors import Conflict
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.rescoring.keys import find_run
 from exceptiondrive_schemas.rescoring import (
     TRANSITIONS,
@@ -15,7 +15,7 @@ from exceptiondrive_schemas.rescoring import (
     actions_of,
     next_states,
 )
-from exceptiondrive_server.organizer_pages.run_steps import RUN_STEPS, offered
+from exceptiondrive_server.rescoring.steps import RUN_STEPS, offered
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")

@@ -6,8 +6,8 @@ from typing import Any
 
 from sqlalchemy import select
 
+from exceptiondrive_records.rescoring.tables import VerificationItem
 from exceptiondrive_records.rescoring.verification import start_verification, verification_view
-from exceptiondrive_records.tables_rescoring import VerificationItem
 from exceptiondrive_schemas.rescoring import VerificationView
 
 Stage = Any

@@ -21,17 +21,17 @@ from tests.conftest import as_role
 from tests.sample_documents import REVISION, make_manifest, make_sheet
 from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import publish_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.roles import Role
-from exceptiondrive_records.splits import register_split
-from exceptiondrive_records.tables import BoardRow
-from exceptiondrive_records.teams import create_team
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.boards.boards import publish_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.phase_settings import NewPhase
@@ -39,8 +39,8 @@ from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.services import Services
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.settings import ServerSettings
 
 PROTOCOL = packaged_protocol()
 PREFIX = "/api/v1"

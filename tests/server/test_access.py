@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import update
 
-from exceptiondrive_records.tables import Token
+from exceptiondrive_records.accounts.tables import Token
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

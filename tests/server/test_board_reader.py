@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 from exceptiondrive_schemas.board import BoardEntry
-from exceptiondrive_server.board_reader import BoardReader
-from exceptiondrive_server.pages import readings
+from exceptiondrive_server.boards import queries as readings
+from exceptiondrive_server.boards.reader import BoardReader
 
 MakeEntry = Callable[..., BoardEntry]
 

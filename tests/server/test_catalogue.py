@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive_records.splits import publish_split
+from exceptiondrive_records.splits.splits import publish_split
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.published import DOCUMENT_NAMES
 from exceptiondrive_schemas.split import Manifest

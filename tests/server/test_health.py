@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.later_release import become_later_release
 
-from exceptiondrive_records import file_store
-from exceptiondrive_records.heartbeats import beat
 from exceptiondrive_records.migrations import migrate
+from exceptiondrive_records.submissions import file_store
+from exceptiondrive_records.work.heartbeats import beat
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

@@ -16,13 +16,15 @@ import pytest
 from sqlalchemy import select
 from tests.server.nasty_strings import ALL, BAD_LINKS, NASTY, UNSHOWABLE, steering_in
 
-from exceptiondrive_records.errors import InvalidRecord
-from exceptiondrive_records.notices.emails import text_of
-from exceptiondrive_records.tables import Phase, Submission, Team
-from exceptiondrive_records.teams import create_team
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.notifications.channels import text_of
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.rescoring import ChangedEntry, Comparison, EntryChange, NotificationView
-from exceptiondrive_server.api.rescoring_csv import comparison_csv
+from exceptiondrive_server.rescoring.exports import comparison_csv
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -256,8 +258,8 @@ REFERENCE = {"version": "1.0", "digest": "sha256:0"}
 
 @pytest.mark.parametrize("text", ALL.values(), ids=ALL)
 def test_an_email_gets_no_header_and_no_line_from_a_name(text: str) -> None:
-    from exceptiondrive_records.notices.emails import message_of
-    from exceptiondrive_records.notices.settings import NoticeSettings
+    from exceptiondrive_records.notifications.channels import message_of
+    from exceptiondrive_records.notifications.settings import NoticeSettings
 
     message = message_of(NoticeSettings(), "to@example.org", notice(text, REFERENCE))
     raw = message.as_bytes()

@@ -22,7 +22,7 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from exceptiondrive_records.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

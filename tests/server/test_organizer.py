@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import text, update
 
-from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import PhaseView
 

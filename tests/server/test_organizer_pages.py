@@ -9,23 +9,21 @@ from fastapi.routing import APIRoute
 from sqlalchemy import select, text
 from tests.support.work import claim_this
 
-from exceptiondrive_records.heartbeats import beat
-from exceptiondrive_records.registrations import register_team
-from exceptiondrive_records.tables import AuditLine
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.tables_of_work import Job
-from exceptiondrive_server.organizer_pages import (
-    audit_routes,
-    overview_routes,
-    phase_routes,
-    protocol_routes,
-    run_routes,
-    similarity_routes,
-    submission_routes,
-    team_routes,
-    team_step_routes,
-    verification_routes,
-)
+from exceptiondrive_server.audit import organizer_pages as audit_routes
+from exceptiondrive_server.operations import organizer_pages as overview_routes
+from exceptiondrive_server.phases import organizer_pages as phase_routes
+from exceptiondrive_server.protocols import organizer_pages as protocol_routes
+from exceptiondrive_server.rescoring import organizer_pages as run_routes
+from exceptiondrive_server.rescoring import verification_pages as verification_routes
+from exceptiondrive_server.submissions import organizer_pages as similarity_routes
+from exceptiondrive_server.submissions import organizer_pages as submission_routes
+from exceptiondrive_server.teams import organizer_pages as team_routes
+from exceptiondrive_server.teams import organizer_step_pages as team_step_routes
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -150,7 +148,7 @@ def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> 
 def test_submissions_are_narrowed_and_paged(
     api: "Api", organizer: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("exceptiondrive_server.organizer_pages.submission_routes.SHOWN", 2)
+    monkeypatch.setattr("exceptiondrive_server.submissions.organizer_pages.SHOWN", 2)
     for number in range(3):
         api.submit(f"file {number}", "alpha", method=f"Alpha {number}")
     api.submit("file b", "beta", method="Beta 1")
@@ -195,7 +193,7 @@ def test_a_failed_submission_is_tried_again_with_a_reason(
 def test_the_log_is_filtered_paged_and_verified(
     api: "Api", organizer: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("exceptiondrive_server.organizer_pages.audit_routes.SHOWN", 2)
+    monkeypatch.setattr("exceptiondrive_server.audit.organizer_pages.SHOWN", 2)
     page = organizer.get("/organize/audit?subject=dev").text
     assert "phase created" in page
     assert "team created" not in page

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import pytest
 from sqlalchemy import select
 
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.registrations import register_team
-from exceptiondrive_records.tables import AuditLine, Team, Token
-from exceptiondrive_records.tables_access import PageSession
-from exceptiondrive_records.teams import find_team
+from exceptiondrive_records.accounts.tables import PageSession, Token
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import find_team, register_team
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser

@@ -8,7 +8,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
-from exceptiondrive_server.overload import Overload
+from exceptiondrive_server.web.body_limit import Overload
 
 UPLOAD_PATH = "/api/v1/submissions"
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from fastapi import Request
 
-from exceptiondrive_records.errors import RecordsError
+from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.problems import Problem as ProblemDocument
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.problem_vocabulary import STATUS_OF, TITLE_OF
+from exceptiondrive_server.web.problem_vocabulary import STATUS_OF, TITLE_OF
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

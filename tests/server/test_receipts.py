@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, altered_fields, signed_bytes
-from exceptiondrive_server.receipts import read_or_make_key, write_new_key
+from exceptiondrive_server.submissions.receipts import read_or_make_key, write_new_key
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

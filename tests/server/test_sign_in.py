@@ -9,9 +9,9 @@ import pytest
 from sqlalchemy import select, update
 from starlette.testclient import TestClient
 
-from exceptiondrive_records.sign_in_limits import PER_TOKEN_ID
-from exceptiondrive_records.tables import AuditLine
-from exceptiondrive_records.tables_access import PageSession
+from exceptiondrive_records.accounts.sign_in import PER_TOKEN_ID
+from exceptiondrive_records.accounts.tables import PageSession
+from exceptiondrive_records.audit.tables import AuditLine
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser

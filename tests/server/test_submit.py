@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import func, select
 from tests.support.work import claim_this
 
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import scoring_jobs as jobs
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.faults import CheckReport

@@ -5,8 +5,8 @@ from datetime import timedelta
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.board_requests import claim_board
-from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.work.board_requests import claim_board
 from exceptiondrive_records.work.scoring_jobs import claim_job
 from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkItem
 

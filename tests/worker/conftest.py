@@ -19,16 +19,16 @@ from tests.conftest import as_role
 from tests.support.worker import score_submission
 from tests.worker.real_broker import QUICK
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.reconciler import run_reconciler as reconcile
-from exceptiondrive_records.roles import Role
-from exceptiondrive_records.submissions import accept
-from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.teams import create_team, find_team, list_teams
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_records.work.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml

@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 from tests.support.worker import build_board_of
 
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import BoardRow, Phase
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.private_store import Shelf

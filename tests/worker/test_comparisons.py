@@ -8,10 +8,11 @@ import pytest
 from sqlalchemy import select
 from tests.support.worker import build_board_of
 
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import Phase, ScoreSheetRow
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml

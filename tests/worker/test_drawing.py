@@ -12,19 +12,19 @@ from sqlalchemy import select, text
 from sqlalchemy.exc import IntegrityError
 from tests.support.worker import build_board_of
 
-from exceptiondrive_records.board_requests import want_board
 from exceptiondrive_records.db.base import Base
-from exceptiondrive_records.drawings import (
+from exceptiondrive_records.operations.invariants import violations
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.drawings import (
     PublicSplit,
     entry_drawings,
     find_public_split,
     keep_entry_drawings,
     protocol_drawing,
 )
-from exceptiondrive_records.invariants import violations
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import Phase
-from exceptiondrive_records.tables_drawings import EntryDrawingsRow, ProtocolDrawingRow
+from exceptiondrive_records.splits.tables import EntryDrawingsRow, ProtocolDrawingRow
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings, packaged_drawing, pictured_digest
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol

@@ -1,8 +1,8 @@
 from collections.abc import Callable
 from typing import Any
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.heartbeats import live_workers
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.process import Heartbeat, youngest_heartbeat_age_s
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.splits import find_split, list_splits
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.splits.splits import find_split, list_splits
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker import operator_cli
 

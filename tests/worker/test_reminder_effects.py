@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from tests.support.worker import build_board_of
 
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import current_board
-from exceptiondrive_records.submissions import withdraw
-from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol

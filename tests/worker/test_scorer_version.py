@@ -8,9 +8,9 @@ import pytest
 from sqlalchemy import update
 from typer.testing import CliRunner
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.heartbeats import beat, forget_worker, newer_scorer
-from exceptiondrive_records.tables import WorkerHeartbeat
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.work.heartbeats import beat, forget_worker, newer_scorer
+from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.operator_cli import app
 from exceptiondrive_worker.scorer_version import may_work

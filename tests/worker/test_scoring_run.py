@@ -10,8 +10,8 @@ from sqlalchemy import func, select
 from tests.support.work import claim_this
 from tests.support.worker import score_submission
 
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import ScoreSheetRow
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work.scoring_jobs import new_job
 from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane

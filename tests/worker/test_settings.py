@@ -1,6 +1,6 @@
 import pytest
 
-from exceptiondrive_records.settings import SettingsError, load_settings
+from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_worker.settings import WorkerSettings
 
 

@@ -10,11 +10,11 @@ import pytest
 from sqlalchemy import select
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.audit import audit_page
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.similarity import similarity_report
-from exceptiondrive_records.tables import Phase
-from exceptiondrive_records.tables_similarity import SimilarityRow
+from exceptiondrive_records.audit.log import audit_page
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.similarity import similarity_report
+from exceptiondrive_records.submissions.tables import SimilarityRow
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.similarity import AlikeKind, SimilarityReport
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import similarity

@@ -17,7 +17,7 @@ from tests.worker.real_broker import (
     live_slots,
 )
 
-from exceptiondrive_records.boards import current_board
+from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_records.work.tables_of_work import Job
 from exceptiondrive_schemas.board import Board

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exceptiondrive_records.board_records import EntryRecord
+from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import Protocol

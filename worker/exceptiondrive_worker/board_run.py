@@ -5,14 +5,14 @@ from datetime import UTC, datetime
 import structlog
 from sqlalchemy import ColumnElement, and_, select
 
-from exceptiondrive_records.board_records import entries_for_board
-from exceptiondrive_records.board_requests import claim_board, is_due
-from exceptiondrive_records.boards import current_board, latest_board, publish_board
-from exceptiondrive_records.phase_life import part_of
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.splits import find_split
-from exceptiondrive_records.tables import Phase
+from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
+from exceptiondrive_records.boards.ranking import entries_for_board
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.policy import part_of
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.work.board_requests import claim_board, is_due
 from exceptiondrive_records.work.tables_of_work import BoardRequest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId

@@ -9,7 +9,7 @@ from itertools import combinations
 
 from pydantic import ValidationError
 
-from exceptiondrive_records.board_records import EntryRecord
+from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import BoardEntry, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import Challenge, Metric

@@ -3,8 +3,8 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.faults import CheckReport

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import structlog
 
-from exceptiondrive_records.board_records import EntryRecord
-from exceptiondrive_records.drawings import (
+from exceptiondrive_records.boards.ranking import EntryRecord
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.drawings import (
     PublicSplit,
     drawn_submissions,
     find_public_split,
@@ -18,7 +19,6 @@ from exceptiondrive_records.drawings import (
     keep_entry_drawings,
     keep_protocol_drawing,
 )
-from exceptiondrive_records.protocols import find_protocol
 from exceptiondrive_schemas import protocols
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.drawing.pictured import PACKAGED

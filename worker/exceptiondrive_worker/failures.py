@@ -14,8 +14,8 @@ from pathlib import Path
 import structlog
 from billiard.exceptions import SoftTimeLimitExceeded
 
-from exceptiondrive_records.errors import NotFound, StoreError
-from exceptiondrive_records.file_store import FileDamaged
+from exceptiondrive_records.db.errors import NotFound, StoreError
+from exceptiondrive_records.submissions.file_store import FileDamaged
 from exceptiondrive_worker.split_faults import SplitRefusedError
 
 _log = structlog.get_logger("exceptiondrive.worker")

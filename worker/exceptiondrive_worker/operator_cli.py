@@ -9,10 +9,10 @@ from typing import Annotated, NoReturn
 import typer
 from sqlalchemy.exc import DBAPIError
 
-from exceptiondrive_records.database import Database, sentence_of
-from exceptiondrive_records.errors import RecordsError
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.settings import SettingsError, load_settings
+from exceptiondrive_records.db.database import Database, sentence_of
+from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.settings import SettingsError, load_settings
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import (
     Protocol,

@@ -18,10 +18,10 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 from structlog.typing import Processor
 
-from exceptiondrive_records.database import Database, database_now
-from exceptiondrive_records.heartbeats import beat, forget_worker
-from exceptiondrive_records.identifiers import random_id
-from exceptiondrive_records.tables import WorkerHeartbeat
+from exceptiondrive_records.db.database import Database, database_now
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.work.heartbeats import beat, forget_worker
+from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import JobName, Lane
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.app import create_app

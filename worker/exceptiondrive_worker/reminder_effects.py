@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from pydantic import ValidationError
 
-from exceptiondrive_records.board_records import EntryRecord, LinkedRecord
+from exceptiondrive_records.boards.ranking import EntryRecord, LinkedRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge

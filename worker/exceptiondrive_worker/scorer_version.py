@@ -7,8 +7,8 @@ the list, so that an organizer can go back to an older release on purpose.
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.heartbeats import newer_scorer
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.work.heartbeats import newer_scorer
 from exceptiondrive_scoring import SCORER_VERSION
 
 _log = structlog.get_logger("exceptiondrive.worker")

@@ -4,10 +4,11 @@ import structlog
 from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.rescoring.reading import accepted_under
-from exceptiondrive_records.tables import Phase, Submission
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.keys import accepted_under
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.fair_share import waits
 from exceptiondrive_records.work.scoring_jobs import (
     claim_job,

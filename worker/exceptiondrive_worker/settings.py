@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from exceptiondrive_records.settings import RecordsSettings, Seconds
+from exceptiondrive_records.db.settings import RecordsSettings, Seconds
 from exceptiondrive_schemas.check import MAX_INFLATED_BYTES
 
 MEBIBYTE = 2**20

@@ -11,7 +11,7 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from exceptiondrive_records.similarity import ScoredFile, keep_alike, scored_files
+from exceptiondrive_records.submissions.similarity import ScoredFile, keep_alike, scored_files
 from exceptiondrive_records.work.fair_share import is_live_job_waiting
 from exceptiondrive_schemas.similarity import AlikeSubmission
 from exceptiondrive_scoring.aliases import FloatArray

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.file_store import FileStore
-from exceptiondrive_records.splits import publish_split, register_split
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.splits.splits import publish_split, register_split
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_worker.split_store import (

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import structlog
 
-from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.rescoring.reading import accepted_under
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.keys import accepted_under
 from exceptiondrive_records.rescoring.verification import VerifyClaim, claim_item, finish_item
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.rescoring import VerifyState

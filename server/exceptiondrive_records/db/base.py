@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import JSON, String
 from sqlalchemy.orm import DeclarativeBase
 
-from exceptiondrive_records.columns import UtcDateTime, enum_text
+from exceptiondrive_records.db.columns import UtcDateTime, enum_text
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 

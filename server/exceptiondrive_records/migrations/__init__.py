@@ -10,7 +10,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import text
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.database import Database
 
 FOLDER = Path(__file__).parent
 _LOCK = 0x45447363  # any constant: one migration at a time on PostgreSQL

@@ -1,7 +1,27 @@
 """Two boards side by side. Pure: what readers see now, and what they would see."""
 
+from dataclasses import dataclass
+from functools import lru_cache
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.keys import new_key, old_key
+from exceptiondrive_records.rescoring.pairs import count_pairs
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.protocol_difference import Change as Change_of_differences
+from exceptiondrive_schemas.protocol_difference import (
+    Difference,
+    Stage,
+    protocol_difference,
+    split_changes,
+)
 from exceptiondrive_schemas.rescoring import Change, Comparison, EntryChange, Standing
 from exceptiondrive_schemas.score_sheet import MetricRow
 
@@ -132,3 +152,68 @@ def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[
 
     losers = [entry for entry in entries if badness(entry) < (True, 0, 0.0)]
     return tuple(entry.submission_id for entry in sorted(losers, key=badness))
+
+
+# Comparisons of recorded boards, kept in memory: a board never changes, so neither do these.
+#
+# Whoever previews a run, or watches it, works the comparison out; the transaction that flips the
+# pointer then finds it here, and holds its locks for no arithmetic.
+
+
+_KEPT = 4
+"""Pairs of boards: those of the open runs, a megabyte or so each at 1,000 entries."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A comparison and its digest, both worked out once."""
+
+    comparison: Comparison
+    digest: str
+
+
+def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
+    """Return what changes from one recorded board to another."""
+    return _compared(old.body, new.body)
+
+
+@lru_cache(maxsize=_KEPT)
+def _compared(old_body: str, new_body: str) -> Compared:
+    boards = (Board.model_validate_json(body) for body in (old_body, new_body))
+    comparison = compare_boards(*boards)
+    return Compared(comparison, comparison.digest)
+
+
+# What a run changes, from the recorded documents.
+
+
+def difference_of(session: Session, run: RescoringRun) -> Difference:
+    """Return what a run changes, in plain words, and how many sheets stand to be made again."""
+    phase = session.get_one(Phase, run.phase_id)
+    old, new = old_key(run), new_key(run)
+    before, after = (
+        find_split(session, phase.split_name, key.split_revision) for key in (old, new)
+    )
+    return protocol_difference(
+        find_protocol(session, old.protocol_digest),
+        find_protocol(session, new.protocol_digest),
+        count_pairs(session, phase.id, new).total,
+        split=_part_change(before, after) or split_changes(before.manifest, after.manifest),
+    )
+
+
+def taken_back(sentences: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the sentences of a run that was rolled back."""
+    return tuple(f"taken back: {sentence}" for sentence in sentences)
+
+
+def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differences, ...]:
+    """Say which samples count, where the part of the split changes."""
+    if before.part == after.part:
+        return ()
+    old, new = (f"{_part_words(row)} ({row.n_samples:,} samples)" for row in (before, after))
+    return (Change_of_differences(sentence=f"{new} count in place of {old}", stage=Stage.MEASURE),)
+
+
+def _part_words(row: SplitRow) -> str:
+    return "all samples of the split" if row.part is None else f"the {row.part} part of the split"

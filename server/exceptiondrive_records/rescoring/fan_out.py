@@ -6,24 +6,19 @@ Everything is decided anew from what is recorded, so that any crash is made good
 from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit import audit
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.rescoring.draft_board import fresh_board, want_fresh_board
-from exceptiondrive_records.rescoring.keys import (
-    ScoringKey,
-    new_key,
-    old_key,
-    other_key,
-)
+from exceptiondrive_records.rescoring.keys import ScoringKey, new_key, old_key, other_key
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
     missing_pairs,
     open_jobs,
     waiting_elsewhere,
 )
-from exceptiondrive_records.tables import Submission
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.scoring_jobs import new_job
 from exceptiondrive_records.work.tables_of_work import WAITING_STATES, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane

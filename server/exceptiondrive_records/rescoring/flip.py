@@ -3,18 +3,22 @@
 from sqlalchemy import Select, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import flip_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.errors import Conflict
-from exceptiondrive_records.notices.inbox import notify_teams
-from exceptiondrive_records.phase_life import frozen_since
-from exceptiondrive_records.phases import lock_phase
-from exceptiondrive_records.quotas import WAITING
-from exceptiondrive_records.rescoring.compared import Compared, compare_rows
-from exceptiondrive_records.rescoring.differences import difference_of, taken_back
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.boards.boards import flip_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.notifications.inbox import notify_teams
+from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.policy import frozen_since
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.comparison import (
+    Compared,
+    compare_rows,
+    difference_of,
+    taken_back,
+)
 from exceptiondrive_records.rescoring.draft_board import fresh_board
-from exceptiondrive_records.rescoring.failed import failed_words
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.keys import (
     ScoringKey,
@@ -24,14 +28,50 @@ from exceptiondrive_records.rescoring.keys import (
     old_key,
     other_key,
 )
-from exceptiondrive_records.rescoring.pairs import count_pairs
+from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import move_run, require_action
-from exceptiondrive_records.tables import BoardRow, Phase, Submission
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.quotas import WAITING
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables_of_work import WAITING_STATES, Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import Comparison, NotificationKind, RunAction, RunState
+
+# Which sheets of a run could not be made, why as far as workers said, and what to do.
+
+
+_NAMED = 5
+_ENDINGS = ("scoring failed", "submission rejected")
+
+
+def failed_words(session: Session, run: RescoringRun, key: ScoringKey, count: int) -> str:
+    """Return the sentence on failed pairs: it names the submissions and their codes."""
+    query = failed_pairs(run.phase_id, key).order_by(Submission.received_at, Submission.id)
+    named = [_named(session, found.id) for found in session.scalars(query.limit(_NAMED))]
+    more = [f"{count - len(named):,} more"] if count > len(named) else []
+    sheets = "1 sheet" if count == 1 else f"{count:,} sheets"
+    return (
+        f"{sheets} could not be made: of {', '.join([*named, *more])}. Resume the run to try "
+        "again. What cannot be helped has to be withdrawn (`exceptiondrive withdraw ID`), or the "
+        "run cancelled."
+    )
+
+
+def _named(session: Session, submission_id: str) -> str:
+    """`ID (code)`: what the newest line about it says."""
+    query = (
+        select(AuditLine)
+        .where(AuditLine.subject == submission_id, AuditLine.action.in_(_ENDINGS))
+        .order_by(AuditLine.id.desc())
+        .limit(1)
+    )
+    line = session.scalars(query).first()
+    if line is None:
+        return submission_id
+    return f"{submission_id} ({line.detail.get('code', 'file rejected')})"
+
 
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 """States that cannot be applied, and say themselves what to do about it."""

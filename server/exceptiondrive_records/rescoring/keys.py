@@ -5,9 +5,12 @@ from dataclasses import dataclass
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.errors import NotFound
-from exceptiondrive_records.tables import Phase
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.rescoring import RunState
 
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
@@ -73,3 +76,18 @@ def list_runs(session: Session, phase_id: str | None = None) -> list[RescoringRu
     if phase_id is not None:
         query = query.where(RescoringRun.phase_id == phase_id)
     return list(session.scalars(query))
+
+
+# Under which protocol an upload was accepted: what was accepted once is read the same for ever.
+
+
+def accepted_under(session: Session, submission_id: str) -> Protocol | None:
+    """Return the protocol of the first sheet of a submission; None while it has none."""
+    query = (
+        select(ScoreSheetRow.protocol_digest)
+        .where(ScoreSheetRow.submission_id == submission_id)
+        .order_by(ScoreSheetRow.created_at, ScoreSheetRow.protocol_digest)
+        .limit(1)
+    )
+    digest = session.scalars(query).first()
+    return None if digest is None else find_protocol(session, digest)

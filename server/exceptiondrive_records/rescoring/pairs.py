@@ -1,17 +1,22 @@
 """Which sheets a run still lacks, which failed, and how fast it goes."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from sqlalchemy import ColumnElement, Select, and_, exists, func, not_, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.quotas import WAITING
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.rescoring.keys import ScoringKey
-from exceptiondrive_records.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_records.submissions.quotas import WAITING
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables_of_work import OPEN_STATES, Job
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.protocol import GeometrySection, Protocol
 from exceptiondrive_schemas.rescoring import Progress, RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -142,3 +147,68 @@ def _job_of(key: ScoringKey) -> ColumnElement[bool]:
         Job.protocol_digest == key.protocol_digest,
         Job.split_revision == key.split_revision,
     )
+
+
+# Whether the files that a phase has accepted can be scored under what is to come.
+#
+# What cannot be is refused when a run is drafted: else its sheets would all fail, or be made of fewer
+# waypoints than those of fresh submissions. Tasks that the protocol no longer has are the worker's to
+# find (`split_refused`): which tasks a split has is withheld from here.
+
+
+_ADVICE = "Open a new phase for it instead."
+
+
+def require_readable(
+    challenge: str, old: tuple[Protocol, SplitRow], new: tuple[Protocol, SplitRow]
+) -> None:
+    """Refuse a protocol or split revision under which accepted files cannot be scored.
+
+    Args:
+        challenge: Of the phase.
+        old: What the phase shows.
+        new: What is to come.
+
+    Raises:
+        InvalidRecord: They cannot; every reason is given.
+    """
+    reasons = [
+        *_sample_reasons(old[1], new[1]),
+        *_waypoint_reasons(challenge, old[0].geometry, new[0].geometry),
+    ]
+    if reasons:
+        raise InvalidRecord(" ".join([*reasons, _ADVICE]))
+
+
+def _sample_reasons(old: SplitRow, new: SplitRow) -> Iterator[str]:
+    if new.revision == old.revision:
+        return
+    before, after = set(old.manifest.sample_ids), set(new.manifest.sample_ids)
+    if before - after:
+        yield (
+            f"The new revision lacks {_samples(len(before - after))} that accepted files answer: "
+            "they could not be read under it."
+        )
+    if after - before:
+        yield (
+            f"The new revision has {_samples(len(after - before))} that no accepted file answers: "
+            "they could not be read under it."
+        )
+
+
+def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection) -> Iterator[str]:
+    if not CHALLENGES[ChallengeId(challenge)].has_waypoints:
+        return
+    if (old.waypoints, old.time_step_s) != (new.waypoints, new.time_step_s):
+        yield (
+            f"The protocol asks for {_waypoints(new)}; accepted files hold {_waypoints(old)}: "
+            "they cannot be scored under it."
+        )
+
+
+def _samples(count: int) -> str:
+    return "1 sample" if count == 1 else f"{count:,} samples"
+
+
+def _waypoints(geometry: GeometrySection) -> str:
+    return f"{geometry.waypoints} waypoints {geometry.time_step_s:g} s apart"

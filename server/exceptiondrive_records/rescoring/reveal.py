@@ -4,14 +4,14 @@ from datetime import datetime
 
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.errors import Conflict
-from exceptiondrive_records.phase_life import frozen_since, has_closed
-from exceptiondrive_records.phases import lock_phase
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.policy import frozen_since, has_closed
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.runs import create_run, start_run
-from exceptiondrive_records.splits import find_split, part_revision
-from exceptiondrive_records.tables import Phase
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.splits.splits import find_split, part_revision
 from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.rescoring import RunState
 

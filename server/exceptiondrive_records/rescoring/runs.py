@@ -3,12 +3,13 @@
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit import audit
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.errors import Conflict, InvalidRecord
-from exceptiondrive_records.identifiers import checked_reason, random_id
-from exceptiondrive_records.phases import lock_phase
-from exceptiondrive_records.protocols import find_protocol
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.db.identifiers import checked_reason, random_id
+from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.fan_out import (
     cancel_jobs,
     hold_jobs,
@@ -24,11 +25,9 @@ from exceptiondrive_records.rescoring.keys import (
     old_key,
     other_key,
 )
-from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs
-from exceptiondrive_records.rescoring.readable import require_readable
-from exceptiondrive_records.splits import find_split
-from exceptiondrive_records.tables import Phase
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, require_readable
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunState, next_states
 

@@ -6,14 +6,15 @@ from datetime import timedelta
 from sqlalchemy import func, or_, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit import audit
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.errors import InvalidRecord, NotFound
-from exceptiondrive_records.identifiers import checked_reason, random_id
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.protocols import find_protocol
-from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission
-from exceptiondrive_records.tables_rescoring import Verification, VerificationItem
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import InvalidRecord, NotFound
+from exceptiondrive_records.db.identifiers import checked_reason, random_id
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.tables import Verification, VerificationItem
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.rescoring import VerificationView, VerifyItemView, VerifyState
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef

@@ -3,17 +3,27 @@
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards import latest_board
-from exceptiondrive_records.errors import Conflict, NotFound
-from exceptiondrive_records.phases import find_phase
-from exceptiondrive_records.protocols import checked_protocol, find_protocol, list_protocols
-from exceptiondrive_records.rescoring.compared import Compared, compare_rows
-from exceptiondrive_records.rescoring.differences import difference_of, taken_back
+from exceptiondrive_records.boards.boards import latest_board
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
+from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import (
+    checked_protocol,
+    find_protocol,
+    list_protocols,
+)
+from exceptiondrive_records.rescoring.comparison import (
+    Compared,
+    compare_rows,
+    difference_of,
+    taken_back,
+)
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.keys import ScoringKey, find_run, list_runs, other_key
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
-from exceptiondrive_records.tables import BoardFlip, BoardRow, Phase, ScoreSheetRow
-from exceptiondrive_records.tables_rescoring import RescoringRun
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
 from exceptiondrive_schemas.rescoring import (
     BoardHistoryLine,

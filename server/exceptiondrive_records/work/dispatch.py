@@ -19,12 +19,12 @@ from redis.exceptions import RedisError
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.board_requests import is_due
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.heartbeats import live_workers
-from exceptiondrive_records.settings import RecordsSettings
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.board_requests import is_due
+from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.lease import is_claimable
 from exceptiondrive_records.work.tables_of_work import BoardRequest, WorkItem
 from exceptiondrive_schemas.jobs import JobName, Lane

@@ -10,7 +10,7 @@ from datetime import datetime
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.clock import database_now
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.work.lease import is_claimable
 from exceptiondrive_records.work.tables_of_work import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane

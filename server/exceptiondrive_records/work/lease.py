@@ -10,10 +10,10 @@ from typing import Any, TypeVar, cast
 from sqlalchemy import ColumnElement, CursorResult, Select, and_, case, delete, or_, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit import audit
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.identifiers import random_id
-from exceptiondrive_records.upserts import insert_if_absent, upsert
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.db.upserts import insert_if_absent, upsert
 from exceptiondrive_records.work.tables_of_work import Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 

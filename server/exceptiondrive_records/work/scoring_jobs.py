@@ -7,10 +7,11 @@ from typing import Any
 from sqlalchemy import ColumnElement, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit import audit
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.clock import database_now
-from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
 from exceptiondrive_records.work.lease import claim, finish, new_item, try_later
 from exceptiondrive_records.work.tables_of_work import OPEN_STATES, Job, WorkState

@@ -6,8 +6,8 @@ from enum import StrEnum
 from sqlalchemy import ForeignKey, Index, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from exceptiondrive_records.columns import enum_text
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import enum_text
 from exceptiondrive_schemas.jobs import Lane
 
 

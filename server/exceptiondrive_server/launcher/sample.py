@@ -12,13 +12,14 @@ from pydantic import TypeAdapter
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.errors import NotFound
-from exceptiondrive_records.phases import create_phase, find_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.tables import Submission, Team
-from exceptiondrive_records.teams import create_team, find_team
-from exceptiondrive_records.tokens import issue_token, verify_token
+from exceptiondrive_records.accounts.tokens import issue_token, verify_token
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import create_phase, find_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import create_team, find_team
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase

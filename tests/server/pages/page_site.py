@@ -17,14 +17,16 @@ from tests.server.pages.invented_board import (
 )
 from tests.support.work import claim_board_of
 
-from exceptiondrive_records.board_requests import want_board
-from exceptiondrive_records.boards import publish_board
-from exceptiondrive_records.database import Database
-from exceptiondrive_records.drawings import find_public_split, keep_entry_drawings
-from exceptiondrive_records.phases import create_phase
-from exceptiondrive_records.protocols import add_protocol
-from exceptiondrive_records.splits import publish_split, register_split
-from exceptiondrive_records.tables import Phase, ScoreSheetRow, Submission, Team
+from exceptiondrive_records.boards.boards import publish_board
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.drawings import find_public_split, keep_entry_drawings
+from exceptiondrive_records.splits.splits import publish_split, register_split
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
@@ -46,10 +48,11 @@ from exceptiondrive_schemas.score_sheet import (
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.split_arrays import split_arrays
-from exceptiondrive_server import pages, team_pages
-from exceptiondrive_server.api import boards
-from exceptiondrive_server.problems import install_problem_handlers
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.boards import api as boards
+from exceptiondrive_server.web import public_pages as pages
+from exceptiondrive_server.web import team_pages
+from exceptiondrive_server.web.problems import install_problem_handlers
+from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 

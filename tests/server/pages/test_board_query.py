@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exceptiondrive_records.errors import InvalidRecord
-from exceptiondrive_server.pages.board_query import BoardQuery
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_server.boards.query import BoardQuery
 
 queries = st.builds(
     BoardQuery,

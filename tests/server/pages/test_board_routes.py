@@ -11,7 +11,7 @@ import pytest
 from tests.server.pages.invented_board import LONG_AGO
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.pages import board_query
+from exceptiondrive_server.boards import query as board_query
 
 AGO, AGO_TOO = LONG_AGO, LONG_AGO + timedelta(hours=1)
 AHEAD = datetime(2090, 5, 5, 9, 30, tzinfo=UTC)

@@ -4,15 +4,10 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.errors import InvalidRecord
+from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.pages.board_query import BoardQuery
-from exceptiondrive_server.pages.board_selection import (
-    PAGE_ROWS,
-    select,
-    sort_entries,
-    sorted_board,
-)
+from exceptiondrive_server.boards.columns import PAGE_ROWS, select, sort_entries, sorted_board
+from exceptiondrive_server.boards.query import BoardQuery
 
 
 @pytest.mark.parametrize("sort", ["accuracy", "nonsense", "family.nowhere", "team"])

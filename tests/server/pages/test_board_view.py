@@ -3,9 +3,9 @@
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_server.pages.board_columns import metric_columns
-from exceptiondrive_server.pages.board_query import BoardQuery
-from exceptiondrive_server.pages.board_view import BoardView, board_view
+from exceptiondrive_server.boards.columns import metric_columns
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.view import BoardView, board_view
 
 
 def view(board: Board, protocol: Protocol, **query: object) -> BoardView:

@@ -8,8 +8,9 @@ import pytest
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.score_sheet import Coverage
-from exceptiondrive_server import pages, team_pages
-from exceptiondrive_server.pages.templating import stars, with_article
+from exceptiondrive_server.web import public_pages as pages
+from exceptiondrive_server.web import team_pages
+from exceptiondrive_server.web.responses import stars, with_article
 
 FOLDERS = [Path(module.__path__[0]) for module in (pages, team_pages)]
 IDS = "|".join(challenge_id.value for challenge_id in CHALLENGES)

@@ -8,10 +8,9 @@ from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifferen
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow
-from exceptiondrive_server.pages.comparison import compare_entries, default_pair, verdict
-from exceptiondrive_server.pages.difference_table import Sheets, difference_table
-from exceptiondrive_server.pages.numbers import Digits
-from exceptiondrive_server.pages.paired_table import find_pair
+from exceptiondrive_server.entries.comparison import compare_entries, default_pair, verdict
+from exceptiondrive_server.entries.difference_table import Sheets, difference_table, find_pair
+from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()
 

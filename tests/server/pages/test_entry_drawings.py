@@ -5,13 +5,13 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.boards import latest_board
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.boards.boards import latest_board
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server.pages.numbers import Digits
-from exceptiondrive_server.pages.sample_drawings import drawn_groups, sample_page
+from exceptiondrive_server.entries.sample_drawings import drawn_groups, sample_page
+from exceptiondrive_server.web.numbers import Digits
 
 ENTRY = "/entries/s0000000kq"
 

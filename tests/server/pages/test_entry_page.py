@@ -7,7 +7,7 @@ from xml.etree import ElementTree as Xml
 
 from tests.server.pages.page_site import publish_late_view
 
-from exceptiondrive_records.tables import Submission
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -11,7 +11,7 @@ import pytest
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_server.pages.exports import bibtex, comma_separated, latex, tex_escape
+from exceptiondrive_server.boards.exports import bibtex, comma_separated, latex, tex_escape
 
 SITE = "https://board.test"
 

@@ -2,8 +2,8 @@
 
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.example_scores import example_score_sheet
-from exceptiondrive_server.pages.extra_tables import extra_tables
-from exceptiondrive_server.pages.numbers import Digits
+from exceptiondrive_server.boards.extra_tables import extra_tables
+from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()
 ROWS = {

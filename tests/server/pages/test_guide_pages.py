@@ -13,8 +13,8 @@ from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_server.pages.problem_help import PROBLEM_HELP, steps_in_browser
-from exceptiondrive_server.pages.protocol_diff import protocol_changes
+from exceptiondrive_server.protocols.pages import protocol_changes
+from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
 
 MANIFEST_OF_TWO = Manifest(
     schema_="exceptiondrive.manifest/1",

@@ -4,8 +4,8 @@ import pytest
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
-from exceptiondrive_server.pages.headline import headline
-from exceptiondrive_server.pages.numbers import Digits
+from exceptiondrive_server.boards.headline import headline
+from exceptiondrive_server.web.numbers import Digits
 
 
 def with_ur(board: Board, ur: float) -> Board:

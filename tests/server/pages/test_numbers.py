@@ -6,7 +6,7 @@ import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.pages.numbers import (
+from exceptiondrive_server.web.numbers import (
     Digits,
     day,
     fixed,

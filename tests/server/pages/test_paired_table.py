@@ -4,9 +4,9 @@ from typing import Any
 
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_server.pages.comparison import compare_entries
-from exceptiondrive_server.pages.numbers import MINUS, Digits
-from exceptiondrive_server.pages.paired_table import paired_table
+from exceptiondrive_server.entries.comparison import compare_entries
+from exceptiondrive_server.entries.difference_table import paired_table
+from exceptiondrive_server.web.numbers import MINUS, Digits
 
 SURE = PairedDifference(
     difference=0.0409, interval=(0.0112, 0.0713), discordant=0.3083, verdict="Kestrel-2 is better"

@@ -6,8 +6,14 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_server.pages.picture_text import fitted, in_lines, is_latin, width_of
-from exceptiondrive_server.pages.pictures import FONTS, painted
+from exceptiondrive_server.boards.pictures import (
+    FONTS,
+    fitted,
+    in_lines,
+    is_latin,
+    painted,
+    width_of,
+)
 
 BOARD = "/pictures/board.png?phase=sample&board=1"
 ENTRY = "/pictures/entries/s0000000kq.png?phase=sample&board=1"

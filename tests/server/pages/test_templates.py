@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import exceptiondrive_server
-from exceptiondrive_server.pages.condense import condensed
+from exceptiondrive_server.web.condense import condensed
 
 TEMPLATES = sorted(
     path

@@ -1,0 +1,271 @@
+"""People whom an OpenID provider vouches for, and who of them is an organizer."""
+
+import hashlib
+import hmac
+import secrets
+from dataclasses import dataclass
+from datetime import timedelta
+
+from sqlalchemy import ColumnElement, func, select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tables import Invitation, Membership, Person
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.db.identifiers import checked_text, random_id
+from exceptiondrive_records.db.upserts import insert_if_absent
+from exceptiondrive_records.teams.tables import Team
+
+MAX_NAME = 80
+MAX_SUBJECT = 255
+"""The longest that OpenID Connect allows."""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who signed in, as the provider says it."""
+
+    issuer: str
+    subject: str
+    name: str | None = None
+    email: str | None = None
+
+
+def welcome_person(session: Session, identity: Identity) -> Person:
+    """Return the person of an identity, made at the first sign-in; name and email are renewed.
+
+    Issuer and subject decide, nothing else: an email address may change hands.
+
+    Raises:
+        InvalidRecord: The provider's subject cannot be used.
+    """
+    if not 0 < len(identity.subject) <= MAX_SUBJECT:
+        raise InvalidRecord("The provider named nobody.")
+    now = database_now(session)
+    insert_if_absent(
+        session,
+        Person,
+        id=random_id(),
+        issuer=identity.issuer,
+        subject=identity.subject,
+        name="",
+        email=None,
+        is_organizer=False,
+        created_at=now,
+        signed_in_at=now,
+    )
+    query = select(Person).where(
+        Person.issuer == identity.issuer, Person.subject == identity.subject
+    )
+    person = session.scalars(query.with_for_update()).one()
+    person.name = _fit(identity.name) or person.name or f"Person {person.id[:6]}"
+    person.email = _fit(identity.email)
+    person.signed_in_at = now
+    return person
+
+
+def list_people(session: Session) -> list[Person]:
+    """Return everybody who ever signed in through the provider, by name."""
+    return list(session.scalars(select(Person).order_by(Person.name, Person.id)))
+
+
+def find_person(session: Session, person_id: str) -> Person:
+    """Return a person.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
+    person = session.get(Person, person_id)
+    if person is None:
+        raise NotFound("person", person_id)
+    return person
+
+
+def set_organizer(session: Session, person_id: str, is_organizer: bool, *, actor: str) -> Person:
+    """Make a person an organizer, or no longer; it counts from the next request on.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
+    person = find_person(session, person_id)
+    if person.is_organizer != is_organizer:
+        person.is_organizer = is_organizer
+        audit(session, actor, "organizer granted" if is_organizer else "organizer ended", person_id)
+    return person
+
+
+def _fit(text: str | None) -> str | None:
+    """Return a provider's text if it can be shown safely: a bad name is no reason to refuse."""
+    if text is None:
+        return None
+    try:
+        return checked_text("name", text[:MAX_NAME], max_length=MAX_NAME)
+    except InvalidRecord:
+        return None
+
+
+# Who belongs to which team. People join by an invitation: a link that works once.
+
+
+INVITATION_LIFETIME = timedelta(days=7)
+MAX_MEMBERS = 50
+MAX_OPEN_INVITATIONS = 20
+_NO_INVITATION = hashlib.sha256(b"no such invitation").hexdigest()
+
+
+def members_of(session: Session, team_id: int) -> list[tuple[Person, Membership]]:
+    """Return the people of a team, in the order in which they joined."""
+    query = (
+        select(Person, Membership)
+        .join(Membership, Membership.person_id == Person.id)
+        .where(Membership.team_id == team_id)
+        .order_by(Membership.joined_at, Person.id)
+    )
+    return [(row[0], row[1]) for row in session.execute(query)]
+
+
+def teams_of(session: Session, person_id: str) -> list[Team]:
+    """Return the teams of a person, by name."""
+    query = (
+        select(Team)
+        .join(Membership, Membership.team_id == Team.id)
+        .where(Membership.person_id == person_id)
+        .order_by(Team.name)
+    )
+    return list(session.scalars(query))
+
+
+def is_member(session: Session, team_id: int, person_id: str) -> bool:
+    """Whether a person belongs to a team."""
+    return session.get(Membership, (team_id, person_id)) is not None
+
+
+def add_member(session: Session, team: Team, person_id: str, *, actor: str) -> None:
+    """Let a person act for a team; adding a member again does nothing.
+
+    Raises:
+        Conflict: The team is full.
+    """
+    if is_member(session, team.id, person_id):
+        return
+    count = session.scalar(select(func.count()).where(Membership.team_id == team.id)) or 0
+    if count >= MAX_MEMBERS:
+        raise Conflict(f"A team has at most {MAX_MEMBERS} members.")
+    now = database_now(session)
+    session.add(Membership(team_id=team.id, person_id=person_id, joined_at=now))
+    audit(session, actor, "member joined", team.slug, {"person": person_id})
+
+
+def remove_member(session: Session, team_id: int, person_id: str, *, actor: str) -> None:
+    """Take a person out of a team; it counts from the next request on.
+
+    Raises:
+        NotFound: No such person belongs to the team.
+    """
+    membership = session.get(Membership, (team_id, person_id))
+    if membership is None:
+        raise NotFound("member", person_id)
+    session.delete(membership)
+    slug = session.get_one(Team, team_id).slug
+    audit(session, actor, "member removed", slug, {"person": person_id})
+
+
+def open_invitations(session: Session, team_id: int) -> list[Invitation]:
+    """Return the invitations of a team that may still be used, newest first."""
+    query = (
+        select(Invitation)
+        .where(Invitation.team_id == team_id, *_usable(session))
+        .order_by(Invitation.created_at.desc(), Invitation.id)
+    )
+    return list(session.scalars(query))
+
+
+def invite(
+    session: Session, team_id: int, invited_by: str, *, actor: str
+) -> tuple[str, Invitation]:
+    """Make an invitation; what its link ends with is returned here and never again.
+
+    Raises:
+        Conflict: The team has enough open invitations.
+    """
+    if len(open_invitations(session, team_id)) >= MAX_OPEN_INVITATIONS:
+        raise Conflict(f"{MAX_OPEN_INVITATIONS} invitations are open; withdraw one first.")
+    now = database_now(session)
+    invitation_id, secret = random_id(), secrets.token_urlsafe(32)
+    invitation = Invitation(
+        id=invitation_id,
+        team_id=team_id,
+        secret_digest=_digest(secret),
+        invited_by=invited_by,
+        created_at=now,
+        expires_at=now + INVITATION_LIFETIME,
+    )
+    session.add(invitation)
+    slug = session.get_one(Team, team_id).slug
+    audit(session, actor, "invitation made", slug, {"invitation": invitation_id})
+    return f"{invitation_id}.{secret}", invitation
+
+
+def find_invitation(session: Session, text: str) -> tuple[Invitation, Team]:
+    """Return the invitation of a link, if it may still be used, and its team.
+
+    Raises:
+        NotFound: Unknown, used, withdrawn or too old: the sentence is the same.
+    """
+    invitation_id, _, secret = text.partition(".")
+    query = select(Invitation).where(Invitation.id == invitation_id, *_usable(session))
+    found = session.scalars(query).one_or_none()
+    expected = found.secret_digest if found is not None else _NO_INVITATION
+    is_right = hmac.compare_digest(_digest(secret), expected)
+    if found is None or not is_right:
+        raise NotFound("open invitation", "of this link")
+    return found, session.get_one(Team, found.team_id)
+
+
+def accept_invitation(session: Session, text: str, person_id: str, *, actor: str) -> Team:
+    """Let a person join the team of a link; the link works for one of them, once.
+
+    Raises:
+        NotFound: As `find_invitation` raises it.
+        Conflict: The team is full.
+    """
+    invitation, team = find_invitation(session, text)
+    used = session.scalars(
+        update(Invitation)
+        .where(Invitation.id == invitation.id, *_usable(session))
+        .values(used_at=database_now(session), used_by=person_id)
+        .returning(Invitation.id)
+    ).one_or_none()
+    if used is None:
+        raise NotFound("open invitation", "of this link")
+    add_member(session, team, person_id, actor=actor)
+    return team
+
+
+def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, actor: str) -> None:
+    """Make a link useless.
+
+    Raises:
+        NotFound: The team has no such open invitation.
+    """
+    query = select(Invitation).where(Invitation.id == invitation_id, *_usable(session))
+    invitation = session.scalars(query).one_or_none()
+    if invitation is None or invitation.team_id != team_id:
+        raise NotFound("invitation", invitation_id)
+    invitation.withdrawn_at = database_now(session)
+    slug = session.get_one(Team, team_id).slug
+    audit(session, actor, "invitation withdrawn", slug, {"invitation": invitation_id})
+
+
+def _usable(session: Session) -> tuple[ColumnElement[bool], ...]:
+    now = database_now(session)
+    return (
+        Invitation.used_at.is_(None),
+        Invitation.withdrawn_at.is_(None),
+        Invitation.expires_at > now,
+    )
+
+
+def _digest(secret: str) -> str:
+    return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,0 +1,111 @@
+"""The tables of accounts."""
+
+from datetime import datetime
+
+from sqlalchemy import ForeignKey, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from exceptiondrive_records.db.base import Base
+
+
+class Token(Base):
+    """A bearer token; only the digest of its text is kept."""
+
+    __tablename__ = "tokens"
+    id: Mapped[str] = mapped_column(primary_key=True)
+    team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"), index=True)
+    name: Mapped[str]
+    scopes: Mapped[list[str]]
+    secret_digest: Mapped[str]
+    prefix: Mapped[str]
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]
+
+
+class PageSession(Base):
+    """A browser that signed in with a token; only the digest of its cookie is kept."""
+
+    __tablename__ = "page_sessions"
+    secret_digest: Mapped[str] = mapped_column(primary_key=True)
+    token_id: Mapped[str] = mapped_column(ForeignKey("tokens.id"), index=True)
+    """The session may do what this token may, and ends with it."""
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+
+
+class SignInAttempts(Base):
+    """How often a sign-in was tried under one key (an address, a token id) since a moment."""
+
+    __tablename__ = "sign_in_attempts"
+    key: Mapped[str] = mapped_column(primary_key=True)
+    n: Mapped[int]
+    since: Mapped[datetime] = mapped_column(index=True)
+
+
+class Person(Base):
+    """Somebody whom an OpenID provider vouches for."""
+
+    __tablename__ = "people"
+    __table_args__ = (UniqueConstraint("issuer", "subject"),)
+    id: Mapped[str] = mapped_column(primary_key=True)
+    issuer: Mapped[str]
+    subject: Mapped[str]
+    """Who it is, in the words of the issuer: never shown, and the only thing that counts."""
+    name: Mapped[str]
+    email: Mapped[str | None]
+    """As the provider gave it: shown to people who know the person, and never compared."""
+    is_organizer: Mapped[bool]
+    created_at: Mapped[datetime]
+    signed_in_at: Mapped[datetime]
+
+
+class Membership(Base):
+    """A person who acts for a team."""
+
+    __tablename__ = "memberships"
+    team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), primary_key=True)
+    person_id: Mapped[str] = mapped_column(ForeignKey("people.id"), primary_key=True, index=True)
+    joined_at: Mapped[datetime]
+
+
+class Invitation(Base):
+    """A link with which one person joins a team, once; only its digest is kept."""
+
+    __tablename__ = "invitations"
+    id: Mapped[str] = mapped_column(primary_key=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), index=True)
+    secret_digest: Mapped[str]
+    invited_by: Mapped[str]
+    """Who made it, as team pages name them."""
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime]
+    withdrawn_at: Mapped[datetime | None]
+    used_at: Mapped[datetime | None]
+    used_by: Mapped[str | None] = mapped_column(ForeignKey("people.id"))
+
+
+class PersonSession(Base):
+    """A browser in which a person signed in; only the digest of its cookie is kept."""
+
+    __tablename__ = "person_sessions"
+    secret_digest: Mapped[str] = mapped_column(primary_key=True)
+    person_id: Mapped[str] = mapped_column(ForeignKey("people.id"), index=True)
+    team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"))
+    """For whom the person acts now; it counts only while the membership lasts."""
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+
+
+class SignInFlow(Base):
+    """A sign-in that was sent to the provider and has not come back."""
+
+    __tablename__ = "sign_in_flows"
+    state_digest: Mapped[str] = mapped_column(primary_key=True)
+    visitor_digest: Mapped[str]
+    """Of the browser that began it: no other may end it."""
+    nonce: Mapped[str]
+    code_verifier: Mapped[str]
+    back: Mapped[str]
+    expires_at: Mapped[datetime] = mapped_column(index=True)

@@ -1,0 +1,357 @@
+"""Bearer tokens: `edk_<scope letter>_<8 id>_<32 random>_<6 checksum>`, kept as a digest only.
+
+Prefix and checksum let leak scanners find them without a false alarm (research/reliability.md C4).
+A slow hash is needless: the random part has 190 bits.
+"""
+
+import hashlib
+import hmac
+import secrets
+import string
+import zlib
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from enum import StrEnum
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tables import Person, Token
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotAllowed, NotFound
+from exceptiondrive_records.db.identifiers import checked_text, random_id
+from exceptiondrive_records.teams.tables import Team
+
+_ALPHABET = string.ascii_letters + string.digits
+_UNKNOWN = hashlib.sha256(b"no such token").hexdigest()
+_ACTOR = "token:"
+_PERSON = "person:"
+_TEAM = "team:"
+_USE_IS_COARSE = timedelta(minutes=10)
+
+
+class Scope(StrEnum):
+    """What a token may do."""
+
+    SUBMIT = "submit"
+    READ_OWN = "read:own"
+    TOKENS = "tokens"
+    """List, issue, rotate and revoke the tokens of its own team."""
+    ORGANIZE = "organizer"
+
+
+PARTICIPANT_SCOPES = (Scope.SUBMIT, Scope.READ_OWN)
+TEAM_SCOPES = (*PARTICIPANT_SCOPES, Scope.TOKENS)
+"""What organizers hand to a team, so that it can look after its own tokens."""
+ORGANIZER_SCOPES = (Scope.SUBMIT, Scope.READ_OWN, Scope.ORGANIZE)
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Who a verified token speaks for, or who signed in as a person."""
+
+    token_id: str
+    token_name: str
+    scopes: frozenset[str]
+    expires_at: datetime | None
+    team_id: int | None
+    team_slug: str | None
+    team_name: str | None
+    use_is_stale: bool = False
+    person_id: str | None = None
+    """Somebody who signed in through the provider, with no token at all."""
+    person_name: str = ""
+
+    @property
+    def is_organizer(self) -> bool:
+        """Whether it may do what organizers do."""
+        return Scope.ORGANIZE in self.scopes
+
+    @property
+    def actor(self) -> str:
+        """How audit lines name it."""
+        return (
+            f"{_ACTOR}{self.token_id}" if self.person_id is None else f"{_PERSON}{self.person_id}"
+        )
+
+
+def issue_token(
+    session: Session,
+    team_id: int | None,
+    name: str,
+    scopes: tuple[str, ...] = PARTICIPANT_SCOPES,
+    expires_at: datetime | None = None,
+    *,
+    actor: str,
+) -> tuple[str, Token]:
+    """Issue a token; its text is returned here and never again.
+
+    Raises:
+        InvalidRecord: A scope is unknown, the name cannot be used, or it would be expired.
+    """
+    name = checked_text("token name", name, max_length=80)
+    unknown = sorted(set(scopes) - set(Scope))
+    if unknown or not scopes:
+        known = ", ".join(Scope)
+        raise InvalidRecord(f"Unknown scopes: {', '.join(unknown) or 'none given'}. Known: {known}")
+    now = database_now(session)
+    if expires_at is not None and expires_at <= now:
+        raise InvalidRecord("The token would be expired already.")
+    letter = "o" if Scope.ORGANIZE in scopes else "s"
+    token_id = random_id(8)
+    text = _token_text(letter, token_id)
+    token = Token(
+        id=token_id,
+        team_id=team_id,
+        name=name,
+        scopes=sorted(str(scope) for scope in scopes),
+        secret_digest=_digest(text),
+        prefix=f"edk_{letter}_{token_id}",
+        created_at=now,
+        expires_at=expires_at,
+        revoked_at=None,
+        last_used_at=None,
+    )
+    session.add(token)
+    session.flush()
+    detail = {"name": name, "scopes": token.scopes, "team_id": team_id}
+    audit(session, actor, "token issued", token_id, detail)
+    return text, token
+
+
+def verify_token(session: Session, text: str) -> Principal | None:
+    """Return who the token speaks for, or None; unknown ids cost the same work as wrong secrets."""
+    parts = text.split("_")
+    token_id = parts[2] if len(parts) == 5 and len(text) < 100 else ""
+    row = session.execute(
+        select(Token, Team).outerjoin(Team, Team.id == Token.team_id).where(Token.id == token_id)
+    ).first()
+    token, team = (row[0], row[1]) if row else (None, None)
+    expected = token.secret_digest if token is not None else _UNKNOWN
+    is_right = hmac.compare_digest(_digest(text), expected)
+    now = database_now(session)
+    if token is None or not is_right or not is_live(token, now):
+        return None
+    return _principal(token, team, now)
+
+
+def principal_of(session: Session, token: Token) -> Principal | None:
+    """Return who a token speaks for that is known to be right; None when it has ended."""
+    now = database_now(session)
+    team = None if token.team_id is None else session.get(Team, token.team_id)
+    return _principal(token, team, now) if is_live(token, now) else None
+
+
+def _principal(token: Token, team: Team | None, now: datetime) -> Principal:
+    used_at = token.last_used_at
+    return Principal(
+        token_id=token.id,
+        token_name=token.name,
+        scopes=frozenset(token.scopes),
+        expires_at=token.expires_at,
+        team_id=team.id if team else None,
+        team_slug=team.slug if team else None,
+        team_name=team.name if team else None,
+        use_is_stale=used_at is None or now - used_at > _USE_IS_COARSE,
+    )
+
+
+def note_use(database: Database, principal: Principal) -> None:
+    """Note, every ten minutes at most, that the token was used."""
+    if not principal.use_is_stale:
+        return
+    with database.write() as session:
+        token = session.get(Token, principal.token_id)
+        if token is not None:
+            token.last_used_at = database_now(session)
+
+
+def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
+    """Revoke a token for good.
+
+    Raises:
+        NotFound: There is none with this id.
+        Conflict: It is revoked already.
+    """
+    token = find_token(session, token_id)
+    if token.revoked_at is not None:
+        raise Conflict(f"Token {token_id!r} is revoked already.")
+    token.revoked_at = database_now(session)
+    audit(session, actor, "token revoked", token_id)
+    return token
+
+
+def find_token(session: Session, token_id: str) -> Token:
+    """Return a token.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
+    token = session.get(Token, token_id)
+    if token is None:
+        raise NotFound("token", token_id)
+    return token
+
+
+def list_tokens(session: Session, team_id: int | None = None) -> list[Token]:
+    """Return tokens, newest first; of one team if given."""
+    query = select(Token).order_by(Token.created_at.desc(), Token.id)
+    if team_id is not None:
+        query = query.where(Token.team_id == team_id)
+    return list(session.scalars(query))
+
+
+def live_tokens_by_team(session: Session) -> dict[int, int]:
+    """Return how many live tokens each team has."""
+    now = database_now(session)
+    tokens = (token for token in list_tokens(session) if is_live(token, now))
+    return Counter(token.team_id for token in tokens if token.team_id is not None)
+
+
+def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:
+    """Return who stands behind the actors of audit lines: a token, a person, or a team."""
+    given = list(actors)
+    ids = {actor.removeprefix(_ACTOR) for actor in given if actor.startswith(_ACTOR)}
+    query = select(Token.id, Token.name, Team.name).outerjoin(Team, Team.id == Token.team_id)
+    names = {
+        f"{_ACTOR}{token_id}": f"{name} ({team_name})" if team_name else name
+        for token_id, name, team_name in session.execute(query.where(Token.id.in_(ids)))
+    }
+    people = {actor.removeprefix(_PERSON) for actor in given if actor.startswith(_PERSON)}
+    found = session.execute(select(Person.id, Person.name).where(Person.id.in_(people)))
+    names |= {f"{_PERSON}{person_id}": name for person_id, name in found}
+    numbers = (actor.removeprefix(_TEAM) for actor in given if actor.startswith(_TEAM))
+    teams = {int(number) for number in numbers if number.isdigit()}
+    found = session.execute(select(Team.id, Team.name).where(Team.id.in_(teams)))
+    return names | {f"{_TEAM}{team_id}": name for team_id, name in found}
+
+
+def is_well_formed(text: str) -> bool:
+    """Whether prefix, lengths and checksum are those of a token: for leak scanners and clients."""
+    body, _, checksum = text.rpartition("_")
+    lengths = [len(part) for part in text.split("_")]
+    return text.startswith("edk_") and lengths == [3, 1, 8, 32, 6] and checksum == _checksum(body)
+
+
+def _token_text(letter: str, token_id: str) -> str:
+    secret = "".join(secrets.choice(_ALPHABET) for _ in range(32))
+    body = f"edk_{letter}_{token_id}_{secret}"
+    return f"{body}_{_checksum(body)}"
+
+
+def _checksum(body: str) -> str:
+    number = zlib.crc32(body.encode())
+    digits = ""
+    for _ in range(6):
+        number, digit = divmod(number, 62)
+        digits += _ALPHABET[digit]
+    return digits
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def is_live(token: Token, now: datetime) -> bool:
+    """Whether a token is neither revoked nor expired."""
+    return token.revoked_at is None and (token.expires_at is None or token.expires_at > now)
+
+
+# What a team does with its own tokens. No token gives a right that the asker does not hold.
+
+
+MAX_LIVE_TOKENS = 50
+DEFAULT_KEEP_DAYS = 7
+MAX_KEEP_DAYS = 90
+
+
+def issue_team_token(
+    session: Session,
+    principal: Principal,
+    name: str,
+    scopes: tuple[str, ...],
+    expires_at: datetime | None = None,
+) -> tuple[str, Token]:
+    """Issue a token of the asker's team.
+
+    Raises:
+        NotAllowed: A scope is wanted that the asker does not hold.
+        Conflict: The team has enough live tokens.
+        InvalidRecord: As `issue_token` raises it.
+    """
+    _refuse_more_rights(principal, scopes)
+    now = database_now(session)
+    if sum(is_live(token, now) for token in team_tokens(session, principal)) >= MAX_LIVE_TOKENS:
+        raise Conflict(f"The team has {MAX_LIVE_TOKENS} live tokens; revoke one first.")
+    return issue_token(session, principal.team_id, name, scopes, expires_at, actor=principal.actor)
+
+
+def rotate_team_token(
+    session: Session, principal: Principal, token_id: str, keep_days: int = DEFAULT_KEEP_DAYS
+) -> tuple[str, Token]:
+    """Issue the successor of a token; the old one works for `keep_days` more.
+
+    The successor has the same name, scopes and length of life.
+
+    Raises:
+        NotFound: The team has no such token.
+        NotAllowed: The token holds a scope that the asker does not hold.
+        Conflict: The token is revoked or has expired.
+        InvalidRecord: The number of days cannot be used.
+    """
+    if not 0 <= keep_days <= MAX_KEEP_DAYS:
+        raise InvalidRecord(f"The old token may be kept for 0 to {MAX_KEEP_DAYS} days.")
+    old = find_team_token(session, principal, token_id)
+    now = database_now(session)
+    if not is_live(old, now):
+        raise Conflict(f"Token {token_id!r} is revoked or has expired; issue a new one.")
+    expires_at = None if old.expires_at is None else now + (old.expires_at - old.created_at)
+    text, new = issue_team_token(session, principal, old.name, tuple(old.scopes), expires_at)
+    ends_at = now + timedelta(days=keep_days)
+    old.expires_at = ends_at if old.expires_at is None else min(ends_at, old.expires_at)
+    audit(session, principal.actor, "token rotated", token_id, {"successor": new.id})
+    return text, new
+
+
+def revoke_team_token(session: Session, principal: Principal, token_id: str) -> Token:
+    """Revoke a token of the asker's team for good, the asker's own included.
+
+    Raises:
+        NotFound: The team has no such token.
+        Conflict: It is revoked already.
+    """
+    find_team_token(session, principal, token_id)
+    return revoke_token(session, token_id, actor=principal.actor)
+
+
+def team_tokens(session: Session, principal: Principal) -> list[Token]:
+    """Return the tokens of the asker's team, newest first."""
+    return list(
+        session.scalars(
+            select(Token)
+            .where(Token.team_id == principal.team_id, Token.team_id.is_not(None))
+            .order_by(Token.created_at.desc(), Token.id)
+        )
+    )
+
+
+def find_team_token(session: Session, principal: Principal, token_id: str) -> Token:
+    """Return a token of the asker's team.
+
+    Raises:
+        NotFound: There is none, or it is another team's: the answer is the same.
+    """
+    token = session.get(Token, token_id)
+    if token is None or token.team_id is None or token.team_id != principal.team_id:
+        raise NotFound("token", token_id)
+    return token
+
+
+def _refuse_more_rights(principal: Principal, scopes: Iterable[str]) -> None:
+    more = sorted(set(scopes) - principal.scopes)
+    if more:
+        raise NotAllowed(f"Your own token does not have the scope {', '.join(more)}.")

@@ -1,0 +1,143 @@
+"""The audit chain: each line carries the hash of the one before it.
+
+Lines are gathered while a write transaction runs and chained just before it commits, so that the
+head of the chain is locked last and shortly, and never in a circle with other locks.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import func, select, text
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_schemas.base import canonical_json
+
+GENESIS = "0" * 64
+_PENDING = "exceptiondrive_pending_audit"
+_CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on PostgreSQL
+
+
+@dataclass(frozen=True)
+class _Pending:
+    actor: str
+    action: str
+    subject: str
+    detail: dict[str, Any]
+
+
+def audit(
+    session: Session, actor: str, action: str, subject: str, detail: Mapping[str, Any] | None = None
+) -> None:
+    """Record that `actor` did `action` to `subject` in this write transaction."""
+    lines = session.info.setdefault(_PENDING, [])
+    lines.append(_Pending(actor, action, subject, dict(detail or {})))
+
+
+def seal_audit_lines(session: Session) -> None:
+    """Chain the lines of this transaction; called by `Database.write` before it commits."""
+    pending: list[_Pending] = session.info.pop(_PENDING, [])
+    if not pending:
+        return
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _CHAIN_LOCK})
+    last = session.scalars(select(AuditLine).order_by(AuditLine.id.desc()).limit(1)).first()
+    number, head = (last.id, last.hash) if last else (0, GENESIS)
+    at = database_now(session)
+    for line in pending:
+        number += 1
+        row = AuditLine(
+            id=number,
+            at=at,
+            actor=line.actor,
+            action=line.action,
+            subject=line.subject,
+            detail=line.detail,
+            previous_hash=head,
+            hash="",
+        )
+        head = row.hash = line_hash(row)
+        session.add(row)
+
+
+def line_hash(line: AuditLine) -> str:
+    """Return SHA-256 over the previous hash and everything the line says."""
+    content = {
+        "id": line.id,
+        "at": line.at.isoformat(),
+        "actor": line.actor,
+        "action": line.action,
+        "subject": line.subject,
+        "detail": line.detail,
+    }
+    return hashlib.sha256(line.previous_hash.encode() + canonical_json(content)).hexdigest()
+
+
+@dataclass(frozen=True)
+class AuditVerdict:
+    """Whether the chain is whole; if not, the first line that breaks it."""
+
+    n_lines: int
+    head: str
+    broken_at: int | None = None
+    holds_kept_head: bool | None = None
+    """Whether a line has the head that was kept elsewhere; None: none was given."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every line follows from the one before it."""
+        return self.broken_at is None
+
+
+def verify_audit(session: Session, kept_head: str | None = None) -> AuditVerdict:
+    """Recompute the whole chain.
+
+    Args:
+        session: To read with.
+        kept_head: The head that an earlier verification told. A log that was cut off, or written
+            anew from some line on, is a chain too; but no line of it has this hash.
+    """
+    head = GENESIS
+    number = 0
+    holds_kept = None if kept_head is None else kept_head == GENESIS
+    query = select(AuditLine).order_by(AuditLine.id).execution_options(yield_per=500)
+    with session.scalars(query) as lines:
+        for line in lines:
+            if not _follows(line, number, head) or line_hash(line) != line.hash:
+                return AuditVerdict(number, head, line.id, holds_kept)
+            number, head = line.id, line.hash
+            holds_kept = holds_kept or (None if kept_head is None else head == kept_head)
+    return AuditVerdict(number, head, None, holds_kept)
+
+
+def _follows(line: AuditLine, number: int, head: str) -> bool:
+    """Whether a line comes right after the one with this number and hash."""
+    return line.id == number + 1 and line.previous_hash == head
+
+
+def audit_page(
+    session: Session,
+    *,
+    before: int | None = None,
+    limit: int = 100,
+    actor: str | None = None,
+    subject: str | None = None,
+) -> list[AuditLine]:
+    """Return lines, newest first, from before line `before`; of one actor or subject if given."""
+    query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
+    if before is not None:
+        query = query.where(AuditLine.id < before)
+    if actor is not None:
+        query = query.where(AuditLine.actor == actor)
+    if subject is not None:
+        query = query.where(AuditLine.subject == subject)
+    return list(session.scalars(query))
+
+
+def count_audit_lines(session: Session, action: str) -> int:
+    """Return how many lines record this action."""
+    query = select(func.count()).select_from(AuditLine).where(AuditLine.action == action)
+    return session.scalar(query) or 0

@@ -1,0 +1,289 @@
+"""Boards: immutable snapshots; "the current board" is one pointer."""
+
+from collections.abc import Iterable
+from datetime import datetime
+from functools import lru_cache
+
+from sqlalchemy import ColumnElement, Select, exists, func, insert, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.policy import frozen_since
+from exceptiondrive_records.phases.redaction import shown_board
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.board_requests import finish_board
+from exceptiondrive_records.work.tables_of_work import BoardRequest
+from exceptiondrive_schemas.base import bytes_digest, canonical_json
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.phase_settings import BoardView
+
+
+def publish_board(
+    session: Session, claim: BoardRequest, board: Board, late: Board | None = None
+) -> BoardRow | None:
+    """Append a board and, under the phase's own protocol and split, make it the current one.
+
+    Number and date are given here; what may not be shown yet is left out here, so that it is in
+    nothing that is served. A board that says what the latest one of this protocol says is not
+    appended again. While the phase is frozen its pointers stay.
+
+    Args:
+        session: Of a write transaction.
+        claim: The request as it was claimed.
+        board: The board.
+        late: The board of the late view, where there is one.
+
+    Returns:
+        The row that holds the board; None when the lease was lost and nothing was recorded.
+    """
+    phase = lock_phase(session, claim.phase_id)
+    if not finish_board(session, claim):
+        return None
+    now = database_now(session)
+    row = _kept_or_appended(session, claim, shown_board(phase, board, now), "main")
+    late_row = late and _kept_or_appended(session, claim, shown_board(phase, late, now), "late")
+    shown = (phase.protocol_digest, phase.split_revision)
+    is_shown = shown == (claim.protocol_digest, claim.split_revision)
+    if is_shown and frozen_since(phase, now) is None:
+        flip_board(session, phase, row)
+        phase.late_board_id = late_row.id if late_row else None
+    return row
+
+
+def _kept_or_appended(
+    session: Session, claim: BoardRequest, board: Board, view: BoardView
+) -> BoardRow:
+    key = (claim.protocol_digest, claim.split_revision)
+    row = latest_board(session, claim.phase_id, *key, view=view)
+    digest = board.content_digest
+    if row is not None and row.digest == digest:
+        return row
+    return _append(session, claim, board, digest, view)
+
+
+def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | None:
+    """Point the phase at a board; the caller holds the lock of the phase.
+
+    Returns:
+        The flip; None when the phase showed this board already.
+    """
+    if phase.current_board_id == row.id:
+        return None
+    phase.current_board_id = row.id
+    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=database_now(session))
+    session.add(flip)
+    session.flush()
+    return flip
+
+
+def current_board(session: Session, phase_id: str) -> BoardRow | None:
+    """Return the board that the phase shows now."""
+    query = (
+        select(BoardRow)
+        .join(Phase, Phase.current_board_id == BoardRow.id)
+        .where(Phase.id == phase_id)
+    )
+    return session.scalars(query).first()
+
+
+def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | None:
+    """Return the board that the phase showed at a time."""
+    query = (
+        select(BoardRow)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .where(BoardFlip.phase_id == phase_id, BoardFlip.at <= as_of)
+        .order_by(BoardFlip.at.desc(), BoardFlip.id.desc())
+        .limit(1)
+    )
+    return session.scalars(query).first()
+
+
+def late_board(session: Session, phase_id: str) -> BoardRow | None:
+    """Return the board of the late view; None while nothing came late."""
+    query = (
+        select(BoardRow).join(Phase, Phase.late_board_id == BoardRow.id).where(Phase.id == phase_id)
+    )
+    return session.scalars(query).first()
+
+
+def latest_board(
+    session: Session,
+    phase_id: str,
+    protocol_digest: str,
+    split_revision: str | None = None,
+    view: BoardView = "main",
+) -> BoardRow | None:
+    """Return the newest board of a phase under a protocol (and split revision), drafts too."""
+    query = _newest_first(phase_id, protocol_digest, split_revision)
+    return session.scalars(query.where(BoardRow.view == view)).first()
+
+
+def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
+    """Return the newest board of a phase under a protocol that was ever shown."""
+    query = _newest_first(phase_id, protocol_digest, None).where(was_shown())
+    return session.scalars(query).first()
+
+
+def public_protocols(session: Session, phase_id: str) -> list[str]:
+    """Return the digests of the protocols under which a board of the phase was ever shown."""
+    query = (  # from the flips, which an index finds: asking each board for its flip is quadratic
+        select(BoardRow.protocol_digest)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .where(BoardFlip.phase_id == phase_id)
+    )
+    return list(session.scalars(query.distinct()))
+
+
+def parsed_board(row: BoardRow) -> Board:
+    """Return the document of a board; boards never change, so it is read once."""
+    return _parsed(row.body_digest, row.body)
+
+
+@lru_cache(maxsize=32)
+def _parsed(body_digest: str, body: str) -> Board:
+    return Board.model_validate_json(body)
+
+
+def boards_with(
+    session: Session, submission_id: str, board_ids: Iterable[int | None]
+) -> list[BoardRow]:
+    """Return those of the boards named on which a submission stands, in the order of the names."""
+    wanted = [board_id for board_id in board_ids if board_id is not None]
+    query = (
+        select(BoardRow)
+        .join(BoardEntryRow, BoardEntryRow.board_id == BoardRow.id)
+        .where(BoardEntryRow.submission_id == submission_id, BoardRow.id.in_(wanted))
+    )
+    return sorted(session.scalars(query), key=lambda row: wanted.index(row.id))
+
+
+def entry_ids(session: Session, board_id: int) -> set[str]:
+    """Return the submissions that stand on a board."""
+    query = select(BoardEntryRow.submission_id).where(BoardEntryRow.board_id == board_id)
+    return set(session.scalars(query))
+
+
+def ranks_on(
+    session: Session, board_id: int | None, submission_ids: Iterable[str]
+) -> dict[str, int]:
+    """Return the ranks that submissions hold on a board; without one, or a board, they are left out."""
+    query = select(BoardEntryRow.submission_id, BoardEntryRow.rank).where(
+        BoardEntryRow.board_id == board_id,
+        BoardEntryRow.submission_id.in_(submission_ids),
+        BoardEntryRow.rank.is_not(None),
+    )
+    return {submission_id: rank or 0 for submission_id, rank in session.execute(query)}
+
+
+def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:
+    """Return the newest board that shows a submission and was ever shown itself.
+
+    Drafts are for organizers alone.
+    """
+    query = (
+        select(BoardRow)
+        .join(BoardEntryRow, BoardEntryRow.board_id == BoardRow.id)
+        .where(BoardEntryRow.submission_id == submission_id, was_shown())
+        .order_by(BoardRow.id.desc())
+        .limit(1)
+    )
+    return session.scalars(query).first()
+
+
+def boards_by_protocol(
+    session: Session, submission: Submission, limit: int
+) -> list[tuple[BoardRow, BoardRow]]:
+    """Return the first and the last public board with a submission, under each protocol.
+
+    Args:
+        session: To read with.
+        submission: What stands on them.
+        limit: How many protocols at most, the newest first.
+    """
+    query = (
+        select(func.min(BoardRow.id), func.max(BoardRow.id))
+        .join(BoardEntryRow, BoardEntryRow.board_id == BoardRow.id)
+        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .where(BoardEntryRow.submission_id == submission.id, was_shown())
+        .group_by(ProtocolRow.digest, ProtocolRow.created_at)
+        .order_by(ProtocolRow.created_at.desc())
+        .limit(limit)
+    )
+    return [
+        (session.get_one(BoardRow, first), session.get_one(BoardRow, last))
+        for first, last in session.execute(query)
+    ]
+
+
+def _newest_first(
+    phase_id: str, protocol_digest: str, split_revision: str | None
+) -> Select[BoardRow]:
+    query = select(BoardRow).where(
+        BoardRow.phase_id == phase_id, BoardRow.protocol_digest == protocol_digest
+    )
+    if split_revision is not None:
+        query = query.where(BoardRow.split_revision == split_revision)
+    return query.order_by(BoardRow.number.desc()).limit(1)
+
+
+def was_shown() -> ColumnElement[bool]:
+    """Condition on `BoardRow`: a phase pointed at it once. Drafts are for organizers alone."""
+    return exists().where(BoardFlip.board_id == BoardRow.id)
+
+
+def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
+    """Return a board by its permanent number.
+
+    Raises:
+        NotFound: There is none, or it was never shown: drafts are for organizers alone.
+    """
+    query = select(BoardRow).where(
+        BoardRow.phase_id == phase_id, BoardRow.number == number, was_shown()
+    )
+    row = session.scalars(query).first()
+    if row is None:
+        raise NotFound("board", f"{phase_id}/{number}")
+    return row
+
+
+def _append(
+    session: Session, claim: BoardRequest, board: Board, digest: str, view: BoardView
+) -> BoardRow:
+    query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == claim.phase_id)
+    number = (session.scalar(query) or 0) + 1
+    now = database_now(session)
+    body = canonical_json(board.model_copy(update={"board": number, "published_at": now}))
+    row = BoardRow(
+        phase_id=claim.phase_id,
+        protocol_digest=claim.protocol_digest,
+        split_revision=board.split.revision,
+        number=number,
+        digest=digest,
+        body_digest=bytes_digest(body),
+        body=body.decode("utf-8"),
+        published_at=now,
+        view=view,
+    )
+    session.add(row)
+    session.flush()
+    entries = [
+        {"board_id": row.id, "submission_id": entry.submission_id, "rank": entry.rank}
+        for entry in board.entries
+        if entry.submission_id is not None
+    ]
+    if entries:
+        session.execute(insert(BoardEntryRow), entries)
+    detail = {
+        "number": number,
+        "digest": row.digest,
+        "protocol": claim.protocol_digest,
+        "view": view,
+    }
+    audit(session, "worker", "board published", claim.phase_id, detail)
+    return row

@@ -1,0 +1,236 @@
+"""Which scored submissions stand on a board, and what the board may say of each."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from sqlalchemy import ColumnElement, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.policy import (
+    is_anonymous,
+    is_late,
+    pseudonym_of_method,
+    pseudonym_of_team,
+)
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.phase_settings import BoardView
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+_NEVER = datetime(1, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True)
+class LinkedRecord:
+    """The scored counterpart of an entry, whether or not it is an entry itself."""
+
+    submission_id: str
+    method: str
+    file_digest: str
+    measurement_key: str
+
+
+@dataclass(frozen=True)
+class EntryRecord:
+    """What a board needs to know of one entry; names are pseudonyms in an anonymous phase."""
+
+    submission_id: str
+    team: str
+    team_slug: str
+    is_reference: bool
+    method: str
+    description: str
+    links: Links
+    submitted_at: datetime
+    file_digest: str
+    sheet: ScoreSheet
+    measurement_key: str
+    exact_digest: str
+    scorer_version: str
+    linked: LinkedRecord | None = None
+    is_late: bool = False
+
+
+@dataclass(frozen=True)
+class _Scored:
+    """A scored submission with its team and the key of its measurements."""
+
+    submission: Submission
+    team: Team
+    measurement_key: str
+
+
+def entries_for_board(
+    session: Session,
+    phase_id: str,
+    protocol_digest: str,
+    split_revision: str | None = None,
+    view: BoardView = "main",
+) -> list[EntryRecord]:
+    """Return the entries of a board, in order of submission.
+
+    That is the latest scored submission of each (team, method) that came in time and is public, or
+    one of each team where the phase says so. The late view holds the latest late ones besides. A
+    method whose latest submission was withdrawn falls back to the one before it.
+
+    Args:
+        session: To read with.
+        phase_id: Of the phase.
+        protocol_digest: Under which they were scored.
+        split_revision: Against which; by default the one that the phase shows.
+        view: Which board.
+
+    Raises:
+        NotFound: No such phase.
+    """
+    phase = session.get(Phase, phase_id)
+    if phase is None:
+        raise NotFound("phase", phase_id)
+    key = (protocol_digest, split_revision or phase.split_revision)
+    scored = _scored_under(session, phase, *key)
+    due = _due(phase, scored, view)
+    sheets = _sheets(session, [each.submission.id for each in due], *key)
+    public = {each.submission.id: each for each in scored if _is_public(phase, each.submission)}
+    return [
+        _entry(phase, each, sheets[each.submission.id], public.get(each.submission.linked_to or ""))
+        for each in due
+    ]
+
+
+def entry_ids_for_board(
+    session: Session, phase_id: str, protocol_digest: str, split_revision: str
+) -> set[str]:
+    """Return the submissions of `entries_for_board`, without reading a sheet."""
+    phase = session.get_one(Phase, phase_id)
+    due = _due(phase, _scored_under(session, phase, protocol_digest, split_revision), "main")
+    return {each.submission.id for each in due}
+
+
+@dataclass(frozen=True)
+class Names:
+    """Who really stands behind an entry: for organizers alone."""
+
+    submission_id: str
+    team: str
+    method: str
+
+
+def names_of(session: Session, submission_ids: list[str]) -> list[Names]:
+    """Return the names behind entries."""
+    query = (
+        select(Submission.id, Team.name, Submission.method)
+        .join(Team, Team.id == Submission.team_id)
+        .where(Submission.id.in_(submission_ids))
+    )
+    return [Names(*row) for row in session.execute(query)]
+
+
+def _scored_under(
+    session: Session, phase: Phase, protocol_digest: str, split_revision: str
+) -> list[_Scored]:
+    query = (
+        select(Submission, Team, ScoreSheetRow.measurement_key)
+        .join(Team, Team.id == Submission.team_id)
+        .join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
+        .where(
+            Submission.phase_id == phase.id,
+            Submission.status == SubmissionStatus.SCORED,
+            *_under(protocol_digest, split_revision),
+        )
+        .order_by(Submission.received_at, Submission.id)
+    )
+    return [_Scored(*row) for row in session.execute(query)]
+
+
+def _under(protocol_digest: str, split_revision: str) -> tuple[ColumnElement[bool], ...]:
+    return (
+        ScoreSheetRow.protocol_digest == protocol_digest,
+        ScoreSheetRow.split_revision == split_revision,
+    )
+
+
+def _sheets(
+    session: Session, ids: list[str], protocol_digest: str, split_revision: str
+) -> dict[str, ScoreSheetRow]:
+    query = select(ScoreSheetRow).where(
+        ScoreSheetRow.submission_id.in_(ids), *_under(protocol_digest, split_revision)
+    )
+    return {row.submission_id: row for row in session.scalars(query)}
+
+
+def _due(phase: Phase, scored: list[_Scored], view: BoardView) -> list[_Scored]:
+    public = [each for each in scored if _is_public(phase, each.submission)]
+    in_time = [each for each in public if not is_late(phase, each.submission)]
+    due = _of_teams(in_time) if phase.policy.entries_shown == "chosen" else _of_methods(in_time)
+    if view == "late":
+        due += _of_methods(each for each in public if is_late(phase, each.submission))
+    return sorted(due, key=lambda each: (each.submission.received_at, each.submission.id))
+
+
+def _is_public(phase: Phase, submission: Submission) -> bool:
+    return not phase.policy.entries_private or submission.published_at is not None
+
+
+def _of_methods(scored: Iterable[_Scored]) -> list[_Scored]:
+    """The latest of each method of each team."""
+    latest = {(each.team.id, each.submission.method): each for each in scored}
+    return list(latest.values())
+
+
+def _of_teams(scored: list[_Scored]) -> list[_Scored]:
+    """One of each team: its last choice, else its latest; reference teams keep all methods."""
+    references = _of_methods(each for each in scored if each.team.is_reference)
+    one: dict[int, _Scored] = {}
+    for each in scored:
+        held = one.get(each.team.id)
+        if held is None or _chosen_at(each) >= _chosen_at(held):
+            one[each.team.id] = each
+    return references + [each for each in one.values() if not each.team.is_reference]
+
+
+def _chosen_at(scored: _Scored) -> datetime:
+    return scored.submission.chosen_at or _NEVER
+
+
+def _entry(
+    phase: Phase, scored: _Scored, row: ScoreSheetRow, counterpart: _Scored | None
+) -> EntryRecord:
+    submission, team = scored.submission, scored.team
+    is_masked = is_anonymous(phase) and not team.is_reference
+    return EntryRecord(
+        submission_id=submission.id,
+        team=pseudonym_of_team(phase, team.id) if is_masked else team.name,
+        team_slug=team.slug,
+        is_reference=team.is_reference,
+        method=_method(phase, scored),
+        description="" if is_masked else submission.description,
+        links=Links() if is_masked else Links(paper=submission.paper_url, code=submission.code_url),
+        submitted_at=submission.received_at,
+        file_digest=submission.file_digest,
+        sheet=row.sheet,
+        measurement_key=row.measurement_key,
+        exact_digest=row.exact_digest,
+        scorer_version=row.scorer_version,
+        linked=None if counterpart is None else _linked(phase, counterpart),
+        is_late=is_late(phase, submission),
+    )
+
+
+def _linked(phase: Phase, scored: _Scored) -> LinkedRecord:
+    return LinkedRecord(
+        submission_id=scored.submission.id,
+        method=_method(phase, scored),
+        file_digest=scored.submission.file_digest,
+        measurement_key=scored.measurement_key,
+    )
+
+
+def _method(phase: Phase, scored: _Scored) -> str:
+    if is_anonymous(phase) and not scored.team.is_reference:
+        return pseudonym_of_method(phase, scored.team.id, scored.submission.method)
+    return scored.submission.method

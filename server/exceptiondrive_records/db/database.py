@@ -1,0 +1,104 @@
+"""Sessions on the system of record: short reads, and one write transaction at a time.
+
+SQLite: WAL, synchronous=FULL, and `BEGIN IMMEDIATE` for every write, because the busy timeout is
+not honoured when a read transaction is upgraded (research/reliability.md B).
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.orm import Session, sessionmaker
+
+from exceptiondrive_records.audit.log import seal_audit_lines
+from exceptiondrive_records.db.clock import database_now
+
+__all__ = ["Database", "database_now"]
+
+_WRITES = "exceptiondrive_writes"
+BUSY_TIMEOUT_MS = 15_000
+_INSUFFICIENT_PRIVILEGE = "42501"
+
+
+class Database:
+    """Gives sessions. Safe to share between threads, not between forked processes."""
+
+    def __init__(self, url: str) -> None:
+        self.engine = _engine(url)
+        self._reads = sessionmaker(self.engine, expire_on_commit=False)
+        writes = self.engine.execution_options(**{_WRITES: True})
+        self._writes = sessionmaker(writes, expire_on_commit=False)
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """Give a session for one short read transaction; nothing is kept."""
+        with self._reads() as session:
+            yield session
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """Give a session for ONE write transaction: all of it is kept, or nothing."""
+        with self._writes() as session, session.begin():
+            yield session
+            session.flush()
+            seal_audit_lines(session)
+
+    def dispose(self) -> None:
+        """Close all connections."""
+        self.engine.dispose()
+
+
+def sentence_of(error: DBAPIError) -> str:
+    """Return what a database said and what an operator does about it, without what was asked.
+
+    Raises:
+        DBAPIError: The error itself, where it is neither an outage nor a missing right.
+    """
+    said = str(error.orig).partition("\n")[0]
+    if getattr(error.orig, "sqlstate", None) == _INSUFFICIENT_PRIVILEGE:
+        return f"{said}; its owner gives the rights: exceptiondrive-server migrate --grant-to FILE"
+    if isinstance(error, OperationalError):
+        return f"the database does not answer: {said}"
+    raise error
+
+
+def _engine(url: str) -> Engine:
+    if make_url(url).get_backend_name() == "sqlite":
+        return _sqlite_engine(url)
+    return create_engine(
+        url,
+        pool_size=5,
+        max_overflow=20,
+        pool_pre_ping=True,
+        connect_args={"options": "-c timezone=UTC -c lock_timeout=30s", "connect_timeout": 5},
+    )
+
+
+def _sqlite_engine(url: str) -> Engine:
+    path = make_url(url).database
+    if path is None or path in ("", ":memory:"):
+        raise ValueError("SQLite needs a file: several processes share the records")
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000})
+    event.listen(engine, "connect", _prepare_sqlite)
+    event.listen(engine, "begin", _begin_sqlite)
+    return engine
+
+
+def _prepare_sqlite(connection: DBAPIConnection, record: Any) -> None:
+    connection.isolation_level = None  # the driver opens no transaction; `_begin_sqlite` does
+    cursor = connection.cursor()
+    cursor.execute(f"PRAGMA busy_timeout={BUSY_TIMEOUT_MS}")
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA synchronous=FULL")
+    cursor.execute("PRAGMA foreign_keys=ON")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    writes = connection.get_execution_options().get(_WRITES, False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,155 @@
+"""What the system of record refuses, each with a stable code and a sentence for the reader."""
+
+# ruff: noqa: N818 - these names say what happened
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from exceptiondrive_schemas.problems import ProblemCode
+
+
+class RecordsError(Exception):
+    """A request that the records refuse; `str()` is a sentence fit for its sender."""
+
+    code: ProblemCode = ProblemCode.BAD_REQUEST
+
+
+class InvalidRecord(RecordsError):
+    """A value cannot be taken as given; `fields` names the parts of the request that are wrong."""
+
+    code = ProblemCode.BAD_REQUEST
+
+    def __init__(self, detail: str, fields: Mapping[str, str] | None = None) -> None:
+        self.fields = dict(fields or {})
+        super().__init__(detail)
+
+
+class NotFound(RecordsError):
+    """There is no such thing, or it is not the asker's to see: the sentence is the same."""
+
+    code = ProblemCode.NOT_FOUND
+
+    def __init__(self, kind: str, name: str) -> None:
+        super().__init__(f"There is no {kind} {name!r}.")
+
+
+class Conflict(RecordsError):
+    """The request contradicts what is recorded."""
+
+    code = ProblemCode.CONFLICT
+
+
+class NotAllowed(RecordsError):
+    """The asker may not do this."""
+
+    code = ProblemCode.NOT_ALLOWED
+
+
+class TooManyAttempts(RecordsError):
+    """Sign-in or registration was tried too often."""
+
+    code = ProblemCode.TOO_MANY_REQUESTS
+
+    def __init__(self, resets_at: datetime, now: datetime) -> None:
+        self.resets_at = resets_at
+        minutes = max(1, math.ceil((resets_at - now).total_seconds() / 60))
+        plural = "" if minutes == 1 else "s"
+        super().__init__(f"Too many attempts; try again in {minutes} minute{plural}.")
+
+
+class PhaseClosed(RecordsError):
+    """The phase takes no submissions now."""
+
+    code = ProblemCode.PHASE_CLOSED
+
+    def __init__(
+        self, title: str, *, opens_at: datetime | None = None, closed_at: datetime | None = None
+    ) -> None:
+        self.opens_at = opens_at
+        self.closed_at = closed_at
+        when = (
+            f"opens at {opens_at:%Y-%m-%d %H:%M} UTC"
+            if opens_at is not None
+            else f"closed at {closed_at:%Y-%m-%d %H:%M} UTC"
+        )
+        super().__init__(f"The phase {title!r} takes no submissions now: it {when}.")
+
+
+class QuotaExceeded(RecordsError):
+    """The team has no submissions left; `resets_at` is None when the total is spent."""
+
+    code = ProblemCode.QUOTA_EXCEEDED
+
+    def __init__(self, limit: int, *, resets_at: datetime | None) -> None:
+        self.limit = limit
+        self.resets_at = resets_at
+        if resets_at is None:
+            text = f"Your team has used all {limit} submissions of this phase."
+        else:
+            text = (
+                f"Your team has used all {limit} submissions of today; "
+                f"the next day begins at {resets_at:%Y-%m-%d %H:%M} UTC."
+            )
+        super().__init__(text)
+
+
+class RejectedCapExceeded(RecordsError):
+    """Too many files of the team were rejected today."""
+
+    code = ProblemCode.REJECTED_CAP_EXCEEDED
+
+    def __init__(self, limit: int, *, resets_at: datetime) -> None:
+        self.limit = limit
+        self.resets_at = resets_at
+        super().__init__(
+            f"{limit} files of your team were rejected today, which is the limit. Run "
+            "`exceptiondrive check FILE` before you submit; "
+            f"the next day begins at {resets_at:%Y-%m-%d %H:%M} UTC."
+        )
+
+
+class ConcurrentQuotaExceeded(RecordsError):
+    """Too many submissions of the team still wait; the next scored one makes room."""
+
+    code = ProblemCode.TOO_MANY_REQUESTS
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        noun = "submission waits" if limit == 1 else "submissions wait"
+        super().__init__(
+            f"{limit} {noun} for a score, and a team may have no more waiting in this phase. "
+            "Try again when one of them is scored; nothing was counted."
+        )
+
+
+class StoreError(RecordsError):
+    """The file store cannot give or take a file."""
+
+    code = ProblemCode.STORE_UNAVAILABLE
+
+
+class UploadTooLarge(RecordsError):
+    """More bytes came than the limit allows."""
+
+    code = ProblemCode.UPLOAD_TOO_LARGE
+
+    def __init__(self, limit_bytes: int) -> None:
+        self.limit_bytes = limit_bytes
+        super().__init__(f"The file is larger than {limit_bytes} bytes.")
+
+
+# What a checker of the records reports.
+
+
+@dataclass(frozen=True, order=True)
+class Violation:
+    """Something that must never be: which rule, of what, and how."""
+
+    rule: str
+    subject: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.rule}: {self.subject}: {self.text}"

@@ -1,0 +1,174 @@
+"""Database roles in production: which service may do what with which table, and no more.
+
+One table of rights is the source of everything: the statements that `exceptiondrive-server roles`
+prints, what `migrate --grant-to` applies, and the tests, which run the services under these roles.
+The owner of the tables migrates; no service is the owner.
+"""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from types import MappingProxyType
+
+from psycopg import Connection, sql
+from sqlalchemy import URL, make_url, text
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import InvalidRecord
+
+
+class Role(StrEnum):
+    """Who connects to the database, besides its owner."""
+
+    API = "exceptiondrive_api"
+    WORKER = "exceptiondrive_worker"
+    RECONCILER = "exceptiondrive_reconciler"
+
+
+R, RI, RU, RIU, RID, RIUD = (
+    "SELECT",
+    "SELECT, INSERT",
+    "SELECT, UPDATE",
+    "SELECT, INSERT, UPDATE",
+    "SELECT, INSERT, DELETE",
+    "SELECT, INSERT, UPDATE, DELETE",
+)
+NONE = ""
+_STATUS = "SELECT, UPDATE (status, status_at, report, failure_code, failure_message)"
+_POINTER = "SELECT, UPDATE (current_board_id, late_board_id)"
+_VERSIONS = "alembic_version"
+
+RIGHTS = MappingProxyType(
+    {
+        # table: (api, worker, reconciler)
+        _VERSIONS: (R, R, R),
+        "audit_lines": (RI, RI, RI),  # nobody alters what was logged
+        "board_entries": (R, RI, R),
+        "board_flips": (RI, RI, R),
+        "boards": (R, RI, R),  # only workers publish
+        "contact_points": (RIUD, R, R),
+        "entry_drawings": (R, RI, R),
+        "invitations": (RIUD, NONE, NONE),
+        "memberships": (RID, NONE, NONE),
+        "notifications": (RIUD, RI, RI),
+        "page_sessions": (RID, NONE, NONE),
+        "people": (RIU, NONE, NONE),
+        "person_sessions": (RIUD, NONE, NONE),
+        "phases": (RIU, _POINTER, R),
+        "protocol_drawings": (R, RI, R),
+        "protocols": (RI, R, R),
+        "receipt_keys": (RI, NONE, NONE),
+        "rescoring_runs": (RIU, R, RU),
+        "score_sheets": (R, RI, R),  # only workers score
+        "sign_in_attempts": (RIUD, NONE, NONE),
+        "sign_in_flows": (RID, NONE, NONE),
+        "similarities": (R, RI, R),
+        "site_settings": (RIU, NONE, NONE),
+        "splits": (R, RIU, R),
+        "submissions": (RIU, _STATUS, _STATUS),
+        "teams": (RIUD, R, R),
+        "tokens": (RIUD, NONE, NONE),
+        "verification_items": (RI, RU, RU),
+        "verifications": (RI, RU, RU),
+        "work": (RIUD, RIU, RIUD),
+        "worker_heartbeats": (R, RIUD, R),
+    }
+)
+"""Missing tables are errors: a test compares this with the tables of the code."""
+
+
+def rights_of(role: Role) -> dict[str, str]:
+    """Return the rights of a role: table to what stands between GRANT and ON."""
+    column = list(Role).index(role)
+    return {table: rights[column] for table, rights in RIGHTS.items() if rights[column]}
+
+
+def grants(role: Role) -> Iterator[str]:
+    """Yield the statements that give a role its rights, and take every other right away."""
+    yield f"REVOKE ALL ON ALL TABLES IN SCHEMA public FROM {role}"
+    yield f"REVOKE ALL ON ALL SEQUENCES IN SCHEMA public FROM {role}"
+    yield "REVOKE CREATE ON SCHEMA public FROM PUBLIC"
+    yield f"GRANT USAGE ON SCHEMA public TO {role}"
+    for table, rights in rights_of(role).items():
+        yield f"GRANT {rights} ON {table} TO {role}"
+        if "INSERT" in rights and table in _NUMBERED:
+            yield f"GRANT USAGE ON SEQUENCE {table}_id_seq TO {role}"
+
+
+def _numbered() -> frozenset[str]:
+    """Return the tables whose rows the database numbers."""
+    return frozenset(
+        table.name
+        for table in Base.metadata.tables.values()
+        if table.autoincrement_column is not None
+    )
+
+
+_NUMBERED = _numbered()
+
+
+# Roles made and given their rights, by the owner of the database.
+
+
+def role_of(address: str) -> tuple[Role, URL]:
+    """Return the role that an address connects as, and the address.
+
+    Raises:
+        InvalidRecord: It is no address of PostgreSQL, or connects as somebody else.
+    """
+    url = make_url(address)
+    found = next((role for role in Role if role == url.username), None)
+    if found is None or url.get_backend_name() != "postgresql":
+        known = ", ".join(Role)
+        raise InvalidRecord(f"The address must connect to PostgreSQL as one of: {known}.")
+    return found, url
+
+
+def grant_to_files(owner_url: str, files: list[Path]) -> list[Role]:
+    """Give the roles of addresses in files their rights; roles that are not there are made.
+
+    A new role gets the password of its address; that of an existing one is left alone.
+
+    Args:
+        owner_url: Address with which the owner of the tables connects.
+        files: Each holds the address with which one service connects.
+
+    Raises:
+        InvalidRecord: The database is no PostgreSQL, or an address is no role's.
+    """
+    if make_url(owner_url).get_backend_name() != "postgresql":
+        raise InvalidRecord("Roles are for PostgreSQL; SQLite knows none.")
+    addresses = [role_of(file.read_text(encoding="utf-8").strip()) for file in files]
+    database = Database(owner_url)
+    try:
+        with database.write() as session:
+            for role, url in addresses:
+                make_role(session, role, None if url.password is None else str(url.password))
+                grant(session, role)
+    finally:
+        database.dispose()
+    return [role for role, _ in addresses]
+
+
+def make_role(session: Session, role: Role, password: str | None = None) -> None:
+    """Make a role that may sign in, unless it is there; the log sees a digest of the password."""
+    query = text("SELECT 1 FROM pg_roles WHERE rolname = :name")
+    if session.scalar(query, {"name": str(role)}) is not None:
+        return
+    session.execute(text(f"CREATE ROLE {role} LOGIN"))
+    if password is not None:
+        driver = session.connection().connection.driver_connection
+        assert isinstance(driver, Connection)
+        secret = driver.pgconn.encrypt_password(password.encode(), role.encode(), b"scram-sha-256")
+        change = sql.SQL("ALTER ROLE {} PASSWORD {}").format(
+            sql.Identifier(role), sql.Literal(secret.decode())
+        )
+        driver.execute(change)
+
+
+def grant(session: Session, role: Role) -> None:
+    """Give a role exactly its rights."""
+    for statement in grants(role):
+        session.execute(text(statement))

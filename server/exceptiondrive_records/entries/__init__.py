@@ -1,0 +1,1 @@
+"""The rows of a board, one by one and side by side."""

@@ -1,0 +1,99 @@
+"""What a team says of its entries: which one stands for it, and which are public."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.phases.policy import has_closed, is_late
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.phase_boards import want_boards
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+def choose(session: Session, submission_id: str, *, actor: str) -> Submission:
+    """Let a submission stand for its team on the board; the last choice counts.
+
+    Raises:
+        NotFound: No such submission.
+        Conflict: The phase shows all entries, its deadline has passed, or there is no score yet.
+    """
+    submission, phase = _scored(session, submission_id)
+    now = database_now(session)
+    if phase.policy.entries_shown != "chosen":
+        raise Conflict("This phase shows all methods of a team: there is nothing to choose.")
+    if has_closed(phase, now):
+        raise Conflict(
+            f"The deadline was {phase.closes_at:%Y-%m-%d %H:%M} UTC: the choice stands as it is."
+        )
+    if is_late(phase, submission):
+        raise Conflict("This entry came after the deadline; it stands on the late view alone.")
+    submission.chosen_at = now
+    want_boards(session, phase)
+    audit(session, actor, "entry chosen", submission_id, {"phase": phase.id})
+    return submission
+
+
+def is_chosen(session: Session, submission: Submission) -> bool:
+    """Whether this is the last choice of its team among its scored submissions."""
+    if submission.chosen_at is None:
+        return False
+    query = (
+        select(Submission.id)
+        .where(
+            Submission.team_id == submission.team_id,
+            Submission.phase_id == submission.phase_id,
+            Submission.status == SubmissionStatus.SCORED,
+            Submission.chosen_at.is_not(None),
+        )
+        .order_by(Submission.chosen_at.desc(), Submission.received_at.desc(), Submission.id.desc())
+    )
+    return session.scalars(query.limit(1)).first() == submission.id
+
+
+def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
+    """Put an entry on the board of a phase that keeps entries private; twice is once.
+
+    Raises:
+        NotFound: No such submission.
+        Conflict: The phase shows every entry, or there is no score yet.
+    """
+    submission, phase = _scored(session, submission_id)
+    _require_private(phase)
+    if submission.published_at is None:
+        submission.published_at = database_now(session)
+        want_boards(session, phase)
+        audit(session, actor, "entry published", submission_id, {"phase": phase.id})
+    return submission
+
+
+def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission:
+    """Take an entry off the board; boards that showed it keep what they showed. Twice is once.
+
+    Raises:
+        NotFound: No such submission.
+        Conflict: The phase shows every entry, or there is no score yet.
+    """
+    submission, phase = _scored(session, submission_id)
+    _require_private(phase)
+    if submission.published_at is not None:
+        submission.published_at = None
+        want_boards(session, phase)
+        audit(session, actor, "entry made private", submission_id, {"phase": phase.id})
+    return submission
+
+
+def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:
+    submission = session.get(Submission, submission_id, with_for_update=True)
+    if submission is None:
+        raise NotFound("submission", submission_id)
+    if submission.status is not SubmissionStatus.SCORED:
+        raise Conflict(f"The submission is {submission.status}; only a scored one is an entry.")
+    return submission, session.get_one(Phase, submission.phase_id)
+
+
+def _require_private(phase: Phase) -> None:
+    if not phase.policy.entries_private:
+        raise Conflict("This phase shows every scored entry; withdraw it to take it off.")

@@ -1,1 +1,0 @@
-"""What teams are told: an inbox each, and webhooks and e-mail besides."""

@@ -1,0 +1,240 @@
+"""Webhooks: signed, over https, and never to an address inside our own network."""
+
+import asyncio
+import hashlib
+import hmac
+import ipaddress
+import smtplib
+import socket
+import ssl
+from email.message import EmailMessage
+from urllib.parse import urlsplit, urlunsplit
+
+import httpx
+import stamina
+
+from exceptiondrive_records.notifications.settings import NoticeSettings
+from exceptiondrive_schemas.printable import one_line
+from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView, Standing
+
+# Whether an IP address is one of the public internet, and none of our own network.
+
+
+_WRAPPING = tuple(map(ipaddress.ip_network, ("::/96", "::ffff:0:0:0/96", "64:ff9b::/96")))
+"""The last 32 bits are an IPv4 address: compatible, translated (RFC 2765), NAT64 (RFC 6052)."""
+_OF_OUR_OWN = tuple(map(ipaddress.ip_network, ("64:ff9b:1::/48", "fec0::/10")))
+"""NAT64 within a network (RFC 8215) and site-local; the library calls both global."""
+
+
+def is_public(address: str) -> bool:
+    """Whether a numeric address is public; one wrapped in IPv6 counts as what it wraps."""
+    ip = ipaddress.ip_address(address)
+    if any(ip in network for network in _OF_OUR_OWN):
+        return False
+    embedded = getattr(ip, "ipv4_mapped", None) or getattr(ip, "sixtofour", None)
+    if any(ip in network for network in _WRAPPING):
+        embedded = ipaddress.IPv4Address(int(ip) & 0xFFFFFFFF)
+    if embedded is not None:
+        ip = embedded
+    return ip.is_global and not ip.is_multicast
+
+
+def is_known_private(host: str) -> bool:
+    """Whether a host is private by its mere name: a numeric address, or this very machine."""
+    try:
+        return not is_public(host)
+    except ValueError:
+        return host == "localhost" or host.endswith(".localhost")
+
+
+SIGNATURE_HEADER = "ExceptionDrive-Signature"
+TIMESTAMP_HEADER = "ExceptionDrive-Timestamp"
+_ATTEMPTS = 3
+_TIMEOUT_S = 5.0
+_LONGEST_S = 20.0
+"""For all attempts together: a receiver that answers letter by letter holds up all others."""
+
+
+class NotDelivered(Exception):  # noqa: N818 - says what happened
+    """The message did not reach its address; the text says why, without quoting an answer."""
+
+
+def signature(secret: str, timestamp: int, body: bytes) -> str:
+    """Return `sha256=` and the hex HMAC-SHA256 of `timestamp`, a full stop, and the body."""
+    signed = f"{timestamp}.".encode() + body
+    return "sha256=" + hmac.new(secret.encode(), signed, hashlib.sha256).hexdigest()
+
+
+def allowed_address(host: str, port: int, *, may_be_private: bool) -> str:
+    """Return the address to connect to: resolved once, and public.
+
+    Raises:
+        NotDelivered: The host is unknown, or one of its addresses is not public.
+    """
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):  # a name that no resolver takes is a UnicodeError
+        raise NotDelivered("the host of the webhook is unknown") from None
+    addresses = [str(item[4][0]).split("%")[0] for item in found]
+    if not may_be_private and not all(is_public(address) for address in addresses):
+        raise NotDelivered("the webhook leads to an address that is not public")
+    return addresses[0]
+
+
+def send_webhook(
+    url: str, secret: str, body: bytes, timestamp: int, *, may_be_private: bool
+) -> None:
+    """Send a signed message, a few times if need be; redirects are not followed.
+
+    Args:
+        url: https address; http too where it may be private.
+        secret: Of the address.
+        body: JSON document.
+        timestamp: Unix time, in the signature: old messages cannot be played again.
+        may_be_private: Whether an address of our own network is let through: tests only.
+
+    Raises:
+        NotDelivered: It did not get there.
+    """
+    parts = urlsplit(url)
+    host = parts.hostname or ""
+    if parts.scheme != "https" and not may_be_private:
+        raise NotDelivered("the webhook is not an https address")
+    port = parts.port or (443 if parts.scheme == "https" else 80)
+    address = allowed_address(host, port, may_be_private=may_be_private)
+    at = f"[{address}]" if ":" in address else address
+    pinned = urlunsplit((parts.scheme, f"{at}:{port}", parts.path or "/", parts.query, ""))
+    headers = {
+        "Host": parts.netloc,
+        "Content-Type": "application/json",
+        "User-Agent": "exceptiondrive-webhook",
+        TIMESTAMP_HEADER: str(timestamp),
+        SIGNATURE_HEADER: signature(secret, timestamp, body),
+    }
+    try:
+        asyncio.run(_post_in_time(pinned, host, headers, body))
+    except httpx.HTTPStatusError as error:
+        raise NotDelivered(f"the webhook answered {error.response.status_code}") from None
+    except TimeoutError:
+        raise NotDelivered(f"the webhook took longer than {_LONGEST_S:g} s") from None
+    except httpx.HTTPError as error:
+        raise NotDelivered(f"the webhook did not answer ({type(error).__name__})") from None
+    except (httpx.InvalidURL, ValueError):
+        raise NotDelivered("the address of the webhook cannot be called") from None
+
+
+async def _post_in_time(url: str, host: str, headers: dict[str, str], body: bytes) -> None:
+    async with (
+        asyncio.timeout(_LONGEST_S),
+        httpx.AsyncClient(timeout=_TIMEOUT_S, trust_env=False, follow_redirects=False) as client,
+    ):
+        async for attempt in stamina.retry_context(
+            on=_may_help, attempts=_ATTEMPTS, wait_initial=0.2, wait_max=1.0, timeout=15.0
+        ):
+            with attempt:
+                await _post(client, url, host, headers, body)
+
+
+async def _post(
+    client: httpx.AsyncClient, url: str, host: str, headers: dict[str, str], body: bytes
+) -> None:
+    """POST once; of the answer nothing but its status is read."""
+    async with client.stream(
+        "POST", url, content=body, headers=headers, extensions={"sni_hostname": host}
+    ) as answer:
+        if answer.is_redirect:
+            raise NotDelivered(f"the webhook answered {answer.status_code}; it is not followed")
+        answer.raise_for_status()
+
+
+def _may_help(error: Exception) -> bool:
+    if isinstance(error, httpx.HTTPStatusError):
+        return error.response.status_code >= 500 or error.response.status_code == 429
+    return isinstance(error, httpx.TransportError)
+
+
+# E-mail over the SMTP server of the settings.
+
+
+_MAIL_TIMEOUT_S = 10.0
+
+
+def send_email(settings: NoticeSettings, to: str, notice: NotificationView) -> None:
+    """Send a notification as plain text.
+
+    Raises:
+        NotDelivered: No server is set, or it did not take the message.
+    """
+    if settings.smtp_host is None:
+        raise NotDelivered("no SMTP server is set (EXCEPTIONDRIVE_SMTP_HOST)")
+    message = message_of(settings, to, notice)
+    try:
+        with _server(settings) as server:
+            if settings.smtp_user is not None:
+                server.login(settings.smtp_user, settings.smtp_password.get_secret_value())
+            server.send_message(message)
+    except (OSError, smtplib.SMTPException) as error:
+        raise NotDelivered(f"the mail server did not take it ({type(error).__name__})") from None
+
+
+def message_of(settings: NoticeSettings, to: str, notice: NotificationView) -> EmailMessage:
+    """Return the message; no name of a team or phase can add a header or a line to it."""
+    message = EmailMessage()
+    message["Subject"] = one_line(notice.title)
+    message["From"] = settings.mail_from
+    message["To"] = to
+    message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
+    message.set_content(text_of(notice, settings.public_url))
+    return message
+
+
+def text_of(notice: NotificationView, site_url: str) -> str:
+    """Return the words of the message."""
+    changes = [f"- {one_line(sentence)}" for sentence in notice.what_changed]
+    entries = [line for entry in notice.entries for line in _entry_lines(entry)]
+    address = f"{site_url.rstrip('/')}{notice.comparison}"
+    lines = [
+        f"To team {one_line(notice.team)}:",
+        "",
+        f"{one_line(notice.title)} (before: {notice.from_protocol.version}). What changed:",
+        *changes,
+        "",
+        "Your published numbers:",
+        *entries,
+        "",
+        f"The whole comparison: {address}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _entry_lines(entry: ChangedEntry) -> list[str]:
+    return [
+        f"{one_line(entry.method)} ({entry.submission_id})",
+        f"  before: {_standing(entry.old)}",
+        f"  now:    {_standing(entry.new)}",
+    ]
+
+
+def _standing(standing: Standing | None) -> str:
+    if standing is None:
+        return "not on the board"
+    rank = "unranked" if standing.rank is None else f"rank {standing.rank}"
+    values = [f"{key} {value:g}" for key, value in standing.metrics.items() if value is not None]
+    return ", ".join([rank, *values, *_effect_words(standing)])
+
+
+def _effect_words(standing: Standing) -> list[str]:
+    effect = {} if standing.reminder_effect is None else standing.reminder_effect.by_metric
+    return [f"reminder {key} {value:+g}" for key, value in effect.items() if value is not None]
+
+
+def _server(settings: NoticeSettings) -> smtplib.SMTP:
+    assert settings.smtp_host is not None
+    where = (settings.smtp_host, settings.smtp_port)
+    context = ssl.create_default_context()
+    if settings.smtp_security == "tls":
+        return smtplib.SMTP_SSL(*where, timeout=_MAIL_TIMEOUT_S, context=context)
+    server = smtplib.SMTP(*where, timeout=_MAIL_TIMEOUT_S)
+    if settings.smtp_security == "starttls":
+        server.starttls(context=context)
+    return server

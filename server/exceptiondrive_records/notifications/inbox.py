@@ -1,0 +1,143 @@
+"""The inbox of a team, filled in the very transaction that changes its published numbers."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.lease import new_item
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.rescoring import (
+    ChangedEntry,
+    Comparison,
+    EntryChange,
+    NotificationKind,
+    NotificationView,
+)
+
+_VERBS: dict[NotificationKind, str] = {
+    "protocol_applied": "now stands under",
+    "protocol_rolled_back": "stands again under",
+}
+
+
+def notify_teams(
+    session: Session,
+    comparison: Comparison,
+    kind: NotificationKind,
+    *,
+    run_id: str,
+    what_changed: tuple[str, ...],
+) -> list[Notification]:
+    """Notify each team whose published numbers change of the old and the new ones; no others.
+
+    Args:
+        session: Of the transaction that changes them.
+        comparison: What changes for readers.
+        kind: Of the notification.
+        run_id: The rescoring run that changes it.
+        what_changed: Of the protocol or split, in sentences.
+    """
+    changed = [entry for entry in comparison.entries if entry.change != "none"]
+    owners = _teams_of(session, [entry.submission_id for entry in changed])
+    by_team: dict[int, list[EntryChange]] = {}
+    for entry in changed:
+        by_team.setdefault(owners[entry.submission_id].id, []).append(entry)
+    phase = session.get_one(Phase, comparison.phase)
+    now = database_now(session)
+    rows = []
+    for team_id in sorted(by_team):
+        view = NotificationView(
+            id=random_id(),
+            kind=kind,
+            team=session.get_one(Team, team_id).name,
+            phase=phase.id,
+            created_at=now,
+            title=f"{phase.title} {_VERBS[kind]} protocol {comparison.to_protocol.version}",
+            from_protocol=comparison.from_protocol,
+            to_protocol=comparison.to_protocol,
+            what_changed=what_changed,
+            entries=tuple(
+                ChangedEntry(
+                    submission_id=entry.submission_id,
+                    method=entry.method,
+                    old=entry.old,
+                    new=entry.new,
+                )
+                for entry in by_team[team_id]
+            ),
+            comparison=f"/api/v1/rescoring/{run_id}",
+        )
+        rows.append(_put(session, team_id, run_id, view))
+    return rows
+
+
+def _put(session: Session, team_id: int, run_id: str, view: NotificationView) -> Notification:
+    """Put a notification into an inbox, and a delivery for each address into the outbox."""
+    row = Notification(
+        id=view.id,
+        team_id=team_id,
+        run_id=run_id,
+        kind=view.kind,
+        body=canonical_json(view).decode("utf-8"),
+        created_at=view.created_at,
+    )
+    session.add(row)
+    session.flush()
+    contacts = select(ContactPoint).where(
+        ContactPoint.team_id == team_id, ContactPoint.removed_at.is_(None)
+    )
+    for contact in session.scalars(contacts):
+        key = f"{row.id}/{contact.id}"
+        delivery = new_item(
+            Delivery, key, view.created_at, notification_id=row.id, contact_id=contact.id
+        )
+        session.add(delivery)
+    return row
+
+
+def list_notifications(
+    session: Session, team_id: int, *, only_unread: bool = False, limit: int = 100
+) -> list[NotificationView]:
+    """Return the inbox of a team, newest first."""
+    query = (
+        select(Notification)
+        .where(Notification.team_id == team_id)
+        .order_by(Notification.created_at.desc(), Notification.id)
+        .limit(limit)
+    )
+    if only_unread:
+        query = query.where(Notification.read_at.is_(None))
+    return [_view(row) for row in session.scalars(query)]
+
+
+def mark_read(session: Session, team_id: int, notification_id: str) -> NotificationView:
+    """Note that a message was read; doing it again changes nothing.
+
+    Raises:
+        NotFound: There is none, or it is another team's.
+    """
+    row = session.get(Notification, notification_id)
+    if row is None or row.team_id != team_id:
+        raise NotFound("notification", notification_id)
+    row.read_at = row.read_at or database_now(session)
+    return _view(row)
+
+
+def _view(row: Notification) -> NotificationView:
+    view = NotificationView.model_validate_json(row.body)
+    return view.model_copy(update={"read_at": row.read_at})
+
+
+def _teams_of(session: Session, submission_ids: list[str]) -> dict[str, Team]:
+    query = (
+        select(Submission.id, Team)
+        .join(Team, Team.id == Submission.team_id)
+        .where(Submission.id.in_(submission_ids))
+    )
+    return {submission_id: team for submission_id, team in session.execute(query)}

@@ -1,0 +1,105 @@
+"""The outbox: what waits to be sent, each message claimed by one sender and tried for hours."""
+
+import threading
+
+import structlog
+from sqlalchemy import Select, select
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.notifications.channels import NotDelivered, send_email, send_webhook
+from exceptiondrive_records.notifications.settings import NoticeSettings
+from exceptiondrive_records.notifications.tables import (
+    Channel,
+    ContactPoint,
+    Delivery,
+    Notification,
+)
+from exceptiondrive_records.work.lease import claim, finish, is_claimable, try_later
+from exceptiondrive_records.work.tables_of_work import WorkState
+from exceptiondrive_schemas.rescoring import NotificationView
+
+_log = structlog.get_logger("exceptiondrive.notices")
+
+_LEASE_S = 60.0
+"""Longer than one message may take: two senders would send it twice."""
+
+
+def run_outbox(database: Database, settings: NoticeSettings, stop: threading.Event) -> None:
+    """Send what is due, until `stop` is set."""
+    while not stop.is_set():
+        try:
+            is_busy = send_next(database, settings)
+        except SQLAlchemyError as error:
+            is_busy = False
+            _log.warning("the database did not answer", error=type(error).__name__)
+        if not is_busy:
+            stop.wait(settings.deliver_every_s)
+
+
+def send_next(database: Database, settings: NoticeSettings) -> bool:
+    """Send the message that is due longest; return whether there was one.
+
+    A process that dies between sending and recording lets another send again: receivers know a
+    message by the `id` in its body.
+    """
+    with database.read() as session:
+        if session.scalar(_due(session)) is None:
+            return False
+    with database.write() as session:
+        delivery = claim(session, Delivery, _due(session), _LEASE_S)
+        if delivery is None:
+            return False
+        contact = session.get_one(ContactPoint, delivery.contact_id)
+        body = session.get_one(Notification, delivery.notification_id).body
+    try:
+        _send(delivery, contact, body, settings)
+        error = None
+    except NotDelivered as failure:
+        error = str(failure)
+    except Exception as failure:  # noqa: BLE001 - one message must not keep all others waiting
+        error = f"it could not be sent ({type(failure).__name__})"
+    with database.write() as session:
+        _record(session, delivery, error, settings)
+    return True
+
+
+def _due(session: Session) -> Select[str]:
+    return (
+        select(Delivery.id)
+        .join(ContactPoint, ContactPoint.id == Delivery.contact_id)
+        .where(is_claimable(Delivery, database_now(session)), ContactPoint.removed_at.is_(None))
+        .order_by(Delivery.available_at, Delivery.id)
+        .limit(1)
+    )
+
+
+def _send(delivery: Delivery, contact: ContactPoint, body: str, settings: NoticeSettings) -> None:
+    if contact.channel is Channel.EMAIL:
+        notice = NotificationView.model_validate_json(body)
+        send_email(settings, contact.address, notice)
+        return
+    assert delivery.leased_at is not None
+    send_webhook(
+        contact.address,
+        contact.secret or "",
+        body.encode("utf-8"),
+        int(delivery.leased_at.timestamp()),
+        may_be_private=settings.webhooks_may_be_private,
+    )
+
+
+def _record(
+    session: Session, delivery: Delivery, error: str | None, settings: NoticeSettings
+) -> None:
+    if error is None:
+        finish(session, delivery)
+        return
+    _log.warning("not delivered", delivery=delivery.id, attempt=delivery.attempts, reason=error)
+    if delivery.attempts >= settings.delivery_attempts:
+        finish(session, delivery, WorkState.FAILED, note=error)
+    else:
+        wait_s = settings.delivery_backoff_s * 2 ** (delivery.attempts - 1)
+        try_later(session, delivery, wait_s, note=error)

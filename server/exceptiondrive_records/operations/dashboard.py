@@ -1,0 +1,111 @@
+"""What waits for an organizer: teams, failures, runs, and whether scoring keeps up."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.rescoring.keys import OPEN
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S
+from exceptiondrive_records.work.tables import WorkerHeartbeat
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+NEWEST = 5
+_A_DAY = timedelta(days=1)
+
+
+@dataclass(frozen=True)
+class LaneQueue:
+    """The queue of one lane; `held` jobs wait for a paused run, `oldest_s` is of those that may run."""
+
+    lane: Lane
+    waiting: int
+    running: int
+    held: int
+    oldest_s: float | None
+
+
+@dataclass(frozen=True)
+class WorkerSign:
+    """The last sign of life of a worker."""
+
+    worker_id: str
+    lanes: tuple[str, ...]
+    slots: int
+    age_s: float
+    is_alive: bool
+
+
+@dataclass(frozen=True)
+class Attention:
+    """Everything that may need an organizer."""
+
+    pending: tuple[Team, ...]
+    failed: tuple[Submission, ...]
+    """The newest of them."""
+    n_failed: int
+    open_runs: tuple[RescoringRun, ...]
+    queue: tuple[LaneQueue, ...]
+    workers: tuple[WorkerSign, ...]
+    n_received_today: int
+    """In the last 24 hours."""
+
+
+def attention(session: Session) -> Attention:
+    """Return what waits for an organizer now."""
+    pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
+    failed = select(Submission).where(Submission.status == SubmissionStatus.FAILED)
+    newest = failed.order_by(Submission.status_at.desc(), Submission.id).limit(NEWEST)
+    runs = select(RescoringRun).where(RescoringRun.state.in_(OPEN))
+    since = database_now(session) - _A_DAY
+    received = select(func.count()).where(Submission.received_at >= since)
+    return Attention(
+        pending=tuple(session.scalars(pending)),
+        failed=tuple(session.scalars(newest)),
+        n_failed=session.scalar(select(func.count()).select_from(failed.subquery())) or 0,
+        open_runs=tuple(session.scalars(runs.order_by(RescoringRun.created_at.desc()))),
+        queue=tuple(lane_queue(session, lane) for lane in Lane),
+        workers=tuple(worker_signs(session)),
+        n_received_today=session.scalar(received) or 0,
+    )
+
+
+def lane_queue(session: Session, lane: Lane) -> LaneQueue:
+    """Count the jobs of a lane that wait, run, or are held by a paused run."""
+    waits = (Job.lane == lane, Job.state == WorkState.QUEUED)
+    oldest = session.scalar(select(func.min(Job.created_at)).where(*waits))
+    return LaneQueue(
+        lane=lane,
+        waiting=_count(session, *waits),
+        running=_count(session, Job.lane == lane, Job.state == WorkState.LEASED),
+        held=_count(session, Job.lane == lane, Job.state == WorkState.HELD),
+        oldest_s=_age_s(session, oldest),
+    )
+
+
+def worker_signs(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> Iterable[WorkerSign]:
+    """Yield every worker that gave a sign of life within a day; those alive first."""
+    now = database_now(session)
+    query = select(WorkerHeartbeat).order_by(WorkerHeartbeat.at.desc(), WorkerHeartbeat.worker_id)
+    for row in session.scalars(query):
+        age_s = (now - row.at).total_seconds()
+        yield WorkerSign(row.worker_id, tuple(row.lanes), row.slots, age_s, age_s < ttl_s)
+
+
+def _count(session: Session, *conditions: object) -> int:
+    query = select(func.count()).select_from(Job).where(*conditions)  # type: ignore[arg-type]
+    return session.scalar(query) or 0
+
+
+def _age_s(session: Session, moment: datetime | None) -> float | None:
+    if moment is None:
+        return None
+    return max(0.0, (database_now(session) - moment).total_seconds())

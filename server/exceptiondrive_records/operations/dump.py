@@ -1,0 +1,131 @@
+"""All rows of all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
+
+Documents keep their exact text. What describes running processes only (signs of life, leadership)
+and sign-ins that are under way is left out: it means nothing elsewhere.
+"""
+
+import base64
+import json
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import JSON, Column, Enum, LargeBinary, MetaData, Table, Text, func, select, text
+from sqlalchemy.orm import Session
+from sqlalchemy.types import TypeEngine
+
+from exceptiondrive_records.accounts.tables import SignInFlow
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import DocumentText, UtcDateTime
+from exceptiondrive_records.work.tables import WorkerHeartbeat
+
+_PASSING = {SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}
+_AT_ONCE = 500
+
+
+def dumped_tables() -> list[Table]:
+    """Return the tables that a dump holds, referred ones first."""
+    return [table for table in Base.metadata.sorted_tables if table.name not in _PASSING]
+
+
+def begin_snapshot(session: Session) -> None:
+    """Let all reads of this session see one moment; call it first."""
+    if session.get_bind().dialect.name == "postgresql":
+        session.connection(execution_options={"isolation_level": "REPEATABLE READ"})
+    else:
+        session.connection()  # a read transaction of SQLite is a snapshot
+
+
+def dump_rows(session: Session, table: Table) -> Iterator[str]:
+    """Yield one line of JSON for each row."""
+    plain = _plain(table)
+    keys = [column.name for column in table.primary_key]
+    query = select(plain).order_by(*(plain.c[key] for key in keys))
+    for row in session.execute(query.execution_options(yield_per=_AT_ONCE)):
+        yield json.dumps([_to_json(value) for value in row], ensure_ascii=False, allow_nan=False)
+
+
+def column_names(table: Table) -> list[str]:
+    """Return what the values of a line stand for."""
+    return [column.name for column in table.columns]
+
+
+def load_rows(session: Session, table: Table, lines: Iterable[str]) -> int:
+    """Insert dumped rows into an empty table; return how many."""
+    plain = _plain(table)
+    waiting: list[dict[str, Any]] = []
+    n_rows = 0
+    for line in lines:
+        values = zip(plain.columns, json.loads(line), strict=True)
+        waiting.append({column.name: _from_json(column.type, value) for column, value in values})
+        n_rows += 1
+        if len(waiting) == _AT_ONCE:
+            session.execute(plain.insert(), waiting)
+            waiting = []
+    if waiting:
+        session.execute(plain.insert(), waiting)
+    _set_sequence(session, table)
+    return n_rows
+
+
+def is_empty(session: Session) -> bool:
+    """Whether no table holds a row."""
+    counts = (select(func.count()).select_from(table) for table in dumped_tables())
+    return not any(session.scalar(count) for count in counts)
+
+
+def file_digests(session: Session) -> list[str]:
+    """Return the digests of all stored files that any table mentions."""
+    found: set[str] = set()
+    for table in dumped_tables():
+        for column in table.columns:
+            if column.name.endswith("file_digest"):
+                query = select(column).where(column.is_not(None)).distinct()
+                found |= set(session.scalars(query))
+    return sorted(found)
+
+
+def _plain(table: Table) -> Table:
+    """Return the table with columns that give values as they are stored, not as documents."""
+    return Table(
+        table.name,
+        MetaData(),
+        *(Column(column.name, _plain_type(column.type)) for column in table.columns),
+    )
+
+
+def _plain_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
+    if isinstance(kind, DocumentText | Enum):
+        return Text()
+    return JSON(none_as_null=True) if isinstance(kind, JSON) else kind
+
+
+def _to_json(value: Any) -> Any:
+    if isinstance(value, datetime):
+        return value.isoformat()
+    return base64.b64encode(value).decode() if isinstance(value, bytes) else value
+
+
+def _from_json(kind: TypeEngine[Any], value: Any) -> Any:
+    if value is None:
+        return None
+    if isinstance(kind, UtcDateTime):
+        return datetime.fromisoformat(value)
+    return base64.b64decode(value) if isinstance(kind, LargeBinary) else value
+
+
+def _set_sequence(session: Session, table: Table) -> None:
+    """Let PostgreSQL go on numbering after the last row."""
+    if session.get_bind().dialect.name != "postgresql":
+        return
+    (key, *more) = table.primary_key.columns
+    sequence = session.scalar(
+        text("SELECT pg_get_serial_sequence(:table, :key)"), {"table": table.name, "key": key.name}
+    )
+    if sequence is None or more:
+        return
+    last = session.scalar(select(func.max(key)))
+    if last is not None:
+        session.execute(
+            text("SELECT setval(:sequence, :last)"), {"sequence": sequence, "last": last}
+        )

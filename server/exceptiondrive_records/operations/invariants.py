@@ -1,0 +1,298 @@
+"""What must hold of records and files at any moment, however often processes died.
+
+Reads only; changes nothing. `exceptiondrive-server verify` and `restore` report what it finds, and
+the fault suite asks it after every fault (docs/trust.md).
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from pydantic import ValidationError
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
+from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
+from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.protocol import ProtocolError
+from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.submission import SubmissionStatus as Status
+
+# What must hold of every board: a pure function of score sheets under one protocol.
+
+
+_AT_ONCE = 20
+"""Boards in memory: a large one takes megabytes."""
+_SheetKey = tuple[str, str, str]
+_Totals = tuple[MetricRow, MetricRow]
+"""Both aggregates of a sheet. Boards repeat their entries, so each is read once."""
+
+
+def broken_boards(session: Session) -> Iterator[Violation]:
+    """Yield what is wrong with boards and with the pointers to them."""
+    query = select(BoardRow).order_by(BoardRow.phase_id, BoardRow.number)
+    last: dict[str, int] = {}
+    totals: dict[_SheetKey, _Totals | None] = {}
+    for row in session.scalars(query.execution_options(yield_per=_AT_ONCE)):
+        subject = f"{row.phase_id}/{row.number}"
+        if row.number != last.get(row.phase_id, 0) + 1:
+            yield Violation("board number skipped", subject, "a board is missing before it")
+        last[row.phase_id] = row.number
+        for rule, text in _faults(session, row, totals):
+            yield Violation(rule, subject, text)
+    yield from _pointers(session)
+
+
+def _faults(
+    session: Session, row: BoardRow, totals: dict[_SheetKey, _Totals | None]
+) -> Iterator[tuple[str, str]]:
+    try:
+        board = Board.model_validate_json(row.body)
+    except ValidationError:
+        yield "board unreadable", "its body is not a board"
+        return
+    if content_digest(board) != row.body_digest or board.content_digest != row.digest:
+        yield "board altered", "its bytes do not have the recorded digest"
+    if (board.protocol.digest, board.split.revision) != (row.protocol_digest, row.split_revision):
+        yield "board of another protocol", "body and row name different ones"
+    for entry in board.entries:
+        if entry.submission_id is not None:
+            key = (entry.submission_id, row.protocol_digest, row.split_revision)
+            if key not in totals:
+                totals[key] = _totals(session, key)
+            yield from _entry_faults(entry, board, totals[key])
+    yield from _rank_faults(board)
+    kept = select(BoardEntryRow.submission_id, BoardEntryRow.rank)
+    rows = {
+        (id, rank) for id, rank in session.execute(kept.where(BoardEntryRow.board_id == row.id))
+    }
+    shown = {(e.submission_id, e.rank) for e in board.entries if e.submission_id is not None}
+    if rows != shown:
+        yield "entries of a board altered", "the table of entries and the body name different ones"
+
+
+def _totals(session: Session, key: _SheetKey) -> _Totals | None:
+    row = session.get(ScoreSheetRow, key)
+    return None if row is None else (row.sheet.micro, row.sheet.macro_family)
+
+
+def _entry_faults(
+    entry: BoardEntry, board: Board, of_sheet: _Totals | None
+) -> Iterator[tuple[str, str]]:
+    if of_sheet is None:
+        yield "entry without a sheet", f"{entry.submission_id} under the board's protocol"
+        return
+    if (entry.micro, entry.macro_family) != of_sheet:
+        yield "entry is not its sheet", str(entry.submission_id)
+    if entry.metrics != (entry.micro if board.headline == "micro" else entry.macro_family):
+        yield "entry shows another aggregate", str(entry.submission_id)
+
+
+def _rank_faults(board: Board) -> Iterator[tuple[str, str]]:
+    """Ranks are 1, 2, 2, 4: each is one more than the number of entries above it."""
+    ranked = [entry.rank for entry in board.entries if entry.rank is not None]
+    for entry in board.entries:
+        if entry.rank is None:
+            continue
+        if all(value is None for value in entry.metrics.values()):
+            yield "rank without a score", str(entry.submission_id)
+        if entry.source != "scored":
+            yield "rank of an unscored row", entry.method
+        if entry.rank != 1 + sum(other < entry.rank for other in ranked):
+            yield "ranks do not follow", f"{entry.submission_id} has rank {entry.rank}"
+    if ranked != sorted(ranked):
+        yield "ranks do not follow", "entries stand out of order"
+
+
+def _pointers(session: Session) -> Iterator[Violation]:
+    for phase in session.scalars(select(Phase).where(Phase.current_board_id.is_not(None))):
+        row = session.get(BoardRow, phase.current_board_id)
+        if row is None or row.phase_id != phase.id:
+            yield Violation("current board missing", phase.id, "the pointer leads nowhere")
+        elif row.protocol_digest != phase.protocol_digest:
+            yield Violation("current board of another protocol", phase.id, f"board {row.number}")
+
+
+_JOB_STATES_OF = {
+    Status.RECEIVED: {WorkState.QUEUED},
+    Status.QUEUED: {WorkState.QUEUED},
+    Status.SCORING: {WorkState.LEASED},
+    Status.SCORED: {WorkState.DONE},
+    Status.REJECTED: {WorkState.DONE},
+    Status.FAILED: {WorkState.FAILED, WorkState.DEAD},
+    Status.WITHDRAWN: {WorkState.CANCELLED, WorkState.DONE},
+}
+_SHEET_KEY = (
+    ScoreSheetRow.submission_id,
+    ScoreSheetRow.protocol_digest,
+    ScoreSheetRow.split_revision,
+)
+
+
+@dataclass(frozen=True)
+class _Held:
+    """What the records hold, read in one transaction."""
+
+    submissions: dict[str, Submission]
+    jobs: list[Job]
+    sheets: set[tuple[str, str, str]]
+
+
+def violations(session: Session) -> list[Violation]:
+    """Return everything in the records that must never be."""
+    held = _Held(
+        submissions={row.id: row for row in session.scalars(select(Submission))},
+        jobs=list(session.scalars(select(Job))),
+        sheets={(key[0], key[1], key[2]) for key in session.execute(select(*_SHEET_KEY))},
+    )
+    rules: tuple[Callable[[_Held], Iterator[Violation]], ...] = (
+        _first_jobs,
+        _leases,
+        _sheets_of_jobs,
+        _endings,
+    )
+    found = [violation for rule in rules for violation in rule(held)]
+    found += _scored_once(session)
+    found += _same_bytes_same_scores(session)
+    found += _protocols(session)
+    found += _audit_chain(session)
+    found += broken_boards(session)
+    found += drawings_of_withheld_splits(session)
+    return found
+
+
+def unfinished(session: Session) -> list[Violation]:
+    """Return what is still to be done: nothing, some time after the last fault."""
+    open_jobs = select(Job).where(Job.state.in_(OPEN_STATES))
+    found = [
+        Violation("unfinished", job.submission_id, f"its job is {job.state} still")
+        for job in session.scalars(open_jobs)
+    ]
+    wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
+    found += [
+        Violation("unfinished", row.phase_id, "a newer board is wanted than was built")
+        for row in session.scalars(wanted)
+    ]
+    return found
+
+
+def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> list[Violation]:
+    """Read every upload that the records mention; return those that are missing or damaged."""
+    found = []
+    digests = session.scalars(select(Submission.file_digest).distinct())
+    for digest in digests:
+        try:
+            files.read(digest, limit_bytes=limit_bytes)
+        except NotFound:
+            found.append(Violation("upload missing", digest, "a submission has no file"))
+        except FileDamaged:
+            found.append(Violation("upload damaged", digest, "the bytes are not those sent"))
+        except StoreError as error:
+            found.append(Violation("store unreadable", digest, str(error)))
+    return found
+
+
+def _first_jobs(held: _Held) -> Iterator[Violation]:
+    """Every submission has exactly one first job, and shows its fate."""
+    first = Counter(job.submission_id for job in held.jobs if job.is_first)
+    for submission_id in held.submissions:
+        if first[submission_id] != 1:
+            text = f"has {first[submission_id]} first jobs, not one"
+            yield Violation("not exactly one job", submission_id, text)
+    for job in held.jobs:
+        submission = held.submissions.get(job.submission_id)
+        if submission is None:
+            yield Violation("job without submission", job.submission_id, f"job {job.id}")
+        elif job.is_first and job.state not in _JOB_STATES_OF[submission.status]:
+            text = f"is {submission.status}, but its job is {job.state}"
+            yield Violation("status is not that of the job", submission.id, text)
+
+
+def _leases(held: _Held) -> Iterator[Violation]:
+    for job in held.jobs:
+        if (job.state is WorkState.LEASED) != (job.lease_until is not None):
+            yield Violation("lease and state differ", job.submission_id, f"job is {job.state}")
+        if job.state.is_final != (job.finished_at is not None):
+            yield Violation("end and state differ", job.submission_id, f"job is {job.state}")
+
+
+def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
+    """A sheet comes from a job that is done, and a scored submission has one."""
+    done = {
+        (job.submission_id, job.protocol_digest, job.split_revision)
+        for job in held.jobs
+        if job.state is WorkState.DONE
+    }
+    for key in held.sheets - done:
+        yield Violation("sheet without a finished job", key[0], f"under {key[1]}")
+    for job in held.jobs:
+        key = (job.submission_id, job.protocol_digest, job.split_revision)
+        submission = held.submissions.get(job.submission_id)
+        is_scored = submission is not None and submission.status is Status.SCORED
+        if job.is_first and is_scored and key not in held.sheets:
+            yield Violation("scored without a sheet", job.submission_id, f"under {key[1]}")
+
+
+def _endings(held: _Held) -> Iterator[Violation]:
+    """Rejected means a report and no sheet, failed a code, withdrawn a time."""
+    scored = {submission_id for submission_id, _, _ in held.sheets}
+    for row in held.submissions.values():
+        if row.status is Status.REJECTED and (row.report is None or row.id in scored):
+            yield Violation("rejected without a report", row.id, "or with a score sheet")
+        if (row.status is Status.FAILED) != (row.failure_code is not None):
+            yield Violation("failure and status differ", row.id, f"is {row.status}")
+        if (row.status is Status.WITHDRAWN) != (row.withdrawn_at is not None):
+            yield Violation("withdrawal and status differ", row.id, f"is {row.status}")
+
+
+def _scored_once(session: Session) -> Iterator[Violation]:
+    """As many lines say "scored" as there are sheets, for each submission and protocol."""
+    lines = session.scalars(select(AuditLine).where(AuditLine.action == "submission scored"))
+    said = Counter((line.subject, str(line.detail.get("protocol"))) for line in lines)
+    kept = Counter((key[0], key[1]) for key in session.execute(select(*_SHEET_KEY)))
+    for key in sorted(said.keys() | kept.keys()):
+        if said[key] != kept[key]:
+            text = f"{kept[key]} sheets, {said[key]} audit lines under {key[1]}"
+            yield Violation("not scored exactly once", key[0], text)
+
+
+def _same_bytes_same_scores(session: Session) -> Iterator[Violation]:
+    query = select(
+        Submission.file_digest,
+        ScoreSheetRow.protocol_digest,
+        ScoreSheetRow.split_revision,
+        ScoreSheetRow.scorer_version,
+        ScoreSheetRow.exact_digest,
+    ).join(ScoreSheetRow, ScoreSheetRow.submission_id == Submission.id)
+    seen: dict[tuple[str, ...], str] = {}
+    for *key, exact_digest in session.execute(query):
+        if seen.setdefault(tuple(key), exact_digest) != exact_digest:
+            yield Violation("same bytes, other scores", key[0], f"under {key[1]}")
+    alarms = select(AuditLine.subject).where(AuditLine.action == "scores differ for one key")
+    for subject in session.scalars(alarms):
+        yield Violation("same bytes, other scores", subject, "a worker said so")
+
+
+def _protocols(session: Session) -> Iterator[Violation]:
+    for digest in session.scalars(select(ProtocolRow.digest)):
+        try:
+            find_protocol(session, digest)
+        except (Conflict, ProtocolError) as error:
+            yield Violation("protocol altered", digest, str(error))
+
+
+def _audit_chain(session: Session) -> Iterator[Violation]:
+    verdict = verify_audit(session)
+    if not verdict.is_whole:
+        yield Violation("audit chain broken", f"line {verdict.broken_at}", "or a line before it")

@@ -1,0 +1,170 @@
+"""What organizers change in a phase that is there: settings, freeze, reveal. Each is audited."""
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import exists, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.boards import (
+    current_board,
+    flip_board,
+    latest_board,
+    parsed_board,
+)
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.db.identifiers import checked_text
+from exceptiondrive_records.phases.phases import check_phase, lock_phase, settings_of
+from exceptiondrive_records.phases.policy import frozen_since, is_anonymous, new_salt
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.splits import live_revision
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.phase_boards import want_boards
+from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy, PhaseSettings
+
+_PROMISED = {
+    "live_part": "which samples the live board counts",
+    "anonymous": "whether names are shown",
+    "entries_private": "whether entries are private",
+}
+
+
+def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
+    """Change settings of a phase: those that were set in `change`, and no others.
+
+    Raises:
+        NotFound: No such phase.
+        InvalidRecord: A value cannot be used, or it contradicts another.
+        Conflict: It would take back what teams or readers were shown or promised.
+    """
+    phase = lock_phase(session, phase_id)
+    now = database_now(session)
+    before = _document(phase)
+    old_dates = (phase.closes_at, phase.policy.freezes_at)
+    for name in change.model_fields_set - {"policy"}:
+        setattr(phase, name, getattr(change, name))
+    if "policy" in change.model_fields_set:
+        given = {name: getattr(change.policy, name) for name in change.policy.model_fields_set}
+        _set_policy(session, phase, phase.policy.model_copy(update=given), now)
+    if phase.closes_at is not None and phase.closes_at != old_dates[0] and phase.closes_at < now:
+        raise InvalidRecord(
+            "closes_at lies in the past: what was accepted in time would become late. Set a time "
+            "to come, or leave it."
+        )
+    check_phase(phase, is_freeze_new=(phase.closes_at, phase.policy.freezes_at) != old_dates)
+    after = _document(phase)
+    changed = {key: [before[key], after[key]] for key in after if after[key] != before[key]}
+    if changed:
+        audit(session, actor, "phase changed", phase.id, changed)
+        want_boards(session, phase)
+    return phase
+
+
+def freeze_phase(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
+    """Freeze the public board from now on; scoring goes on.
+
+    Raises:
+        NotFound: No such phase.
+        Conflict: It is frozen already.
+    """
+    phase = lock_phase(session, phase_id)
+    now = database_now(session)
+    since = frozen_since(phase, now)
+    if since is not None:
+        raise Conflict(f"The board is frozen already, since {since:%Y-%m-%d %H:%M} UTC.")
+    phase.policy = phase.policy.model_copy(update={"freezes_at": now})
+    audit(session, actor, "board frozen", phase.id, {"reason": _reason(reason)})
+    return phase
+
+
+def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
+    """End the freeze: the public board is the newest one at once.
+
+    Raises:
+        NotFound: No such phase.
+        Conflict: It is not frozen.
+    """
+    phase = lock_phase(session, phase_id)
+    now = database_now(session)
+    if frozen_since(phase, now) is None:
+        raise Conflict("The board is not frozen: there is nothing to reveal.")
+    unfreeze(session, phase, now)
+    audit(session, actor, "freeze ended", phase.id, {"reason": _reason(reason)})
+    return phase
+
+
+def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
+    """Let the pointer move again, to the newest board of what the phase shows."""
+    phase.unfrozen_at = now
+    row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
+    if row is not None:
+        flip_board(session, phase, row)
+    want_boards(session, phase)
+
+
+def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
+    """Show the names of teams and methods from the next board on; this cannot be taken back.
+
+    Boards that were public before keep their pseudonyms for ever.
+
+    Raises:
+        NotFound: No such phase.
+        Conflict: Its names are shown already.
+    """
+    phase = lock_phase(session, phase_id)
+    if not is_anonymous(phase):
+        raise Conflict("The names of this phase are shown already.")
+    phase.names_revealed_at = database_now(session)
+    audit(session, actor, "names revealed", phase.id, {"reason": _reason(reason)})
+    want_boards(session, phase)
+    return phase
+
+
+def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: datetime) -> None:
+    old = phase.policy
+    _keep_promises(session, phase, old, policy)
+    if policy.freezes_at != old.freezes_at:
+        if frozen_since(phase, now) is not None:
+            raise Conflict("The board is frozen: reveal it, instead of moving freezes_at.")
+        if policy.freezes_at is not None and policy.freezes_at < now:
+            raise InvalidRecord(
+                "freezes_at lies in the past. To freeze now, use the action freeze."
+            )
+    if _hides_families(policy, now) and not _hides_families(old, now):
+        row = current_board(session, phase.id)
+        if row is not None and parsed_board(row).families:
+            raise Conflict("The families of this phase have been shown: they cannot be hidden now.")
+    phase.policy = policy
+    if policy.live_part != old.live_part:
+        name, revision = phase.split_name, phase.split_revision
+        phase.split_revision = live_revision(session, name, revision, policy.live_part)
+        phase.current_board_id = None
+    if policy.anonymous and phase.pseudonym_salt is None:
+        phase.pseudonym_salt = new_salt()
+
+
+def _keep_promises(session: Session, phase: Phase, old: PhasePolicy, new: PhasePolicy) -> None:
+    broken = [what for key, what in _PROMISED.items() if getattr(old, key) != getattr(new, key)]
+    if broken and session.scalar(select(exists().where(Submission.phase_id == phase.id))):
+        raise Conflict(
+            f"The phase has submissions: {' and '.join(broken)} cannot change any more. "
+            "Names are shown by revealing them; the other part of a split likewise."
+        )
+
+
+def _hides_families(policy: PhasePolicy, now: datetime) -> bool:
+    return policy.families_from is not None and policy.families_from > now
+
+
+def _reason(reason: str) -> str:
+    return checked_text("reason", reason, max_length=1000, may_have_lines=True)
+
+
+def _document(phase: Phase) -> dict[str, Any]:
+    """Return every setting by its name."""
+    document: dict[str, Any] = PhaseSettings.model_construct(**settings_of(phase)).model_dump(
+        mode="json"
+    )
+    return {**document.pop("policy"), **document}

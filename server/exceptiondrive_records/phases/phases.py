@@ -1,0 +1,187 @@
+"""Phases: dated stages of a challenge, each with its own split, protocol and limits."""
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.db.identifiers import checked_slug, checked_text
+from exceptiondrive_records.phases.policy import new_salt, phase_now
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
+from exceptiondrive_records.submissions.quotas import quota_of
+from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_schemas.form_fields import fields_of
+from exceptiondrive_schemas.phase_settings import NewPhase, PhaseSettings
+from exceptiondrive_schemas.submission import PhaseView
+
+# Which settings of a phase fit together.
+
+
+def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
+    """Refuse settings that contradict each other; all of them are named at once.
+
+    Args:
+        phase: With its new settings.
+        is_freeze_new: Whether `freezes_at` or `closes_at` is being set now; the action freeze may
+            have set it after the deadline.
+
+    Raises:
+        InvalidRecord: With one sentence for each contradiction.
+    """
+    _check_texts(phase)
+    faults = _dates(phase)
+    if is_freeze_new and _freezes_too_late(phase):
+        faults.append(
+            "freezes_at must lie before closes_at: a board that freezes after the deadline hides "
+            "nothing. After the deadline use the action freeze."
+        )
+    if faults:
+        raise InvalidRecord(" ".join(faults))
+
+
+def _dates(phase: Phase) -> list[str]:
+    freezes_at, opens_at, closes_at = phase.policy.freezes_at, phase.opens_at, phase.closes_at
+    faults = []
+    if opens_at is not None and closes_at is not None and closes_at <= opens_at:
+        faults.append("A phase must close after it opens.")
+    if freezes_at is not None and opens_at is not None and freezes_at <= opens_at:
+        faults.append("freezes_at must lie after opens_at.")
+    if phase.policy.late_entries == "own_view" and closes_at is None:
+        faults.append("Late entries need a deadline: set closes_at, or refuse them.")
+    return faults
+
+
+def _freezes_too_late(phase: Phase) -> bool:
+    freezes_at, closes_at = phase.policy.freezes_at, phase.closes_at
+    return freezes_at is not None and closes_at is not None and freezes_at >= closes_at
+
+
+def _check_texts(phase: Phase) -> None:
+    """Keep the texts without blanks around them, and refuse what cannot be shown."""
+    for field in fields_of(PhaseSettings):
+        if field.kind in ("text", "lines"):
+            text = checked_text(
+                field.name,
+                getattr(phase, field.name),
+                max_length=field.max_length,
+                may_be_empty=not field.is_required,
+                may_have_lines=field.kind == "lines",
+            )
+            setattr(phase, field.name, text)
+
+
+def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
+    """Create a phase, and ask for its first, empty board.
+
+    Args:
+        session: Of a write transaction.
+        new: What it is made of, and its settings.
+        actor: Who creates it.
+
+    Raises:
+        InvalidRecord: A text cannot be used, or two settings contradict each other.
+        Conflict: The id is taken.
+        NotFound: Split or protocol is unknown.
+    """
+    checked_slug("phase", new.id)
+    if session.get(Phase, new.id) is not None:
+        raise Conflict(f"There is a phase {new.id!r} already.")
+    split = find_split(session, new.split, new.split_revision)
+    phase = Phase(
+        id=new.id,
+        challenge=new.challenge.value,
+        split_name=split.name,
+        split_revision=live_revision(session, split.name, split.revision, new.policy.live_part),
+        protocol_digest=find_protocol(session, new.protocol).digest,
+        current_board_id=None,
+        created_at=database_now(session),
+        pseudonym_salt=new_salt() if new.policy.anonymous else None,
+        **{name: getattr(new, name) for name in PhaseSettings.model_fields},
+    )
+    check_phase(phase)
+    session.add(phase)
+    session.flush()
+    want_board(session, phase.id, phase.protocol_digest)
+    detail = {
+        "challenge": phase.challenge,
+        "split": split.name,
+        "protocol": phase.protocol_digest,
+    }
+    audit(session, actor, "phase created", phase.id, detail)
+    return phase
+
+
+def find_phase(session: Session, phase_id: str) -> Phase:
+    """Return a phase.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
+    phase = session.get(Phase, phase_id)
+    if phase is None:
+        raise NotFound("phase", phase_id)
+    return phase
+
+
+def lock_phase(session: Session, phase_id: str) -> Phase:
+    """Return a phase whose row is locked.
+
+    Whoever needs the row of a board request too locks that one later: else two could wait for each
+    other. Rows that refer to the phase may be written meanwhile (`FOR NO KEY UPDATE`): an upload, a
+    score and its request for a board wait for nobody here.
+
+    Raises:
+        NotFound: There is none.
+    """
+    weak = {"key_share": True}
+    phase = session.get(Phase, phase_id, with_for_update=weak, populate_existing=True)
+    if phase is None:
+        raise NotFound("phase", phase_id)
+    return phase
+
+
+def list_phases(session: Session, challenge: str | None = None) -> list[Phase]:
+    """Return phases in the order in which they were created; of one challenge if given."""
+    query = select(Phase).order_by(Phase.created_at, Phase.id)
+    if challenge is not None:
+        query = query.where(Phase.challenge == challenge)
+    return list(session.scalars(query))
+
+
+def is_open(phase: Phase, now: datetime) -> bool:
+    """Whether the phase takes submissions: from `opens_at` until just before `closes_at`."""
+    has_opened = phase.opens_at is None or phase.opens_at <= now
+    return has_opened and (phase.closes_at is None or now < phase.closes_at)
+
+
+def phase_view(
+    session: Session, phase: Phase, *, max_upload_bytes: int, team_id: int | None = None
+) -> PhaseView:
+    """Return the phase as the API shows it, with the quota of a team if given."""
+    whole = whole_split(session, phase.split_name, phase.split_revision)
+    return PhaseView(
+        id=phase.id,
+        challenge=phase.challenge,
+        split=phase.split_name,
+        split_revision=phase.split_revision,
+        split_is_public=whole.public_file_digest is not None,
+        n_samples=whole.n_samples,
+        protocol=find_protocol(session, phase.protocol_digest).version,
+        protocol_digest=phase.protocol_digest,
+        is_open=is_open(phase, database_now(session)),
+        max_upload_bytes=max_upload_bytes,
+        now=phase_now(session, phase),
+        quota=None if team_id is None else quota_of(session, team_id, phase),
+        **settings_of(phase),
+    )
+
+
+def settings_of(phase: Phase) -> dict[str, Any]:
+    """Return the settings of a phase as they stand, by name."""
+    return {name: getattr(phase, name) for name in PhaseSettings.model_fields}

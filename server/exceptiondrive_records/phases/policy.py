@@ -1,0 +1,104 @@
+"""Where a phase stands in its life: what is frozen, late, hidden or anonymous at a moment."""
+
+import hashlib
+import hmac
+import secrets
+from datetime import datetime
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.phase_settings import PhaseNow, SplitPart
+
+_LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
+"""No two that look alike."""
+
+
+def frozen_since(phase: Phase, now: datetime) -> datetime | None:
+    """Return when the public board froze; None while it moves."""
+    freezes_at = phase.policy.freezes_at
+    if freezes_at is None or now < freezes_at:
+        return None
+    if phase.unfrozen_at is not None and phase.unfrozen_at >= freezes_at:
+        return None
+    return freezes_at
+
+
+def families_shown_from(phase: Phase, now: datetime) -> datetime | None:
+    """Return from when families and tasks are shown; None when they are shown already."""
+    families_from = phase.policy.families_from
+    return families_from if families_from is not None and now < families_from else None
+
+
+def is_anonymous(phase: Phase) -> bool:
+    """Whether teams and methods stand under pseudonyms."""
+    return phase.policy.anonymous and phase.names_revealed_at is None
+
+
+def has_closed(phase: Phase, moment: datetime) -> bool:
+    """Whether a moment lies at or after the deadline."""
+    return phase.closes_at is not None and moment >= phase.closes_at
+
+
+def takes_late_entries(phase: Phase, moment: datetime) -> bool:
+    """Whether what comes at this moment is accepted for the late view."""
+    return has_closed(phase, moment) and phase.policy.late_entries == "own_view"
+
+
+def is_late(phase: Phase, submission: Submission) -> bool:
+    """Whether a submission came after the deadline, judged by its first byte."""
+    return has_closed(phase, submission.arrived_at or submission.received_at)
+
+
+def phase_now(session: Session, phase: Phase) -> PhaseNow:
+    """Return where a phase stands, as everybody may know it."""
+    now = database_now(session)
+    split = find_split(session, phase.split_name, phase.split_revision)
+    return PhaseNow(
+        part=part_of(split),
+        n_counted=split.n_samples,
+        frozen_since=frozen_since(phase, now),
+        families_shown_from=families_shown_from(phase, now),
+        is_anonymous=is_anonymous(phase),
+        takes_late_entries=takes_late_entries(phase, now),
+    )
+
+
+def part_of(split: SplitRow) -> SplitPart | None:
+    """Return which part of a split a revision is; None: all of it."""
+    return "public" if split.part == "public" else "private" if split.part == "private" else None
+
+
+def new_salt() -> str:
+    """Return a salt for the pseudonyms of a phase."""
+    return secrets.token_hex(32)
+
+
+def pseudonym_of_team(phase: Phase, team_id: int) -> str:
+    """Return the name of a team while a phase is anonymous, such as `Team 7KQ-2MF`.
+
+    It depends on the random salt of the phase alone: without it, neither name nor order of
+    registration tells it, and another phase gives another one.
+    """
+    letters = _keyed(phase, f"team:{team_id}", 6)
+    return f"Team {letters[:3]}-{letters[3:]}"
+
+
+def pseudonym_of_method(phase: Phase, team_id: int, method: str) -> str:
+    """Return the name of a team's method while a phase is anonymous, such as `Method 4FX`."""
+    return f"Method {_keyed(phase, f'method:{team_id}:{method}', 3)}"
+
+
+def _keyed(phase: Phase, text: str, length: int) -> str:
+    assert phase.pseudonym_salt is not None
+    digest = hmac.new(bytes.fromhex(phase.pseudonym_salt), text.encode(), hashlib.sha256).digest()
+    number = int.from_bytes(digest, "big")
+    letters = []
+    for _ in range(length):
+        number, place = divmod(number, len(_LETTERS))
+        letters.append(_LETTERS[place])
+    return "".join(letters)

@@ -1,0 +1,102 @@
+"""Protocol documents: added once, never changed."""
+
+from functools import lru_cache
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_schemas.protocol import Protocol, ProtocolError, parse_protocol
+
+
+def add_protocol(session: Session, toml: str, actor: str) -> Protocol:
+    """Add a protocol; adding the same content again does nothing.
+
+    Raises:
+        InvalidRecord: Not a valid protocol document.
+        Conflict: The version is taken by another content.
+    """
+    protocol = checked_protocol(session, toml)
+    if session.get(ProtocolRow, protocol.digest) is not None:
+        return protocol
+    session.add(
+        ProtocolRow(
+            digest=protocol.digest,
+            version=protocol.version,
+            toml=toml,
+            created_at=database_now(session),
+        )
+    )
+    session.flush()
+    audit(session, actor, "protocol added", protocol.version, {"digest": protocol.digest})
+    return protocol
+
+
+def checked_protocol(session: Session, toml: str) -> Protocol:
+    """Return a protocol document that could be added, or is there already.
+
+    Raises:
+        InvalidRecord: Not a valid protocol document.
+        Conflict: The version is taken by another content.
+    """
+    try:
+        protocol = parse_protocol(toml)
+    except ProtocolError as error:
+        raise InvalidRecord(str(error)) from error
+    query = select(ProtocolRow).where(ProtocolRow.version == protocol.version)
+    held = session.scalars(query).first()
+    if held is not None and held.digest != protocol.digest:
+        raise Conflict(
+            f"Protocol {protocol.version} exists with other content. A protocol never changes: "
+            "give the new content a new version."
+        )
+    return protocol
+
+
+def find_protocol_row(session: Session, version_or_digest: str) -> ProtocolRow:
+    """Return the row of a protocol, by version or digest.
+
+    Raises:
+        NotFound: There is none.
+    """
+    row = session.scalars(
+        select(ProtocolRow).where(
+            (ProtocolRow.digest == version_or_digest) | (ProtocolRow.version == version_or_digest)
+        )
+    ).first()
+    if row is None:
+        raise NotFound("protocol", version_or_digest)
+    return row
+
+
+def find_protocol(session: Session, version_or_digest: str) -> Protocol:
+    """Return a protocol, by version or digest.
+
+    Raises:
+        NotFound: There is none.
+        Conflict: The recorded text no longer has the recorded digest: someone edited it in place.
+    """
+    row = find_protocol_row(session, version_or_digest)
+    protocol = _parsed(row.toml)
+    if protocol.digest != row.digest:
+        raise Conflict(f"The recorded text of protocol {row.version} was altered; refusing it.")
+    return protocol
+
+
+def list_protocols(session: Session) -> list[Protocol]:
+    """Return all protocols, oldest first."""
+    return [find_protocol(session, row.digest) for row in list_protocol_rows(session)]
+
+
+def list_protocol_rows(session: Session) -> list[ProtocolRow]:
+    """Return the rows of all protocols, oldest first."""
+    order = (ProtocolRow.created_at, ProtocolRow.digest)
+    return list(session.scalars(select(ProtocolRow).order_by(*order)))
+
+
+@lru_cache(maxsize=32)
+def _parsed(toml: str) -> Protocol:
+    return parse_protocol(toml)

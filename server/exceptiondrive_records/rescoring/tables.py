@@ -1,0 +1,75 @@
+"""The tables of rescoring."""
+
+from datetime import datetime
+
+from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import DocumentText, enum_text
+from exceptiondrive_schemas.rescoring import Comparison, RunState, VerifyState
+
+
+class RescoringRun(Base):
+    """One change of the protocol or split revision of a phase, from draft to its end."""
+
+    __tablename__ = "rescoring_runs"
+    __table_args__ = (Index("ix_rescoring_runs_phase", "phase_id", "state"),)
+    id: Mapped[str] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    from_protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
+    from_split_revision: Mapped[str]
+    to_protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
+    to_split_revision: Mapped[str]
+    state: Mapped[RunState] = mapped_column(enum_text(RunState))
+    reason: Mapped[str] = mapped_column(Text)
+    actor: Mapped[str]
+    created_at: Mapped[datetime]
+    state_at: Mapped[datetime]
+    started_at: Mapped[datetime | None]
+    resumed_at: Mapped[datetime | None]
+    """When scoring last began or went on: the rate counts from here."""
+    applied_at: Mapped[datetime | None]
+    ended_at: Mapped[datetime | None]
+    from_board_id: Mapped[int | None] = mapped_column(ForeignKey("boards.id"))
+    """The board that was current when the run was applied."""
+    to_board_id: Mapped[int | None] = mapped_column(ForeignKey("boards.id"))
+    apply_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
+    rollback_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
+    comparison: Mapped[Comparison | None] = mapped_column(DocumentText(Comparison), deferred=True)
+    """What readers saw change, kept when the run was applied."""
+
+
+class Verification(Base):
+    """A recomputation of score sheets from the uploads, to prove that every bit comes again."""
+
+    __tablename__ = "verifications"
+    id: Mapped[str] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
+    split_revision: Mapped[str]
+    reason: Mapped[str] = mapped_column(Text)
+    actor: Mapped[str]
+    created_at: Mapped[datetime]
+    finished_at: Mapped[datetime | None]
+
+
+class VerificationItem(Base):
+    """One sheet that is recomputed."""
+
+    __tablename__ = "verification_items"
+    __table_args__ = (
+        UniqueConstraint("verification_id", "submission_id"),
+        Index("ix_verification_items_state", "state"),
+    )
+    id: Mapped[str] = mapped_column(primary_key=True)
+    verification_id: Mapped[str] = mapped_column(ForeignKey("verifications.id"))
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    state: Mapped[VerifyState] = mapped_column(enum_text(VerifyState))
+    expected_digest: Mapped[str]
+    found_digest: Mapped[str | None]
+    note: Mapped[str | None]
+    attempts: Mapped[int]
+    fence: Mapped[int]
+    lease_until: Mapped[datetime | None]
+    rung_at: Mapped[datetime | None]

@@ -1,0 +1,127 @@
+"""Drawings as the server may know them: of public splits, and of protocols.
+
+A drawing of an entry shows hazard regions. So it is kept only with a `PublicSplit`, which is found
+only where the whole split file is public; and the table refuses it otherwise (`tables_drawings`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sqlalchemy import and_, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Violation
+from exceptiondrive_records.db.upserts import insert_if_absent
+from exceptiondrive_records.splits.tables import EntryDrawingsRow, ProtocolDrawingRow, SplitRow
+from exceptiondrive_schemas.drawing import (
+    EntryDrawings,
+    ProtocolDrawing,
+    packaged_drawing,
+    pictured_digest,
+)
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import SplitRef
+
+
+@dataclass(frozen=True)
+class PublicSplit:
+    """A split revision whose whole file anyone may have."""
+
+    ref: SplitRef
+    file_digest: str
+
+
+def find_public_split(session: Session, ref: SplitRef) -> PublicSplit | None:
+    """Return the split if it is public; None: it is withheld, and nothing of it may be drawn."""
+    row = session.get(SplitRow, (ref.name, ref.revision))
+    if row is None or row.public_file_digest is None:
+        return None
+    return PublicSplit(ref, row.public_file_digest)
+
+
+def drawn_submissions(session: Session, protocol_digest: str, split_revision: str) -> set[str]:
+    """Return the submissions that have drawings already."""
+    query = select(EntryDrawingsRow.submission_id).where(
+        EntryDrawingsRow.protocol_digest == protocol_digest,
+        EntryDrawingsRow.split_revision == split_revision,
+    )
+    return set(session.scalars(query))
+
+
+def keep_entry_drawings(
+    session: Session,
+    submission_id: str,
+    protocol_digest: str,
+    split: PublicSplit,
+    drawings: EntryDrawings,
+) -> None:
+    """Keep the drawings of a scored submission; those that are kept already stay.
+
+    Raises:
+        IntegrityError: The split is not public, or the submission has no such score sheet.
+    """
+    insert_if_absent(
+        session,
+        EntryDrawingsRow,
+        submission_id=submission_id,
+        protocol_digest=protocol_digest,
+        split_revision=split.ref.revision,
+        split_name=split.ref.name,
+        public_file_digest=split.file_digest,
+        drawings=drawings,
+        created_at=database_now(session),
+    )
+
+
+def entry_drawings(
+    session: Session, submission_id: str, protocol_digest: str, split_revision: str
+) -> EntryDrawings | None:
+    """Return the drawings of a scored submission, if there are any."""
+    key = (submission_id, protocol_digest, split_revision)
+    row = session.get(EntryDrawingsRow, key)
+    return None if row is None else row.drawings
+
+
+def drawings_of_withheld_splits(session: Session) -> Iterator[Violation]:
+    """Yield every drawing whose split is not public, or is another file: there must be none."""
+    query = (
+        select(EntryDrawingsRow.submission_id, EntryDrawingsRow.split_name)
+        .outerjoin(
+            SplitRow,
+            and_(
+                SplitRow.name == EntryDrawingsRow.split_name,
+                SplitRow.revision == EntryDrawingsRow.split_revision,
+                SplitRow.public_file_digest == EntryDrawingsRow.public_file_digest,
+            ),
+        )
+        .where(SplitRow.name.is_(None))
+    )
+    for submission_id, split_name in session.execute(query):
+        text = f"split {split_name} is not public: delete the row from entry_drawings"
+        yield Violation("drawing of a withheld split", submission_id, text)
+
+
+def keep_protocol_drawing(session: Session, drawing: ProtocolDrawing) -> None:
+    """Keep the drawing of a protocol; one that is kept already stays."""
+    insert_if_absent(
+        session,
+        ProtocolDrawingRow,
+        pictured=drawing.pictured,
+        drawing=drawing,
+        created_at=database_now(session),
+    )
+
+
+def has_protocol_drawing(session: Session, protocol: Protocol) -> bool:
+    """Whether this protocol's own drawing is at hand."""
+    return protocol_drawing(session, protocol).pictured == pictured_digest(protocol)
+
+
+def protocol_drawing(session: Session, protocol: Protocol) -> ProtocolDrawing:
+    """Return the drawing of a protocol; until a worker has made it, that of protocol 1.0."""
+    pictured = pictured_digest(protocol)
+    if packaged_drawing().pictured == pictured:
+        return packaged_drawing()
+    row = session.get(ProtocolDrawingRow, pictured)
+    return packaged_drawing() if row is None else row.drawing

@@ -1,0 +1,155 @@
+"""Splits as the server may know them: manifest and family sizes, never a region or a task."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, undefer
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_schemas.phase_settings import LivePart, SplitPart
+from exceptiondrive_schemas.split import Manifest
+
+
+def register_split(
+    session: Session,
+    manifest: Manifest,
+    family_counts: dict[str, int],
+    actor: str,
+    *,
+    part: SplitPart | None = None,
+    whole_revision: str | None = None,
+) -> SplitRow:
+    """Record a split revision; registering the same again does nothing.
+
+    Args:
+        session: Of a write transaction.
+        manifest: Public part of the split.
+        family_counts: Samples per family; they add up to the number of samples.
+        actor: Who registers it.
+        part: Set for a part of a split: its manifest names the samples of the whole, and the counts
+            are those of the part; which samples it holds is never recorded.
+        whole_revision: The registered revision of which it is a part.
+
+    Raises:
+        InvalidRecord: The counts do not add up.
+        Conflict: The revision is known with another manifest or other counts.
+    """
+    n_samples = sum(family_counts.values())
+    n_named = len(manifest.sample_ids)
+    if n_samples != n_named and (part is None or n_samples > n_named):
+        raise InvalidRecord(
+            f"The family counts of split {manifest.name!r} add up to {n_samples}, but it has "
+            f"{n_named} samples."
+        )
+    held = session.get(SplitRow, (manifest.name, manifest.revision), options=[undefer("*")])
+    if held is not None:
+        if held.manifest != manifest or held.family_counts != family_counts:
+            raise Conflict(
+                f"Split {manifest.name!r} revision {manifest.revision} is recorded otherwise; "
+                "a revision never changes."
+            )
+        return held
+    row = SplitRow(
+        name=manifest.name,
+        revision=manifest.revision,
+        title=manifest.title,
+        manifest=manifest,
+        family_counts=dict(family_counts),
+        n_samples=n_samples,
+        public_file_digest=None,
+        registered_at=database_now(session),
+        part=part,
+        whole_revision=whole_revision,
+    )
+    session.add(row)
+    session.flush()
+    detail = {"revision": manifest.revision, "n_samples": n_samples, "part": part}
+    audit(session, actor, "split registered", manifest.name, detail)
+    return row
+
+
+def publish_split(
+    session: Session, name: str, revision: str, file_digest: str, actor: str
+) -> SplitRow:
+    """Mark a split as a development split whose whole file anyone may have.
+
+    Raises:
+        NotFound: No such split.
+        Conflict: It was published as another file.
+    """
+    row = find_split(session, name, revision)
+    if row.public_file_digest == file_digest:
+        return row
+    if row.public_file_digest is not None:
+        raise Conflict(f"Split {name!r} was published as another file ({row.public_file_digest}).")
+    row.public_file_digest = file_digest
+    audit(
+        session,
+        actor,
+        "split published",
+        name,
+        {"revision": revision, "file_digest": file_digest},
+    )
+    return row
+
+
+def find_split(session: Session, name: str, revision: str | None = None) -> SplitRow:
+    """Return a split, by default the whole one that was registered last.
+
+    Raises:
+        NotFound: There is none.
+    """
+    query = select(SplitRow).where(SplitRow.name == name)
+    if revision is None:
+        query = query.where(SplitRow.whole_revision.is_(None))
+    else:
+        query = query.where(SplitRow.revision == revision)
+    row = session.scalars(query.order_by(SplitRow.registered_at.desc()).limit(1)).first()
+    if row is None and revision is not None:
+        raise NotFound(f"registered revision of split {name!r} like", revision)
+    if row is None:
+        raise NotFound("split", name)
+    return row
+
+
+def whole_split(session: Session, name: str, revision: str) -> SplitRow:
+    """Return the whole split of a revision: of a part, that of which it is one.
+
+    Raises:
+        NotFound: There is none.
+    """
+    row = find_split(session, name, revision)
+    return row if row.whole_revision is None else find_split(session, name, row.whole_revision)
+
+
+def part_revision(session: Session, name: str, revision: str, part: SplitPart | None) -> str | None:
+    """Return the revision of a part, or of the whole for None; None when it has no parts."""
+    whole = whole_split(session, name, revision)
+    if part is None:
+        return whole.revision
+    query = select(SplitRow.revision).where(
+        SplitRow.name == name, SplitRow.whole_revision == whole.revision, SplitRow.part == part
+    )
+    return session.scalars(query).first()
+
+
+def live_revision(session: Session, name: str, revision: str, live_part: LivePart) -> str:
+    """Return what a live board counts: the public part where there are parts, unless told."""
+    public = part_revision(session, name, revision, "public") if live_part == "public" else None
+    return public or whole_split(session, name, revision).revision
+
+
+def list_splits(session: Session) -> list[SplitRow]:
+    """Return all split revisions by name, newest first."""
+    order = (SplitRow.name, SplitRow.registered_at.desc())
+    return list(session.scalars(select(SplitRow).order_by(*order)))
+
+
+def manifest_of(session: Session, name: str, revision: str | None = None) -> Manifest:
+    """Return the manifest of a split.
+
+    Raises:
+        NotFound: There is no such split.
+    """
+    return find_split(session, name, revision).manifest

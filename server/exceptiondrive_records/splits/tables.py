@@ -1,0 +1,73 @@
+"""The tables of splits."""
+
+from datetime import datetime
+
+from sqlalchemy import ForeignKeyConstraint, Index
+from sqlalchemy.orm import Mapped, mapped_column
+
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_schemas.drawing import EntryDrawings, ProtocolDrawing
+from exceptiondrive_schemas.split import Manifest
+
+
+class SplitRow(Base):
+    """What may be known of a split revision: its manifest and how large its families are."""
+
+    __tablename__ = "splits"
+    __table_args__ = (
+        Index("uq_splits_public", "name", "revision", "public_file_digest", unique=True),
+    )
+    name: Mapped[str] = mapped_column(primary_key=True)
+    revision: Mapped[str] = mapped_column(primary_key=True)
+    title: Mapped[str]
+    manifest: Mapped[Manifest] = mapped_column(DocumentText(Manifest), deferred=True)
+    family_counts: Mapped[dict[str, int]]
+    n_samples: Mapped[int]
+    public_file_digest: Mapped[str | None]
+    """Content digest of the whole split file, for development splits alone."""
+    registered_at: Mapped[datetime]
+    part: Mapped[str | None]
+    """`public` or `private`: a part of `whole_revision`; its manifest names all samples, and
+    `n_samples` and `family_counts` are those of the part. Which samples it has is withheld."""
+    whole_revision: Mapped[str | None]
+
+
+class EntryDrawingsRow(Base):
+    """What is drawn of one scored submission.
+
+    The database itself refuses a row whose split is not public: `public_file_digest` is never null
+    here, and the three columns of the split must be a row of `splits`.
+    """
+
+    __tablename__ = "entry_drawings"
+    __table_args__ = (
+        ForeignKeyConstraint(
+            ["submission_id", "protocol_digest", "split_revision"],
+            [
+                "score_sheets.submission_id",
+                "score_sheets.protocol_digest",
+                "score_sheets.split_revision",
+            ],
+        ),
+        ForeignKeyConstraint(
+            ["split_name", "split_revision", "public_file_digest"],
+            ["splits.name", "splits.revision", "splits.public_file_digest"],
+        ),
+    )
+    submission_id: Mapped[str] = mapped_column(primary_key=True)
+    protocol_digest: Mapped[str] = mapped_column(primary_key=True)
+    split_revision: Mapped[str] = mapped_column(primary_key=True)
+    split_name: Mapped[str]
+    public_file_digest: Mapped[str]
+    drawings: Mapped[EntryDrawings] = mapped_column(DocumentText(EntryDrawings))
+    created_at: Mapped[datetime]
+
+
+class ProtocolDrawingRow(Base):
+    """The made-up sample under a protocol, by the digest of what it depends on."""
+
+    __tablename__ = "protocol_drawings"
+    pictured: Mapped[str] = mapped_column(primary_key=True)
+    drawing: Mapped[ProtocolDrawing] = mapped_column(DocumentText(ProtocolDrawing))
+    created_at: Mapped[datetime]

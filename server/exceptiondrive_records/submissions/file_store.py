@@ -1,0 +1,385 @@
+"""Uploads by content: written once under the SHA-256 of their bytes, verified when read.
+
+Backends through obstore: a local folder, S3, or memory for tests. A file is on disk, synced and
+under its name before the row that mentions it is written.
+"""
+
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+import stat
+import tempfile
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+from urllib.parse import unquote, urlsplit
+
+import obstore
+import structlog
+from obstore.exceptions import AlreadyExistsError, BaseError
+from obstore.store import LocalStore, ObjectStore, from_url
+from sqlalchemy import select, text
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.operations.dump import dumped_tables, file_digests
+from exceptiondrive_records.work.lease import take_lead
+from exceptiondrive_schemas.base import bytes_digest
+
+_DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
+_NAME = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
+_LEAST_FREE_BYTES = 64 << 20
+_IN_MEMORY_BYTES = 1 << 20
+
+
+class FileDamaged(StoreError):  # noqa: N818
+    """The stored bytes are not those that were stored: never score them."""
+
+    def __init__(self, digest: str) -> None:
+        super().__init__(f"The stored file {digest} is damaged.")
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """One file of the store."""
+
+    digest: str
+    size_bytes: int
+    changed_at: datetime
+    """When these bytes were last sent, by the store's clock."""
+
+
+class FileStore:
+    """A folder of files named by their content. Safe to share between threads."""
+
+    def __init__(self, url: str) -> None:
+        self._folder = Path(unquote(urlsplit(url).path)) if url.startswith("file:") else None
+        self._store: ObjectStore = (
+            LocalStore(self._folder, mkdir=True) if self._folder is not None else from_url(url)
+        )
+
+    def writer(self, *, limit_bytes: int) -> "FileWriter":
+        """Return a writer that takes chunks as they come; use it as a context manager."""
+        return FileWriter(self, limit_bytes)
+
+    def put_stream(self, chunks: Iterable[bytes], *, limit_bytes: int) -> tuple[str, int]:
+        """Store a file and return its digest and size; storing the same bytes again is free.
+
+        Raises:
+            UploadTooLarge: More than `limit_bytes` came.
+            StoreError: The store did not take it.
+        """
+        with self.writer(limit_bytes=limit_bytes) as writer:
+            for chunk in chunks:
+                writer.write(chunk)
+            return writer.commit()
+
+    def read(self, digest: str, *, limit_bytes: int) -> bytes:
+        """Return a stored file whose bytes are proven to be those that were stored.
+
+        Raises:
+            NotFound: No such file.
+            UploadTooLarge: It is larger than `limit_bytes`.
+            FileDamaged: The bytes on the store have changed.
+            StoreError: The store did not answer.
+        """
+        try:
+            found = obstore.get(self._store, _key(digest))
+            if found.meta["size"] > limit_bytes:
+                raise UploadTooLarge(limit_bytes)
+            data = bytes(found.bytes())
+        except FileNotFoundError:
+            raise NotFound("file", digest) from None
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+        if bytes_digest(data) != digest:
+            raise FileDamaged(digest)
+        return data
+
+    def holds(self, digest: str) -> bool:
+        """Whether a file with this digest is stored.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
+        try:
+            obstore.head(self._store, _key(digest))
+        except FileNotFoundError:
+            return False
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+        return True
+
+    def takes_files(self) -> bool:
+        """Whether the store answers and, where it is a folder, can be written and has room."""
+        try:
+            self.holds("sha256:" + "0" * 64)
+        except StoreError:
+            return False
+        if self._folder is None:
+            return True
+        has_room = shutil.disk_usage(self._folder).free >= _LEAST_FREE_BYTES
+        return has_room and os.access(self._folder, os.W_OK | os.X_OK)
+
+    def stored(self) -> Iterator[StoredFile]:
+        """Yield every stored file, in no order; whatever else lies there is left alone.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
+        try:
+            for batch in obstore.list(self._store):
+                for meta in batch:
+                    name = _NAME.fullmatch(meta["path"])
+                    if name is not None:
+                        changed_at = meta["last_modified"]
+                        yield StoredFile("sha256:" + name.group(1), meta["size"], changed_at)
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+
+    def changed_at(self, digest: str) -> datetime | None:
+        """Return when a file was last stored, by the store's clock; None when it is not there.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
+        try:
+            return obstore.head(self._store, _key(digest))["last_modified"]
+        except FileNotFoundError:
+            return None
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+
+    def remove(self, digest: str) -> None:
+        """Remove a stored file that nothing mentions; see `orphans`.
+
+        Raises:
+            StoreError: The store did not answer.
+        """
+        try:
+            obstore.delete(self._store, _key(digest))
+        except FileNotFoundError:
+            return
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not answer; try again later.") from error
+
+    def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
+        spooled.seek(0)
+        key = _key(digest)
+        try:
+            self._make_subfolder(key)
+            try:
+                obstore.put(self._store, key, spooled.read(), mode="create")
+                self._sync(key)
+            except AlreadyExistsError:
+                self._heal(key, digest, spooled)
+        except (BaseError, OSError) as error:
+            raise StoreError("The file store does not take files now; try again later.") from error
+
+    def _heal(self, key: str, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
+        """Put the right bytes in place of damaged ones, and let the file be young again.
+
+        Elsewhere than in a folder storing it again does both, and costs no more than reading it.
+        """
+        if self._folder is not None:
+            path = self._folder / key
+            if bytes_digest(path.read_bytes()) == digest:
+                os.utime(path)
+                return
+        spooled.seek(0)
+        obstore.put(self._store, key, spooled.read(), mode="overwrite")
+        self._sync(key)
+
+    def _make_subfolder(self, key: str) -> None:
+        """Make the folder of a file, open to the same users as the whole store."""
+        if self._folder is None:
+            return
+        subfolder = (self._folder / key).parent
+        with contextlib.suppress(FileExistsError, FileNotFoundError):  # obstore says what is wrong
+            subfolder.mkdir()
+            subfolder.chmod(stat.S_IMODE(self._folder.stat().st_mode))
+
+    def _sync(self, key: str) -> None:
+        """Make a local file survive a power cut: the file, and the folder that names it."""
+        if self._folder is None:
+            return
+        path = self._folder / key
+        for entry in (path, path.parent):
+            descriptor = os.open(entry, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+
+
+class FileWriter:
+    """Takes the chunks of one upload, counts and hashes them, then stores them at once."""
+
+    def __init__(self, store: FileStore, limit_bytes: int) -> None:
+        self._store = store
+        self._limit_bytes = limit_bytes
+        self._hash = hashlib.sha256()
+        self._size_bytes = 0
+        self._spooled = tempfile.SpooledTemporaryFile(  # noqa: SIM115 - closed by __exit__
+            max_size=_IN_MEMORY_BYTES
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._spooled.close()
+
+    def write(self, chunk: bytes) -> None:
+        """Take a chunk.
+
+        Raises:
+            UploadTooLarge: More came than the limit allows.
+            StoreError: There is no room to keep it meanwhile.
+        """
+        self._size_bytes += len(chunk)
+        if self._size_bytes > self._limit_bytes:
+            raise UploadTooLarge(self._limit_bytes)
+        self._hash.update(chunk)
+        try:
+            self._spooled.write(chunk)
+        except OSError as error:
+            raise StoreError("The server has no room for the file now; try again later.") from error
+
+    def commit(self) -> tuple[str, int]:
+        """Store what came; return its digest and its size in bytes."""
+        digest = "sha256:" + self._hash.hexdigest()
+        self._store._put(digest, self._spooled)
+        return digest, self._size_bytes
+
+
+def _key(digest: str) -> str:
+    match = _DIGEST.fullmatch(digest)
+    if match is None:
+        raise NotFound("file", digest)
+    name = match.group(1)
+    return f"{name[:2]}/{name}"
+
+
+# Orphans: stored files that no record mentions, left by refused uploads and by crashes.
+#
+# They are swept when they are old. The hard case is an upload of the same bytes at the same moment:
+# it finds the file stored, and its record is not written yet. Two things together save it: storing a
+# file again makes it young, and `keep_stored` proves inside the transaction of the upload that the
+# file is there, under a lock that no sweep can hold meanwhile.
+
+
+_log = structlog.get_logger("exceptiondrive.reconciler")
+
+GRACE = timedelta(hours=24)
+"""An orphan that is younger may still belong to an upload under way."""
+SWEEP_EVERY_S = 6 * 3600.0
+_LOOK_EVERY_S = 60.0
+_SWEEP_LOCK = 0x45447377  # any constant: uploads share it, a sweep has it alone (PostgreSQL)
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep removed."""
+
+    n_files: int
+    n_bytes: int
+
+
+def keep_stored(
+    session: Session, files: FileStore, file_digest: str, store_again: Callable[[], object]
+) -> None:
+    """See to it, in the transaction that first mentions a file, that the file is there.
+
+    Args:
+        session: Of a write transaction. On SQLite there is one at a time, so no lock is needed.
+        files: The store.
+        file_digest: Of the file, which has just been stored.
+        store_again: Stores it once more: a sweep took it a moment ago for an orphan.
+    """
+    _lock(session, "pg_advisory_xact_lock_shared")
+    if not files.holds(file_digest):
+        store_again()
+
+
+def sweep_orphans(
+    database: Database, files: FileStore, *, actor: str, grace: timedelta = GRACE
+) -> Swept:
+    """Remove all stored files that are older than `grace` and that no record mentions.
+
+    Raises:
+        StoreError: The store did not answer; what was removed until then is right.
+    """
+    before = datetime.now(UTC) - grace
+    with database.read() as session:
+        mentioned = set(file_digests(session))
+    candidates = [
+        file for file in files.stored() if file.digest not in mentioned and file.changed_at < before
+    ]
+    removed = [file for file in candidates if _remove(database, files, file, before)]
+    swept = Swept(len(removed), sum(file.size_bytes for file in removed))
+    if removed:
+        with database.write() as session:
+            audit(session, actor, "orphaned files swept", "file store", vars(swept))
+    return swept
+
+
+def _remove(database: Database, files: FileStore, file: StoredFile, before: datetime) -> bool:
+    """Look again under the lock, and remove the file if it is still an old orphan."""
+    with database.write() as session:
+        _lock(session, "pg_advisory_xact_lock")
+        changed_at = files.changed_at(file.digest)
+        if changed_at is None or changed_at >= before or _is_mentioned(session, file.digest):
+            return False
+        files.remove(file.digest)
+        return True
+
+
+def _is_mentioned(session: Session, digest: str) -> bool:
+    columns = [
+        column
+        for table in dumped_tables()
+        for column in table.columns
+        if column.name.endswith("file_digest")
+    ]
+    return any(
+        session.execute(select(column).where(column == digest).limit(1)).first() is not None
+        for column in columns
+    )
+
+
+def _lock(session: Session, function: str) -> None:
+    session.connection()  # begins the transaction: on SQLite that is the lock
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text(f"SELECT {function}(:key)"), {"key": _SWEEP_LOCK})
+
+
+def run_sweeper(
+    database: Database, files: FileStore, stop: threading.Event, every_s: float = SWEEP_EVERY_S
+) -> None:
+    """Sweep every few hours until `stop` is set; of all reconcilers one at a time."""
+    while not stop.is_set():
+        try:
+            with database.write() as session:
+                is_due = take_lead(session, "sweep", random_id(), every_s)
+            if is_due:
+                swept = sweep_orphans(database, files, actor="reconciler")
+                _log.info("orphaned files swept", **vars(swept))
+        except (SQLAlchemyError, StoreError) as error:
+            _log.warning("orphaned files not swept", error=type(error).__name__)
+        stop.wait(min(every_s, _LOOK_EVERY_S))

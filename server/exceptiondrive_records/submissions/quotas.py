@@ -1,0 +1,92 @@
+"""What a team may still submit: submissions per UTC day and in total; rejected ones are capped."""
+
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now, next_day, start_of_day
+from exceptiondrive_records.db.errors import (
+    ConcurrentQuotaExceeded,
+    QuotaExceeded,
+    RejectedCapExceeded,
+)
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.submission import Quota, SubmissionStatus
+
+COSTS_NOTHING = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
+"""A wrong file costs no quota, nor does our own failure. A withdrawn submission does."""
+WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+
+
+def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
+    """Return what the team has used and may still use."""
+    now = database_now(session)
+    today = start_of_day(now)
+    used_today = _count(session, team_id, phase, since=today)
+    rejected_today = _count(session, team_id, phase, since=today, is_rejected=True)
+    used_total = _count(session, team_id, phase)
+    remaining = max(0, phase.quota_per_day - used_today)
+    if phase.quota_total is not None:
+        remaining = min(remaining, max(0, phase.quota_total - used_total))
+    return Quota(
+        per_day=phase.quota_per_day,
+        used_today=used_today,
+        remaining_today=remaining,
+        total=phase.quota_total,
+        used_total=used_total,
+        resets_at=next_day(now),
+        rejected_per_day=phase.rejected_per_day,
+        rejected_today=rejected_today,
+        concurrent=phase.quota_concurrent,
+        waiting=_waiting(session, team_id, phase),
+    )
+
+
+def require_quota(session: Session, team_id: int, phase: Phase) -> None:
+    """Refuse one submission more than allowed; the caller holds the lock of the team.
+
+    Raises:
+        QuotaExceeded: The day's or the total quota is used up.
+        RejectedCapExceeded: Too many files were rejected today.
+        ConcurrentQuotaExceeded: Too many submissions of the team still wait for their score.
+    """
+    quota = quota_of(session, team_id, phase)
+    if quota.total is not None and quota.used_total >= quota.total:
+        raise QuotaExceeded(quota.total, resets_at=None)
+    if quota.used_today >= quota.per_day:
+        raise QuotaExceeded(quota.per_day, resets_at=quota.resets_at)
+    if quota.rejected_today >= quota.rejected_per_day:
+        raise RejectedCapExceeded(quota.rejected_per_day, resets_at=quota.resets_at)
+    if quota.concurrent is not None and quota.waiting >= quota.concurrent:
+        raise ConcurrentQuotaExceeded(quota.concurrent)
+
+
+def _waiting(session: Session, team_id: int, phase: Phase) -> int:
+    query = select(func.count()).where(
+        Submission.team_id == team_id,
+        Submission.phase_id == phase.id,
+        Submission.status.in_(WAITING),
+    )
+    return session.scalar(query) or 0
+
+
+def _count(
+    session: Session,
+    team_id: int,
+    phase: Phase,
+    *,
+    since: datetime | None = None,
+    is_rejected: bool = False,
+) -> int:
+    query = select(func.count()).where(
+        Submission.team_id == team_id, Submission.phase_id == phase.id
+    )
+    if since is not None:
+        query = query.where(Submission.received_at >= since)
+    if is_rejected:
+        query = query.where(Submission.status == SubmissionStatus.REJECTED)
+    else:
+        query = query.where(Submission.status.not_in(COSTS_NOTHING))
+    return session.scalar(query) or 0

@@ -1,0 +1,194 @@
+"""The organizers' report of submissions that are alike; workers compare, this only tells."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.submissions.tables import SimilarityRow, Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.similarity import (
+    ALIKE_SUBMISSIONS,
+    AlikeKind,
+    AlikePair,
+    AlikeSubmission,
+    Probing,
+    SimilarityReport,
+    SubmissionOfTeam,
+)
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+MOST_PAIRS = 500
+PROBES_BEFORE_ALARM = 5
+"""So many submissions of a team that change a few samples leave a line in the audit log."""
+
+
+@dataclass(frozen=True)
+class ScoredFile:
+    """A scored submission, and whether it was compared already."""
+
+    submission_id: str
+    team_id: int
+    file_digest: str
+    is_compared: bool
+
+
+def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
+    """Return the scored submissions of a phase in order of receipt."""
+    query = (
+        select(
+            Submission.id,
+            Submission.team_id,
+            Submission.file_digest,
+            SimilarityRow.submission_id.is_not(None),
+        )
+        .outerjoin(SimilarityRow, SimilarityRow.submission_id == Submission.id)
+        .where(Submission.phase_id == phase_id, Submission.status == SubmissionStatus.SCORED)
+        .order_by(Submission.received_at, Submission.id)
+    )
+    return [ScoredFile(*row) for row in session.execute(query)]
+
+
+def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmission]) -> None:
+    """Record what a submission is like; the first record stays. A team that probes is audited."""
+    if session.get(SimilarityRow, submission_id) is not None:
+        return
+    row = SimilarityRow(
+        submission_id=submission_id,
+        alike=ALIKE_SUBMISSIONS.dump_json(tuple(alike)).decode(),
+        compared_at=database_now(session),
+    )
+    session.add(row)
+    session.flush()
+    submission = session.get_one(Submission, submission_id)
+    found = {each.submission_id for each in alike}
+    own = select(Submission.id).where(
+        Submission.id.in_(found), Submission.team_id == submission.team_id
+    )
+    if session.scalar(own) is not None:
+        _alarm(session, submission)
+
+
+def _alarm(session: Session, submission: Submission) -> None:
+    team = session.get_one(Team, submission.team_id)
+    probing = [p for p in similarity_report(session, submission.phase_id).probing]
+    n_probes = next((p.n_submissions for p in probing if p.team == team.name), 0)
+    if n_probes == PROBES_BEFORE_ALARM:
+        detail = {"team": team.slug, "n_submissions": n_probes}
+        audit(session, "worker", "probing suspected", submission.phase_id, detail)
+
+
+def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
+    """Return which submissions of a phase are alike, the nearest pairs first.
+
+    Raises:
+        NotFound: No such phase.
+    """
+    find_phase(session, phase_id)
+    query = (
+        select(Submission, Team, SimilarityRow.alike)
+        .join(Team, Team.id == Submission.team_id)
+        .outerjoin(SimilarityRow, SimilarityRow.submission_id == Submission.id)
+        .where(Submission.phase_id == phase_id)
+        .order_by(Submission.received_at, Submission.id)
+    )
+    known = {row[0].id: _Known(*row) for row in session.execute(query)}
+    pairs = {frozenset((p.first.id, p.second.id)): p for p in _equal_files(known)}
+    for pair in _alike_pairs(known):
+        pairs.setdefault(frozenset((pair.first.id, pair.second.id)), pair)
+    n_scored = session.scalar(
+        select(func.count())
+        .select_from(Submission)
+        .where(Submission.phase_id == phase_id, Submission.status == SubmissionStatus.SCORED)
+    )
+    n_compared = sum(each.alike is not None for each in known.values())
+    return SimilarityReport(
+        phase=phase_id,
+        n_compared=n_compared,
+        n_waiting=max(0, (n_scored or 0) - n_compared),
+        pairs=tuple(sorted(pairs.values(), key=_nearest_first)[:MOST_PAIRS]),
+        probing=_probing(known),
+    )
+
+
+@dataclass(frozen=True)
+class _Known:
+    submission: Submission
+    team: Team
+    alike: str | None
+
+    @property
+    def shown(self) -> SubmissionOfTeam:
+        submission = self.submission
+        return SubmissionOfTeam(
+            id=submission.id,
+            team=self.team.name,
+            method=submission.method,
+            received_at=submission.received_at,
+        )
+
+    @property
+    def alike_ones(self) -> tuple[AlikeSubmission, ...]:
+        return () if self.alike is None else ALIKE_SUBMISSIONS.validate_json(self.alike)
+
+
+def _equal_files(known: dict[str, _Known]) -> Iterator[AlikePair]:
+    """Pair each file with the first team that sent it, whatever became of it."""
+    first: dict[str, _Known] = {}
+    for each in known.values():
+        earlier = first.setdefault(each.submission.file_digest, each)
+        if earlier.team.id != each.team.id:
+            yield AlikePair(
+                kind=AlikeKind.EQUAL_FILES,
+                first=earlier.shown,
+                second=each.shown,
+                equal_share=1.0,
+                mean_distance=0.0,
+                n_different=0,
+            )
+
+
+def _alike_pairs(known: dict[str, _Known]) -> Iterator[AlikePair]:
+    order = {name: number for number, name in enumerate(known)}
+    for each in known.values():
+        for found in each.alike_ones:
+            other = known.get(found.submission_id)
+            if other is None or other.team.id == each.team.id:
+                continue
+            first, second = sorted((each, other), key=lambda one: order[one.submission.id])
+            is_equal = found.n_different == 0
+            yield AlikePair(
+                kind=AlikeKind.EQUAL_ANSWERS if is_equal else AlikeKind.NEAR,
+                first=first.shown,
+                second=second.shown,
+                equal_share=found.equal_share,
+                mean_distance=found.mean_distance,
+                n_different=found.n_different,
+            )
+
+
+def _probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
+    by_team: dict[int, list[_Known]] = {}
+    for each in known.values():
+        others = [known.get(found.submission_id) for found in each.alike_ones]
+        if any(other is not None and other.team.id == each.team.id for other in others):
+            by_team.setdefault(each.team.id, []).append(each)
+    found = [
+        Probing(
+            team=ones[0].team.name,
+            n_submissions=len(ones),
+            first_at=ones[0].submission.received_at,
+            last_at=ones[-1].submission.received_at,
+            submissions=tuple(one.submission.id for one in ones[:MOST_PAIRS]),
+        )
+        for ones in by_team.values()
+    ]
+    return tuple(sorted(found, key=lambda each: -each.n_submissions))
+
+
+def _nearest_first(pair: AlikePair) -> tuple[int, float, float]:
+    return pair.n_different, -pair.equal_share, pair.mean_distance or 0.0

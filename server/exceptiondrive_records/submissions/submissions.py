@@ -1,0 +1,321 @@
+"""Submissions: accepted in one transaction, after which they cannot be lost."""
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, select, tuple_
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
+from exceptiondrive_records.db.identifiers import checked_link, checked_text, random_id
+from exceptiondrive_records.phases.phases import find_phase, is_open
+from exceptiondrive_records.phases.policy import takes_late_entries
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.keys import companion_key
+from exceptiondrive_records.submissions.quotas import require_quota
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import require_approved
+from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.scoring_jobs import cancel_jobs_of, new_job
+from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+# Links between two submissions of a team: an entry and its counterpart without reminder.
+
+
+_WITHOUT_A_SCORE = (
+    SubmissionStatus.WITHDRAWN,
+    SubmissionStatus.REJECTED,
+    SubmissionStatus.FAILED,
+)
+
+
+def checked_counterpart(
+    session: Session, team_id: int, phase: Phase, linked_to: str | None
+) -> str | None:
+    """Return the id of the submission to link to, once it is certain that it may be linked.
+
+    Raises:
+        InvalidRecord: The challenge links nothing, or the counterpart is of another phase.
+        NotFound: The team has no such submission.
+        Conflict: The counterpart has no score and will not have one.
+    """
+    if linked_to is None:
+        return None
+    counterpart = CHALLENGES[ChallengeId(phase.challenge)].counterpart
+    if counterpart is None:
+        raise InvalidRecord(
+            f"Submissions of the {phase.challenge} challenge are not linked; leave linked_to out."
+        )
+    found = session.scalars(
+        select(Submission).where(Submission.id == linked_to, Submission.team_id == team_id)
+    ).first()
+    if found is None:
+        raise NotFound("submission of your team", linked_to)
+    if found.phase_id != phase.id:
+        raise InvalidRecord(
+            f"The submission {linked_to!r} is of the phase {found.phase_id!r}; link one of "
+            f"{phase.id!r}: {counterpart}."
+        )
+    if found.status in _WITHOUT_A_SCORE:
+        raise Conflict(f"The submission {linked_to!r} was {found.status}; link one with a score.")
+    return found.id
+
+
+def require_same_link(first: Submission, linked_to: str | None) -> None:
+    """Refuse the same bytes with another link: a record is never changed behind its team's back.
+
+    Raises:
+        Conflict: The first submission of the bytes has another link, or none.
+    """
+    if linked_to in (None, first.linked_to):
+        return
+    link = "without a link" if first.linked_to is None else f"linked to {first.linked_to!r}"
+    raise Conflict(
+        f"The same bytes were submitted as {first.id!r}, {link}. To link them anew, withdraw that "
+        "submission and submit again."
+    )
+
+
+_SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
+"""After these the same bytes are a new submission."""
+LONGEST_UPLOAD = timedelta(minutes=15)
+"""An upload that takes longer is judged by its end: nobody holds a connection past the deadline."""
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The outcome of `accept`; `job_id` is None for a duplicate."""
+
+    submission: Submission
+    is_duplicate: bool
+    job_id: str | None
+
+
+def accept(
+    session: Session,
+    *,
+    team_id: int,
+    phase_id: str,
+    method: str,
+    description: str = "",
+    links: Links = Links(),  # noqa: B008 - immutable
+    linked_to: str | None = None,
+    file_digest: str,
+    size_bytes: int,
+    arrived_at: datetime | None = None,
+) -> Accepted:
+    """Accept an upload: submission, first job and audit line, or none of them.
+
+    The same bytes of a team in a phase give the first submission again and cost nothing.
+
+    Args:
+        session: Of a write transaction.
+        team_id: Owner.
+        phase_id: Where it competes.
+        method: Name of the method, part of the identity of its board entry.
+        description: Free text.
+        links: Where the method is described.
+        linked_to: The team's submission of the same agent without reminder, in this phase.
+        file_digest: Of the stored file, `sha256:` and 64 hex digits.
+        size_bytes: Of the stored file.
+        arrived_at: When its first byte came, by the database's clock: the deadline is judged by it,
+            unless the rest took longer than `LONGEST_UPLOAD`.
+
+    Raises:
+        NotFound: No such phase or team, or the team has no submission to link to.
+        InvalidRecord: A text or link cannot be used.
+        Conflict: The counterpart has no score, or the same bytes are there with another link.
+        NotAllowed: The team registered itself and waits for approval.
+        PhaseClosed: The phase takes no submissions now.
+        QuotaExceeded: The quota of the day, or the total one, is used up.
+        RejectedCapExceeded: Too many files were rejected today.
+        ConcurrentQuotaExceeded: Too many submissions of the team still wait.
+    """
+    phase = find_phase(session, phase_id)
+    require_approved(_lock_team(session, team_id))
+    first = _same_bytes(session, team_id, phase, file_digest)
+    if first is not None:
+        require_same_link(first, linked_to)
+        return Accepted(first, is_duplicate=True, job_id=None)
+    now = database_now(session)
+    judged_at = arrival(arrived_at, now)
+    _require_open(phase, judged_at)
+    require_quota(session, team_id, phase)
+    counterpart = checked_counterpart(session, team_id, phase, linked_to)
+    submission = Submission(
+        id=random_id(),
+        phase_id=phase.id,
+        team_id=team_id,
+        method=checked_text("method name", method, max_length=80),
+        description=checked_text(
+            "description", description, max_length=2000, may_be_empty=True, may_have_lines=True
+        ),
+        paper_url=checked_link("paper", links.paper),
+        code_url=checked_link("code", links.code),
+        linked_to=counterpart,
+        file_digest=file_digest,
+        size_bytes=size_bytes,
+        status=SubmissionStatus.RECEIVED,
+        received_at=now,
+        status_at=now,
+        arrived_at=judged_at,
+    )
+    job = new_job(submission, phase.protocol_digest, phase.split_revision, Lane.LIVE, True, now)
+    session.add(submission)
+    session.flush()
+    session.add(job)
+    _score_under_both(session, submission, now)
+    detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
+    audit(session, f"team:{team_id}", "submission received", submission.id, detail)
+    return Accepted(submission, is_duplicate=False, job_id=job.id)
+
+
+def arrival(arrived_at: datetime | None, now: datetime) -> datetime:
+    """Return the moment by which an upload is judged: its first byte, or now if that is long ago."""
+    is_told = arrived_at is not None and now - LONGEST_UPLOAD <= arrived_at <= now
+    return arrived_at if arrived_at is not None and is_told else now
+
+
+def _score_under_both(session: Session, submission: Submission, now: datetime) -> None:
+    """While a protocol update is open, score also under the side that is not shown."""
+    companion = companion_key(session, submission.phase_id)
+    if companion is None:
+        return
+    key, is_held = companion
+    digest, revision = key.protocol_digest, key.split_revision
+    session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now, is_held=is_held))
+
+
+def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
+    """Withdraw a submission: it leaves the board, unfinished jobs end, quota stays used.
+
+    Withdrawing twice does nothing.
+
+    Raises:
+        NotFound: No such submission.
+        Conflict: It was rejected or has failed: there is nothing to withdraw.
+    """
+    _lock_jobs(session, submission_id)
+    submission = session.get(
+        Submission, submission_id, with_for_update=True, populate_existing=True
+    )
+    if submission is None:
+        raise NotFound("submission", submission_id)
+    if submission.status is SubmissionStatus.WITHDRAWN:
+        return submission
+    if submission.status in (SubmissionStatus.REJECTED, SubmissionStatus.FAILED):
+        raise Conflict(f"The submission was {submission.status}; there is nothing to withdraw.")
+    before = submission.status
+    now = database_now(session)
+    submission.status = SubmissionStatus.WITHDRAWN
+    submission.status_at = submission.withdrawn_at = now
+    cancel_jobs_of(session, submission_id, now)
+    for protocol_digest, split_revision in _scored_under(session, submission_id):
+        want_board(session, submission.phase_id, protocol_digest, split_revision)
+    audit(session, actor, "submission withdrawn", submission_id, {"was": before})
+    return submission
+
+
+def find_submission(
+    session: Session, submission_id: str, *, team_id: int | None = None
+) -> Submission:
+    """Return a submission; with `team_id`, only if it is that team's.
+
+    Raises:
+        NotFound: There is none, or it is not the team's: the answer is the same.
+    """
+    submission = session.get(Submission, submission_id)
+    if submission is None or (team_id is not None and submission.team_id != team_id):
+        raise NotFound("submission", submission_id)
+    return submission
+
+
+def ids_of_team(session: Session, team_id: int, phase_id: str) -> frozenset[str]:
+    """Return the ids of all submissions of a team to a phase."""
+    query = select(Submission.id).where(
+        Submission.team_id == team_id, Submission.phase_id == phase_id
+    )
+    return frozenset(session.scalars(query))
+
+
+def list_submissions(
+    session: Session,
+    *,
+    team_id: int | None = None,
+    phase_id: str | None = None,
+    status: SubmissionStatus | None = None,
+    after: str | None = None,
+    limit: int = 50,
+) -> list[Submission]:
+    """Return submissions, newest first, continuing after the submission `after`.
+
+    Raises:
+        NotFound: `after` is no submission that could be listed.
+    """
+    query = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
+    if team_id is not None:
+        query = query.where(Submission.team_id == team_id)
+    if phase_id is not None:
+        query = query.where(Submission.phase_id == phase_id)
+    if status is not None:
+        query = query.where(Submission.status == status)
+    if after is not None:
+        last = find_submission(session, after, team_id=team_id)
+        place = tuple_(Submission.received_at, Submission.id)
+        query = query.where(place < tuple_(last.received_at, last.id))
+    return list(session.scalars(query.limit(limit)))
+
+
+def counts_by_team(session: Session) -> dict[int, int]:
+    """Return how many submissions each team has, whatever became of them."""
+    query = select(Submission.team_id, func.count()).group_by(Submission.team_id)
+    return {team_id: count for team_id, count in session.execute(query)}
+
+
+def _lock_team(session: Session, team_id: int) -> Team:
+    """Lock the row of the team, so that its quota is counted by one transaction at a time."""
+    team = session.scalars(select(Team).where(Team.id == team_id).with_for_update()).first()
+    if team is None:
+        raise NotFound("team", str(team_id))
+    return team
+
+
+def _same_bytes(
+    session: Session, team_id: int, phase: Phase, file_digest: str
+) -> Submission | None:
+    return session.scalars(
+        select(Submission).where(
+            Submission.phase_id == phase.id,
+            Submission.team_id == team_id,
+            Submission.file_digest == file_digest,
+            Submission.status.not_in(_SAME_BYTES_AGAIN),
+        )
+    ).first()
+
+
+def _require_open(phase: Phase, now: datetime) -> None:
+    if is_open(phase, now) or takes_late_entries(phase, now):
+        return
+    if phase.opens_at is not None and now < phase.opens_at:
+        raise PhaseClosed(phase.title, opens_at=phase.opens_at)
+    raise PhaseClosed(phase.title, closed_at=phase.closes_at)
+
+
+def _lock_jobs(session: Session, submission_id: str) -> None:
+    """Wait for whoever claims or ends its jobs, in their order: the job first, then its submission."""
+    jobs = select(Job.id).where(Job.submission_id == submission_id).order_by(Job.id)
+    session.execute(jobs.with_for_update())
+
+
+def _scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+    query = select(ScoreSheetRow.protocol_digest, ScoreSheetRow.split_revision).where(
+        ScoreSheetRow.submission_id == submission_id
+    )
+    return sorted((digest, revision) for digest, revision in session.execute(query))

@@ -1,0 +1,88 @@
+"""The tables of submissions."""
+
+from datetime import datetime
+
+from sqlalchemy import ForeignKey, Index, Text
+from sqlalchemy import text as sql_text
+from sqlalchemy.orm import Mapped, mapped_column
+
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+class Submission(Base):
+    """The record of one upload."""
+
+    __tablename__ = "submissions"
+    __table_args__ = (
+        Index("ix_submissions_team", "team_id", "phase_id", "received_at"),
+        Index(
+            "uq_submissions_same_bytes",
+            "phase_id",
+            "team_id",
+            "file_digest",
+            unique=True,
+            sqlite_where=sql_text("status NOT IN ('withdrawn', 'failed')"),
+            postgresql_where=sql_text("status NOT IN ('withdrawn', 'failed')"),
+        ),
+    )
+    id: Mapped[str] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"))
+    method: Mapped[str]
+    description: Mapped[str] = mapped_column(Text)
+    paper_url: Mapped[str | None]
+    code_url: Mapped[str | None]
+    file_digest: Mapped[str]
+    size_bytes: Mapped[int]
+    status: Mapped[SubmissionStatus]
+    report: Mapped[CheckReport | None] = mapped_column(DocumentText(CheckReport))
+    failure_code: Mapped[str | None]
+    failure_message: Mapped[str | None]
+    received_at: Mapped[datetime]
+    status_at: Mapped[datetime]
+    withdrawn_at: Mapped[datetime | None]
+    linked_to: Mapped[str | None] = mapped_column(ForeignKey("submissions.id"))
+    """The counterpart that its board entry is compared with."""
+    arrived_at: Mapped[datetime | None]
+    """When its first byte came, where that was noted: the deadline is judged by it."""
+    chosen_at: Mapped[datetime | None]
+    """When the team chose it for the board; the latest choice counts."""
+    published_at: Mapped[datetime | None]
+    """When the team made it public, in a phase that keeps entries private."""
+
+
+class ScoreSheetRow(Base):
+    """The published, rounded score sheet of one scoring run, immutable."""
+
+    __tablename__ = "score_sheets"
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), primary_key=True)
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
+    split_revision: Mapped[str] = mapped_column(primary_key=True)
+    sheet: Mapped[ScoreSheet] = mapped_column(DocumentText(ScoreSheet))
+    exact_digest: Mapped[str]
+    measurement_key: Mapped[str]
+    scorer_version: Mapped[str]
+    created_at: Mapped[datetime]
+
+
+class ReceiptKeyRow(Base):
+    """The public half of a key that has signed receipts. It is kept for ever."""
+
+    __tablename__ = "receipt_keys"
+    key_id: Mapped[str] = mapped_column(primary_key=True)
+    public_key: Mapped[str]
+    first_used_at: Mapped[datetime]
+
+
+class SimilarityRow(Base):
+    """A submission that was compared with all that were compared before it."""
+
+    __tablename__ = "similarities"
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), primary_key=True)
+    alike: Mapped[str] = mapped_column(Text)
+    """`ALIKE_SUBMISSIONS` as JSON: the nearest of other teams, and of its own."""
+    compared_at: Mapped[datetime]

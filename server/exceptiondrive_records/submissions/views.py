@@ -1,0 +1,158 @@
+"""Submissions as their team sees them: with place in the queue, sheet and rank."""
+
+from collections.abc import Mapping, Sequence
+from statistics import median
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.boards import ranks_on
+from exceptiondrive_records.entries.selection import is_chosen
+from exceptiondrive_records.phases.policy import is_anonymous, is_late, pseudonym_of_team
+from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.quotas import WAITING
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.fair_share import jobs_ahead
+from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
+from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import Failure, QueuePlace, SubmissionStatus, SubmissionView
+
+_RECENT = 20
+
+
+def view(
+    session: Session,
+    submission: Submission,
+    *,
+    is_duplicate: bool = False,
+    heartbeat_ttl_s: float = 15.0,
+    ranks: Mapping[str, int] | None = None,
+) -> SubmissionView:
+    """Return a submission as its team sees it.
+
+    Args:
+        session: To read with.
+        submission: The submission.
+        is_duplicate: Whether these bytes came a second time.
+        heartbeat_ttl_s: How old the last sign of life of a worker may be.
+        ranks: Of its phase (`ranks_on`), where they are known already.
+    """
+    team = session.get_one(Team, submission.team_id)
+    phase = session.get_one(Phase, submission.phase_id)
+    is_scored = submission.status is SubmissionStatus.SCORED
+    hidden_since = score_kept_back_since(session, phase, submission)
+    shows_sheet = is_scored and hidden_since is None
+    return SubmissionView(
+        id=submission.id,
+        phase=phase.id,
+        challenge=phase.challenge,
+        team=team.name,
+        method=submission.method,
+        description=submission.description,
+        links=Links(paper=submission.paper_url, code=submission.code_url),
+        linked_to=submission.linked_to,
+        file_digest=submission.file_digest,
+        size_bytes=submission.size_bytes,
+        status=submission.status,
+        received_at=submission.received_at,
+        status_at=submission.status_at,
+        queue=queue_place(session, submission, heartbeat_ttl_s=heartbeat_ttl_s),
+        report=submission.report,
+        failure=_failure(submission),
+        sheet=published_sheet(session, submission, phase) if shows_sheet else None,
+        rank=_rank(session, submission, ranks) if is_scored else None,
+        is_duplicate=is_duplicate,
+        is_late=is_late(phase, submission),
+        is_chosen=is_chosen(session, submission),
+        is_published=not phase.policy.entries_private or submission.published_at is not None,
+        score_kept_back_since=hidden_since,
+        known_as=pseudonym_of_team(phase, team.id)
+        if is_anonymous(phase) and not team.is_reference
+        else None,
+    )
+
+
+def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
+    """Return several submissions as their team sees them."""
+    scored: dict[str, list[str]] = {}
+    for each in submissions:
+        if each.status is SubmissionStatus.SCORED:
+            scored.setdefault(each.phase_id, []).append(each.id)
+    ranks = {
+        phase_id: ranks_on(session, session.get_one(Phase, phase_id).current_board_id, ids)
+        for phase_id, ids in scored.items()
+    }
+    return tuple(view(session, each, ranks=ranks.get(each.phase_id)) for each in submissions)
+
+
+def queue_place(
+    session: Session, submission: Submission, *, heartbeat_ttl_s: float = 15.0
+) -> QueuePlace | None:
+    """Return how many live jobs come before it in fair order now, and how long that may take.
+
+    None when it has ended.
+    """
+    if submission.status not in WAITING:
+        return None
+    query = select(Job).where(Job.submission_id == submission.id, Job.is_first)
+    job = session.scalars(query).first()
+    if job is None or job.state.is_final:
+        return None
+    position = 0 if job.state is WorkState.LEASED else jobs_ahead(session, job)
+    alive = live_workers(session, Lane.LIVE, ttl_s=heartbeat_ttl_s)
+    return QueuePlace(
+        position=position,
+        expected_wait_s=_expected_wait_s(session, position, alive),
+        attempts=job.attempts,
+        workers_alive=alive.workers,
+    )
+
+
+def published_sheet(session: Session, submission: Submission, phase: Phase) -> ScoreSheet | None:
+    """Return the sheet under the protocol and split revision that the phase shows, as it may be."""
+    key = (submission.id, phase.protocol_digest, phase.split_revision)
+    row = session.get(ScoreSheetRow, key)
+    return None if row is None else shown_sheet(session, phase, row)
+
+
+def _rank(session: Session, submission: Submission, ranks: Mapping[str, int] | None) -> int | None:
+    """Return the rank on the current board; None when it is not there, or not ranked."""
+    if ranks is None:
+        board_id = session.get_one(Phase, submission.phase_id).current_board_id
+        ranks = ranks_on(session, board_id, [submission.id])
+    return ranks.get(submission.id)
+
+
+def recent_scoring_s(session: Session) -> float | None:
+    """Return the median duration of the last live scoring runs, measured by the database's clock."""
+    query = (
+        select(Job.leased_at, Job.finished_at)
+        .where(Job.lane == Lane.LIVE, Job.state == WorkState.DONE, Job.finished_at.is_not(None))
+        .order_by(Job.finished_at.desc())
+        .limit(_RECENT)
+    )
+    durations_s = [
+        (finished_at - leased_at).total_seconds()
+        for leased_at, finished_at in session.execute(query)
+        if leased_at is not None and finished_at is not None
+    ]
+    return median(durations_s) if durations_s else None
+
+
+def _expected_wait_s(session: Session, position: int, alive: LiveWorkers) -> float | None:
+    """Until a slot is free: `position` jobs come first, and the slots work side by side."""
+    scoring_s = recent_scoring_s(session)
+    if scoring_s is None or alive.slots == 0:
+        return None
+    return round(max(0, position - alive.slots + 1) * scoring_s / alive.slots, 1)
+
+
+def _failure(submission: Submission) -> Failure | None:
+    if submission.failure_code is None:
+        return None
+    return Failure(code=submission.failure_code, message=submission.failure_message or "")

@@ -1,0 +1,32 @@
+"""The tables of teams."""
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy.orm import Mapped, mapped_column
+
+from exceptiondrive_records.db.base import Base
+
+
+class Team(Base):
+    """Owns submissions."""
+
+    __tablename__ = "teams"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    slug: Mapped[str] = mapped_column(unique=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    is_reference: Mapped[bool]
+    created_at: Mapped[datetime]
+    pending_since: Mapped[datetime | None]
+    """Registered itself then, and submits nothing until an organizer approves."""
+    registration_note: Mapped[str | None]
+    """Who they say they are, for organizers."""
+
+
+class SiteSetting(Base):
+    """What organizers switch while the server runs."""
+
+    __tablename__ = "site_settings"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    value: Mapped[dict[str, Any]]
+    changed_at: Mapped[datetime]

@@ -1,0 +1,190 @@
+"""Teams: they own submissions."""
+
+from sqlalchemy import Column, Table, delete, exists, func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tables import Token
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, NotAllowed, NotFound
+from exceptiondrive_records.db.identifiers import checked_reason, checked_slug, checked_text
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import SiteSetting, Team
+
+
+def create_team(
+    session: Session, slug: str, name: str, *, is_reference: bool = False, actor: str
+) -> Team:
+    """Create a team.
+
+    Raises:
+        InvalidRecord: The slug or the name cannot be used.
+        Conflict: One of them is taken.
+    """
+    checked_slug("team", slug)
+    name = checked_text("team name", name, max_length=80)
+    taken = session.scalars(select(Team).where((Team.slug == slug) | (Team.name == name))).first()
+    if taken is not None:
+        what = f"id {slug!r}" if taken.slug == slug else f"name {name!r}"
+        raise Conflict(f"There is a team with the {what} already.")
+    team = Team(slug=slug, name=name, is_reference=is_reference, created_at=database_now(session))
+    session.add(team)
+    session.flush()
+    audit(session, actor, "team created", slug, {"name": name, "is_reference": is_reference})
+    return team
+
+
+def find_team(session: Session, slug: str) -> Team:
+    """Return the team with this slug.
+
+    Raises:
+        NotFound: There is none.
+    """
+    team = session.scalars(select(Team).where(Team.slug == slug)).first()
+    if team is None:
+        raise NotFound("team", slug)
+    return team
+
+
+def list_teams(session: Session) -> list[Team]:
+    """Return all teams by slug."""
+    return list(session.scalars(select(Team).order_by(Team.slug)))
+
+
+# Refused registrations: a team that never submitted goes, with everything that hung on it.
+
+
+def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None:
+    """Refuse a team that waits for approval: its id and name are free again, its tokens gone.
+
+    Only an audit line stays. Whatever table comes to hold something of a team is emptied of it
+    too, since its foreign key says so.
+
+    Raises:
+        NotFound: There is no such team.
+        InvalidRecord: The reason cannot be kept.
+        Conflict: It was approved, or has submitted.
+    """
+    team = session.get(Team, find_team(session, slug).id, with_for_update=True)
+    assert team is not None
+    if team.pending_since is None:
+        raise Conflict("The team is approved; only a team that waits for approval can be refused.")
+    if session.scalar(select(exists().where(Submission.team_id == team.id))):
+        raise Conflict("The team has submissions; they cannot be taken out of the records.")
+    detail = {"reason": checked_reason(reason), "name": team.name}
+    audit(session, actor, "team refused", slug, detail)
+    tokens = select(Token.id).where(Token.team_id == team.id).scalar_subquery()
+    for table in reversed(Base.metadata.sorted_tables):
+        if table is Submission.__table__:  # there are none, and the server may delete none
+            continue
+        for column in _pointing(table, "tokens.id"):
+            session.execute(delete(table).where(column.in_(tokens)))
+        for column in _pointing(table, "teams.id"):
+            session.execute(delete(table).where(column == team.id))
+    session.execute(delete(Team).where(Team.id == team.id))
+
+
+def _pointing(table: Table, target: str) -> list[Column[object]]:
+    """Return the columns of a table whose foreign key points to `target`."""
+    return [
+        column
+        for column in table.columns
+        if any(key.target_fullname == target for key in column.foreign_keys)
+    ]
+
+
+# Teams that register themselves: they get a token at once, and submit when they are approved.
+
+
+MAX_PENDING = 200
+"""More than organizers would read; beyond it registration waits for them."""
+
+
+def register_team(session: Session, slug: str, name: str, note: str) -> tuple[str, Token, Team]:
+    """Make a team that waits for approval, and its first token, whose text is returned once.
+
+    Raises:
+        InvalidRecord: A text cannot be used.
+        Conflict: Id or name is taken, or too many teams wait for approval.
+    """
+    team = make_pending_team(session, slug, name, note, actor="registration")
+    text, token = issue_token(session, team.id, "first token", TEAM_SCOPES, actor="registration")
+    return text, token, team
+
+
+def make_pending_team(session: Session, slug: str, name: str, note: str, *, actor: str) -> Team:
+    """Make a team that waits for approval.
+
+    Args:
+        session: Of a write transaction.
+        slug: Id of the team.
+        name: As the board would show it.
+        note: Who they are and how to reach them; for organizers alone.
+        actor: Who registers it, for the audit line.
+
+    Raises:
+        InvalidRecord: A text cannot be used.
+        Conflict: Id or name is taken, or too many teams wait for approval.
+    """
+    waiting = session.scalar(select(func.count()).where(Team.pending_since.is_not(None))) or 0
+    if waiting >= MAX_PENDING:
+        raise Conflict("Too many teams wait for approval; ask an organizer.")
+    note = checked_text("note", note, max_length=500, may_have_lines=True)
+    team = create_team(session, slug, name, actor=actor)
+    team.pending_since = database_now(session)
+    team.registration_note = note
+    return team
+
+
+def approve_team(session: Session, slug: str, *, actor: str) -> Team:
+    """Let a team that registered itself submit; approving twice does nothing.
+
+    Raises:
+        NotFound: There is no such team.
+    """
+    team = find_team(session, slug)
+    if team.pending_since is not None:
+        team.pending_since = None
+        audit(session, actor, "team approved", slug)
+    return team
+
+
+def require_approved(team: Team) -> None:
+    """Refuse a submission of a team that waits for approval."""
+    if team.pending_since is not None:
+        raise NotAllowed("Your team is not approved yet; an organizer has to look at it first.")
+
+
+# What organizers switch while the server runs. Every change is an audit line.
+
+
+_SELF_REGISTRATION = "self_registration"
+
+
+def self_registration_is_on(session: Session, environment: bool | None) -> bool:
+    """Whether teams may register themselves.
+
+    Args:
+        session: Of any transaction.
+        environment: False forces it off, whatever organizers switched; True switches it on until
+            they decide; None leaves it to them, off at first.
+    """
+    if environment is False:
+        return False
+    switched = session.get(SiteSetting, _SELF_REGISTRATION)
+    return bool(switched.value["is_on"]) if switched is not None else environment is True
+
+
+def switch_self_registration(session: Session, is_on: bool, *, actor: str) -> None:
+    """Let teams register themselves, or no longer."""
+    row = session.get(SiteSetting, _SELF_REGISTRATION)
+    if row is not None and row.value == {"is_on": is_on}:
+        return
+    now = database_now(session)
+    if row is None:
+        session.add(SiteSetting(name=_SELF_REGISTRATION, value={"is_on": is_on}, changed_at=now))
+    else:
+        row.value, row.changed_at = {"is_on": is_on}, now
+    audit(session, actor, "self-registration switched", "on" if is_on else "off")

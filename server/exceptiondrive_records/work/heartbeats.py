@@ -1,0 +1,79 @@
+"""Signs of life: a worker lives while its row is young (research/reliability.md A4)."""
+
+from dataclasses import dataclass
+from datetime import timedelta
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.work.tables import WorkerHeartbeat
+from exceptiondrive_schemas.jobs import Lane
+
+HEARTBEAT_TTL_S = 15.0
+_FORGET_AFTER = timedelta(days=1)
+_SCORER_COUNTS_FOR = timedelta(hours=1)
+"""A newer scorer that was killed keeps older ones away for so long."""
+
+
+@dataclass(frozen=True)
+class LiveWorkers:
+    """How many workers live, and how many jobs they take at once."""
+
+    workers: int
+    slots: int
+
+
+def beat(
+    session: Session,
+    worker_id: str,
+    lanes: tuple[Lane, ...] = (Lane.LIVE,),
+    slots: int = 1,
+    scorer_version: str | None = None,
+) -> None:
+    """Record a sign of life, every few seconds; forget workers that are long gone."""
+    now = database_now(session)
+    session.merge(
+        WorkerHeartbeat(
+            worker_id=worker_id,
+            at=now,
+            lanes=[lane.value for lane in lanes],
+            slots=slots,
+            scorer_version=scorer_version,
+        )
+    )
+    session.execute(delete(WorkerHeartbeat).where(WorkerHeartbeat.at < now - _FORGET_AFTER))
+
+
+def live_workers(
+    session: Session, lane: Lane = Lane.LIVE, *, ttl_s: float = HEARTBEAT_TTL_S
+) -> LiveWorkers:
+    """Return the workers of a lane whose last sign of life is younger than `ttl_s`."""
+    oldest = database_now(session) - timedelta(seconds=ttl_s)
+    rows = session.scalars(select(WorkerHeartbeat).where(WorkerHeartbeat.at > oldest))
+    alive = [row for row in rows if lane.value in row.lanes]
+    return LiveWorkers(workers=len(alive), slots=sum(row.slots for row in alive))
+
+
+def scorers_at_work(session: Session) -> list[str]:
+    """Return the scorer versions on the list of workers, the newest last."""
+    oldest = database_now(session) - _SCORER_COUNTS_FOR
+    found = session.scalars(
+        select(WorkerHeartbeat.scorer_version).where(WorkerHeartbeat.at > oldest).distinct()
+    )
+    return sorted((version for version in found if version is not None), key=_numbers)
+
+
+def newer_scorer(session: Session, version: str) -> str | None:
+    """Return the newest scorer version on the list of workers, if it is newer than `version`."""
+    newest = max(scorers_at_work(session), key=_numbers, default=version)
+    return newest if _numbers(newest) > _numbers(version) else None
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split("."))
+
+
+def forget_worker(session: Session, worker_id: str) -> None:
+    """Take a worker that stops in good order off the list."""
+    session.execute(delete(WorkerHeartbeat).where(WorkerHeartbeat.worker_id == worker_id))

@@ -1,0 +1,54 @@
+"""Ask for the boards of a phase anew: for what changes what they may say."""
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.keys import companion_key, key_of_phase
+from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
+
+
+def want_boards(session: Session, phase: Phase) -> None:
+    """Ask for the board that the phase shows, and for the draft of an open rescoring run."""
+    keys = {key_of_phase(phase)}
+    companion = companion_key(session, phase.id)
+    if companion is not None:
+        keys.add(companion[0])
+    for key in sorted(keys, key=lambda key: (key.protocol_digest, key.split_revision)):
+        want_board(session, phase.id, key.protocol_digest, key.split_revision)
+
+
+def tend_phases(database: Database) -> int:
+    """Ask for the boards of phases whose families may be shown now; return how many phases."""
+    with database.read() as session:
+        if not any(_families_are_due(session, phase) for phase in _phases(session)):
+            return 0
+    with database.write() as session:
+        due = [phase for phase in _phases(session) if _families_are_due(session, phase)]
+        for phase in due:
+            want_boards(session, phase)
+        return len(due)
+
+
+def _phases(session: Session) -> list[Phase]:
+    return list(session.scalars(select(Phase).order_by(Phase.id)))
+
+
+def _families_are_due(session: Session, phase: Phase) -> bool:
+    families_from = phase.policy.families_from
+    if families_from is None or database_now(session) < families_from:
+        return False
+    key = key_of_phase(phase)
+    if is_board_wanted(session, phase.id, key.protocol_digest, key.split_revision):
+        return False
+    query = select(func.max(BoardRow.published_at)).where(  # every second: not the board itself
+        BoardRow.phase_id == phase.id,
+        BoardRow.protocol_digest == key.protocol_digest,
+        BoardRow.split_revision == key.split_revision,
+        BoardRow.view == "main",
+    )
+    published_at = session.scalar(query)
+    return published_at is not None and published_at < families_from

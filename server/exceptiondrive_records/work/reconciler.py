@@ -1,0 +1,82 @@
+"""The reconciler: whatever was lost, frozen or forgotten is set right, one pass a second.
+
+One leader at a time wakes the lanes that have something to do, gives up jobs without attempts
+left, and brings rescoring runs on. It decides nothing that a claim does not check again.
+"""
+
+import os
+import socket
+import threading
+from dataclasses import dataclass
+
+import structlog
+from sqlalchemy.exc import OperationalError
+
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.rescoring.verification import due_items, mark_items_rung
+from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
+from exceptiondrive_records.work.lease import give_up_lead, take_lead
+from exceptiondrive_records.work.phase_boards import tend_phases
+from exceptiondrive_records.work.scoring_jobs import give_up_exhausted
+
+_log = structlog.get_logger("exceptiondrive.reconciler")
+
+LEADERSHIP = "reconciler"
+_WAKE_AGAIN_AFTER_S = 10.0
+
+
+@dataclass(frozen=True)
+class Pass:
+    """What one pass did."""
+
+    woken_for: int = 0
+    """How many items could be done now, in lanes that the broker could wake."""
+    dead_jobs: int = 0
+    rescoring_jobs: int = 0
+    verifications: int = 0
+
+
+def reconcile_once(database: Database, dispatcher: Dispatcher, settings: RecordsSettings) -> Pass:
+    """Make one pass."""
+    with database.write() as session:
+        dead_jobs = give_up_exhausted(session, settings.max_attempts)
+    tend_phases(database)
+    rescoring_jobs = tend_runs(database)
+    woken_for = wake_lanes(database, dispatcher, settings)
+    if woken_for:
+        with database.write() as session:
+            mark_queued(session)
+    return Pass(woken_for, dead_jobs, rescoring_jobs, _verify(database, dispatcher))
+
+
+def run_reconciler(
+    database: Database, dispatcher: Dispatcher, settings: RecordsSettings, stop: threading.Event
+) -> None:
+    """Make passes while leading, until `stop` is set; a database that is away is waited for."""
+    holder = f"{socket.gethostname()}:{os.getpid()}:{random_id(6)}"
+    while not stop.is_set():
+        try:
+            with database.write() as session:
+                leads = take_lead(session, LEADERSHIP, holder, settings.leader_lease_s)
+            if leads:
+                done = reconcile_once(database, dispatcher, settings)
+                if done != Pass():
+                    _log.info("reconciled", **vars(done))
+        except OperationalError as error:
+            _log.warning("the database did not answer", error=type(error.orig).__name__)
+        stop.wait(settings.reconcile_every_s)
+    with database.write() as session:
+        give_up_lead(session, LEADERSHIP, holder)
+
+
+def _verify(database: Database, dispatcher: Dispatcher) -> int:
+    with database.read() as session:
+        due = due_items(session, _WAKE_AGAIN_AFTER_S)
+    woken = [item for item in due if dispatcher.wake_for_verification(item)]
+    if woken:
+        with database.write() as session:
+            mark_items_rung(session, woken)
+    return len(woken)

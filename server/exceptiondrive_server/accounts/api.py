@@ -1,0 +1,140 @@
+"""A team's own tokens, for a token with the scope `tokens`. Another team's is not found."""
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import BaseModel, Field
+
+from exceptiondrive_records.accounts.tables import Token
+from exceptiondrive_records.accounts.tokens import (
+    DEFAULT_KEEP_DAYS,
+    MAX_KEEP_DAYS,
+    PARTICIPANT_SCOPES,
+    Scope,
+    issue_team_token,
+    revoke_team_token,
+    rotate_team_token,
+    team_tokens,
+)
+from exceptiondrive_schemas.datetimes import Time
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.submission import Me
+from exceptiondrive_server.web.auth import MaybePrincipal, ServicesOf, TokenKeeper, team_of
+from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+from exceptiondrive_server.web.problems import problem_responses
+
+# Tokens as answers show them: never with a secret, save once when they are new.
+
+
+class TokenView(BaseModel):
+    """A token without its secret."""
+
+    id: str
+    name: str
+    prefix: str
+    scopes: tuple[str, ...]
+    created_at: datetime
+    expires_at: datetime | None
+    revoked_at: datetime | None
+    last_used_at: datetime | None
+
+
+class IssuedToken(BaseModel):
+    """A new token: its text is shown here and never again."""
+
+    token: str
+    view: TokenView
+
+
+def token_view(token: Token) -> TokenView:
+    """Return a token as it is shown."""
+    return TokenView(
+        id=token.id,
+        name=token.name,
+        prefix=token.prefix,
+        scopes=tuple(token.scopes),
+        created_at=token.created_at,
+        expires_at=token.expires_at,
+        revoked_at=token.revoked_at,
+        last_used_at=token.last_used_at,
+    )
+
+
+_REFUSALS = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
+router = APIRouter(prefix="/tokens", tags=["access"], responses=problem_responses(*_REFUSALS))
+TokenId = Annotated[str, Path(max_length=64, description="id of a token of the team")]
+_MISSING = problem_responses(*_REFUSALS, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT)
+
+
+class NewTeamToken(Form):
+    """A token to be issued for one's own team."""
+
+    name: Annotated[str, Field(max_length=400)]
+    scopes: tuple[Scope, ...] = PARTICIPANT_SCOPES
+    """None that the asker's token does not have."""
+    expires_at: Time | None = None
+
+
+class Rotation(Form):
+    """How long the old token works on."""
+
+    keep_days: Annotated[int, Field(strict=True, ge=0, le=MAX_KEEP_DAYS)] = DEFAULT_KEEP_DAYS
+
+
+@router.get("", operation_id="listOwnTokens")
+def get_own_tokens(services: ServicesOf, keeper: TokenKeeper) -> list[TokenView]:
+    """List the team's tokens, newest first, without their secrets."""
+    team_of(keeper)
+    with services.database.read() as session:
+        return [token_view(token) for token in team_tokens(session, keeper)]
+
+
+@router.post("", operation_id="issueOwnToken", status_code=201, responses=_MISSING)
+def post_own_token(services: ServicesOf, keeper: TokenKeeper, token: NewTeamToken) -> IssuedToken:
+    """Issue a token with no more rights than one's own; its text is answered once."""
+    team_of(keeper)
+    with services.database.write() as session:
+        text, made = issue_team_token(
+            session, keeper, token.name, tuple(token.scopes), token.expires_at
+        )
+        return IssuedToken(token=text, view=token_view(made))
+
+
+@router.post(
+    "/{token_id}/rotate", operation_id="rotateOwnToken", status_code=201, responses=_MISSING
+)
+def post_rotation(
+    services: ServicesOf, keeper: TokenKeeper, token_id: TokenId, rotation: Rotation
+) -> IssuedToken:
+    """Issue the successor of a token; the old one works on for `keep_days`."""
+    with services.database.write() as session:
+        text, made = rotate_team_token(session, keeper, token_id, rotation.keep_days)
+        return IssuedToken(token=text, view=token_view(made))
+
+
+@router.post("/{token_id}/revoke", operation_id="revokeOwnToken", responses=_MISSING)
+def post_own_revocation(services: ServicesOf, keeper: TokenKeeper, token_id: TokenId) -> TokenView:
+    """Revoke a token of the team for good, one's own included."""
+    with services.database.write() as session:
+        return token_view(revoke_team_token(session, keeper, token_id))
+
+
+# Who a token speaks for.
+
+
+me_router = APIRouter(tags=["access"])
+
+
+@me_router.get("/me", operation_id="whoAmI", responses=problem_responses(ProblemCode.NOT_SIGNED_IN))
+def get_me(principal: MaybePrincipal) -> Me:
+    """Show team, scopes and expiry of the token."""
+    if principal is None:
+        raise ApiProblem(ProblemCode.NOT_SIGNED_IN, "Send a token: Authorization: Bearer ...")
+    return Me(
+        team=principal.team_name,
+        token_name=principal.token_name,
+        scopes=tuple(sorted(principal.scopes)),
+        expires_at=principal.expires_at,
+    )

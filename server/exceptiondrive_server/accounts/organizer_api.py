@@ -1,0 +1,114 @@
+"""People and self-registration, as organizers manage them."""
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import BaseModel, StrictBool
+
+from exceptiondrive_records.accounts.people import invite, list_people, set_organizer
+from exceptiondrive_records.accounts.tables import Person
+from exceptiondrive_records.teams.teams import (
+    find_team,
+    self_registration_is_on,
+    switch_self_registration,
+)
+from exceptiondrive_server.web.auth import Organizer, ServicesOf
+from exceptiondrive_server.web.organizer_form import Form
+
+router = APIRouter()
+PersonId = Annotated[str, Path(max_length=64, description="id of a person")]
+Slug = Annotated[str, Path(max_length=64, description="id of a team")]
+
+
+class PersonView(BaseModel):
+    """Somebody who signed in through the provider."""
+
+    id: str
+    name: str
+    email: str | None
+    is_organizer: bool
+    signed_in_at: datetime
+
+
+class OrganizerSwitch(Form):
+    """Whether a person is an organizer."""
+
+    is_organizer: StrictBool
+
+
+class SelfRegistration(BaseModel):
+    """Whether teams may register themselves."""
+
+    is_on: bool
+    is_forced_off: bool
+    """By the environment: then no switch counts."""
+
+
+class SelfRegistrationSwitch(Form):
+    """Whether teams may register themselves from now on."""
+
+    is_on: StrictBool
+
+
+class NewInvitation(BaseModel):
+    """An invitation: its path is shown here and never again."""
+
+    path: str
+    expires_at: datetime
+
+
+@router.get("/people", operation_id="listPeople")
+def get_people(services: ServicesOf) -> list[PersonView]:
+    """List everybody who ever signed in through the provider."""
+    with services.database.read() as session:
+        return [_person(person) for person in list_people(session)]
+
+
+@router.post("/people/{person_id}/organizer", operation_id="switchOrganizer")
+def post_organizer(
+    services: ServicesOf, organizer: Organizer, person_id: PersonId, wanted: OrganizerSwitch
+) -> PersonView:
+    """Make a person an organizer, or no longer."""
+    with services.database.write() as session:
+        return _person(
+            set_organizer(session, person_id, wanted.is_organizer, actor=organizer.actor)
+        )
+
+
+@router.post("/teams/{team_id}/invitations", operation_id="inviteToTeam", status_code=201)
+def post_invitation(services: ServicesOf, organizer: Organizer, team_id: Slug) -> NewInvitation:
+    """Make a link with which one person joins a team, once."""
+    with services.database.write() as session:
+        team = find_team(session, team_id)
+        text, made = invite(session, team.id, "an organizer", actor=organizer.actor)
+        return NewInvitation(path=f"/join/{text}", expires_at=made.expires_at)
+
+
+@router.get("/self-registration", operation_id="showSelfRegistration")
+def get_self_registration(services: ServicesOf) -> SelfRegistration:
+    """Show whether teams may register themselves."""
+    environment = services.settings.self_registration
+    with services.database.read() as session:
+        is_on = self_registration_is_on(session, environment)
+    return SelfRegistration(is_on=is_on, is_forced_off=environment is False)
+
+
+@router.post("/self-registration", operation_id="switchSelfRegistration")
+def post_self_registration(
+    services: ServicesOf, organizer: Organizer, wanted: SelfRegistrationSwitch
+) -> SelfRegistration:
+    """Let teams register themselves, or no longer."""
+    with services.database.write() as session:
+        switch_self_registration(session, wanted.is_on, actor=organizer.actor)
+    return get_self_registration(services)
+
+
+def _person(person: Person) -> PersonView:
+    return PersonView(
+        id=person.id,
+        name=person.name,
+        email=person.email,
+        is_organizer=person.is_organizer,
+        signed_in_at=person.signed_in_at,
+    )

@@ -1,0 +1,84 @@
+"""The audit log, as organizers read and verify it."""
+
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import BaseModel
+
+from exceptiondrive_records.audit.log import audit_page, verify_audit
+from exceptiondrive_server.web.auth import ServicesOf
+
+router = APIRouter()
+
+
+class AuditLineView(BaseModel):
+    """One line of the audit log."""
+
+    id: int
+    at: datetime
+    actor: str
+    action: str
+    subject: str
+    detail: dict[str, Any]
+    hash: str
+
+
+class AuditVerdictView(BaseModel):
+    """Whether the chain of the audit log is whole, and holds the head that was kept."""
+
+    is_whole: bool
+    n_lines: int
+    head: str
+    broken_at: int | None
+    holds_kept_head: bool | None = None
+    """Whether a line has the head that was sent along; null: none was."""
+
+
+@router.get("/audit", operation_id="readAudit")
+def get_audit(
+    services: ServicesOf,
+    before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+    actor: Annotated[str | None, Query(max_length=200, description="only by this one")] = None,
+    subject: Annotated[str | None, Query(max_length=200, description="only about this")] = None,
+) -> list[AuditLineView]:
+    """Read the audit log, newest first."""
+    with services.database.read() as session:
+        return [
+            AuditLineView(
+                id=line.id,
+                at=line.at,
+                actor=line.actor,
+                action=line.action,
+                subject=line.subject,
+                detail=line.detail,
+                hash=line.hash,
+            )
+            for line in audit_page(
+                session, before=before, limit=limit, actor=actor, subject=subject
+            )
+        ]
+
+
+@router.get("/audit/verify", operation_id="verifyAudit")
+def get_audit_verdict(
+    services: ServicesOf,
+    head: Annotated[
+        str | None,
+        Query(pattern="^[0-9a-f]{64}$", description="kept from an earlier verification"),
+    ] = None,
+) -> AuditVerdictView:
+    """Recompute the chain: an altered, missing or reordered line is found.
+
+    Lines cut off at the end are found by the `head` that an earlier verification told.
+    """
+    with services.database.read() as session:
+        verdict = verify_audit(session, head)
+    return AuditVerdictView(
+        is_whole=verdict.is_whole,
+        n_lines=verdict.n_lines,
+        head=verdict.head,
+        broken_at=verdict.broken_at,
+        holds_kept_head=verdict.holds_kept_head,
+    )

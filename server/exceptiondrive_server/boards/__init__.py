@@ -1,0 +1,1 @@
+"""The ranked boards: snapshots, and the pointer to the current one."""

@@ -1,0 +1,88 @@
+"""Boards: the current one, one of a date, each at its permanent address; JSON and CSV."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from exceptiondrive_records.boards.boards import find_board, parsed_board
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.boards.columns import sorted_board
+from exceptiondrive_server.boards.exports import EXPORTS
+from exceptiondrive_server.boards.queries import chosen_board
+from exceptiondrive_server.boards.query import AskedBoard, documented
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
+from exceptiondrive_server.web.problems import problem_responses
+from exceptiondrive_server.web.responses import origin_of
+
+router = APIRouter(tags=["boards"])
+_UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}
+_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"model": Board, "description": "The board; its strong ETag is the digest of its bytes."},
+    304: _UNCHANGED,
+    **problem_responses(ProblemCode.NOT_FOUND),
+}
+
+
+@router.get(
+    "/leaderboard",
+    operation_id="showBoard",
+    response_class=Response,
+    responses=_RESPONSES,
+    openapi_extra=documented(),
+)
+def get_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+    """Give a board as JSON; sorting never changes a rank, and rows without a value come last."""
+    with services.database.read() as session:
+        row = chosen_board(session, query)
+        board = parsed_board(row)
+    shown = sorted_board(board, query.sort)
+    body = row.body if shown is board else shown.model_dump_json()
+    max_age_s = services.settings.board_max_age_s
+    return conditional(request, body.encode(), "application/json", max_age_s=max_age_s)
+
+
+@router.get(
+    "/leaderboard.csv",
+    operation_id="downloadBoard",
+    response_class=Response,
+    responses={
+        200: {
+            "content": {"text/csv": {"schema": {"type": "string"}}},
+            "description": "The board as CSV; each line names protocol and split by digest.",
+        },
+        304: _UNCHANGED,
+        **problem_responses(ProblemCode.NOT_FOUND),
+    },
+    openapi_extra=documented(),
+)
+def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+    """Give a board as CSV; cells that a spreadsheet would run as formulas are quoted."""
+    with services.database.read() as session:
+        row = chosen_board(session, query)
+        protocol = find_protocol(session, row.protocol_digest)
+    csv = EXPORTS["csv"]
+    text = csv.write(sorted_board(parsed_board(row), query.sort), protocol, origin_of(request))
+    max_age_s = services.settings.board_max_age_s
+    return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
+
+
+@router.get(
+    "/boards/{phase}/{number}",
+    operation_id="showBoardByNumber",
+    response_class=Response,
+    responses=_RESPONSES,
+)
+def get_board_by_number(
+    request: Request,
+    services: ServicesOf,
+    phase: Annotated[str, Path(max_length=64, description="id of a phase")],
+    number: Annotated[int, Path(ge=1, lt=2**31, description="of the board")],
+) -> Response:
+    """Give a board at its permanent address; its bytes never change."""
+    with services.database.read() as session:
+        body = find_board(session, phase, number).body
+    return conditional(request, body.encode(), "application/json", max_age_s=FOR_EVER_S)

@@ -1,0 +1,180 @@
+"""A board as a file: CSV for tools, LaTeX (booktabs) for papers, BibTeX for citations."""
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.printable import one_line, spreadsheet_text
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_server.boards.query import SOURCES
+from exceptiondrive_server.entries.facts import challenge_of
+from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
+
+PAPER_TITLE = (
+    "ExceptionDrive: A Planning-Oriented Counterfactual Corner-Case Benchmark "
+    "for Autonomous Driving"
+)
+PAPER_AUTHORS = (
+    "Luo, Ziyi and Sun, Zhe and Lu, Yehao and Zhou, Lei and Wu, Lisheng and Li, Xuewei and "
+    "Qin, Zequn and Li, Xi"
+)
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_TEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "{": r"\{",
+        "}": r"\}",
+        "&": r"\&",
+        "%": r"\%",
+        "$": r"\$",
+        "#": r"\#",
+        "_": r"\_",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': "''",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Export:
+    """A kind of file: its media type and its writer (board, protocol, address of the site)."""
+
+    media_type: str
+    write: Callable[[Board, Protocol, str], str]
+
+
+def permalink(board: Board, site_url: str) -> str:
+    """Return the permanent address of a board."""
+    return f"{site_url}/?phase={board.phase}&board={board.board}"
+
+
+def tex_escape(text: str) -> str:
+    """Return text that LaTeX prints as it is."""
+    return one_line(text).translate(_TEX)
+
+
+def in_blocks(board: Board) -> list[list[BoardEntry]]:
+    """Return the entries of a board by source, in the order of the page."""
+    blocks = [[e for e in board.entries if e.source == source] for source in SOURCES]
+    return [block for block in blocks if block]
+
+
+def latex(board: Board, protocol: Protocol, site_url: str) -> str:
+    """Write a booktabs table; scored, reference and reported rows are set apart by rules."""
+    challenge, digits = challenge_of(board), Digits.of(protocol.publication)
+    arrows = {"higher": r" $\uparrow$", "lower": r" $\downarrow$", None: ""}
+    heads = [
+        f"{_tex_label(m.label)} ({tex_escape(unit_of(m))}){arrows[m.better]}"
+        for m in challenge.metrics
+    ]
+    lines = [
+        f"% {permalink(board, site_url)}",
+        (
+            f"% board {board.board} of {day(board.published_at)}, split {board.split.name} "
+            f"({board.n_samples} samples), protocol {board.protocol.version} "
+            f"{board.protocol.digest}"
+        ),
+        r"% needs \usepackage{booktabs}",
+        rf"\begin{{tabular}}{{rl{'r' * len(heads)}}}",
+        r"\toprule",
+        " & ".join(["Rank", challenge.words.subject.capitalize(), *heads]) + r" \\",
+    ]
+    for block in in_blocks(board):
+        lines.append(r"\midrule")
+        for entry in block:
+            cells = [digits.text(m, entry.metrics.get(m.key)) or "--" for m in challenge.metrics]
+            name = tex_escape(entry.method) + (
+                "" if entry.source == "scored" else f" ({entry.source})"
+            )
+            lines.append(" & ".join([str(entry.rank or "--"), name, *cells]) + r" \\")
+    lines += [r"\bottomrule", r"\end{tabular}", ""]
+    return "\n".join(lines).replace("\u2212", "$-$")
+
+
+def _tex_label(label: str) -> str:
+    return f"CTS$_{label[3]}$" if len(label) == 4 and label.startswith("CTS") else label
+
+
+def bibtex(board: Board, protocol: Protocol, site_url: str) -> str:
+    """Write a citation of the paper and one of this very board."""
+    at = board.published_at
+    return (
+        "@misc{exceptiondrive,\n"
+        f"  title  = {{{{{PAPER_TITLE}}}}},\n"
+        f"  author = {{{PAPER_AUTHORS}}},\n"
+        "}\n\n"
+        f"@misc{{exceptiondrive-{board.phase}-board-{board.board},\n"
+        f"  title        = {{{{ExceptionDrive leaderboard, phase {board.phase}, "
+        f"board {board.board}}}}},\n"
+        f"  year         = {{{at.year}}},\n"
+        f"  month        = {_MONTHS[at.month - 1]},\n"
+        f"  howpublished = {{\\url{{{permalink(board, site_url)}}}}},\n"
+        f"  note         = {{protocol {board.protocol.version}, {board.n_samples} samples, "
+        f"published {day(at)}}},\n"
+        "}\n"
+    )
+
+
+def comma_separated(board: Board, protocol: Protocol, site_url: str) -> str:
+    """Write one line per entry: fractions and metres as published, intervals, families."""
+    keys = challenge_of(board).metric_keys
+    first = keys[0]
+    families = [head.id for head in board.families]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        ["board", "published_at", "protocol", "protocol_digest", "split", "split_revision"]
+        + ["source", "rank", "rank_low", "rank_high"]
+        + ["submission_id", "method", "team", "submitted_at", *keys]
+        + [f"{key}_{end}" for key in keys for end in ("low", "high")]
+        + [f"{first}.{family}" for family in families]
+        + ["flags", "board_url"]
+    )
+    for block in in_blocks(board):
+        for entry in block:
+            writer.writerow(_csv_line(board, entry, keys, families, permalink(board, site_url)))
+    return out.getvalue()
+
+
+def _csv_line(
+    board: Board, entry: BoardEntry, keys: tuple[str, ...], families: list[str], address: str
+) -> list[object]:
+    interval = entry.rank_interval or (None, None)
+    ends = [entry.intervals.get(key) or (None, None) for key in keys]
+    cells = [entry.families.get(family) for family in families]
+    return [
+        board.board,
+        iso(board.published_at),
+        board.protocol.version,
+        board.protocol.digest,
+        board.split.name,
+        board.split.revision,
+        entry.source,
+        entry.rank,
+        *interval,
+        entry.submission_id,
+        spreadsheet_text(entry.method),
+        spreadsheet_text(entry.team),
+        iso(entry.submitted_at) if entry.submitted_at else None,
+        *(entry.metrics.get(key) for key in keys),
+        *(end for pair in ends for end in pair),
+        *(cell.metrics.get(keys[0]) if cell else None for cell in cells),
+        " ".join(flag.code for flag in entry.flags),
+        address,
+    ]
+
+
+EXPORTS: Mapping[str, Export] = MappingProxyType(
+    {
+        "csv": Export("text/csv; charset=utf-8", comma_separated),
+        "tex": Export("text/x-tex; charset=utf-8", latex),
+        "bib": Export("text/x-bibtex; charset=utf-8", bibtex),
+    }
+)

@@ -1,0 +1,90 @@
+"""Routes of the board page, its exports and the theme switch."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.boards.boards import late_board, parsed_board
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.views import board_history
+from exceptiondrive_records.submissions.submissions import ids_of_team
+from exceptiondrive_server.accounts.session_reading import principal_of_session, session_secret
+from exceptiondrive_server.boards.columns import sorted_board
+from exceptiondrive_server.boards.exports import EXPORTS
+from exceptiondrive_server.boards.feed import atom_feed
+from exceptiondrive_server.boards.page import board_page, history_lines
+from exceptiondrive_server.boards.queries import chosen_board, read_board, read_history, read_phases
+from exceptiondrive_server.boards.query import AskedBoard
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.page_parts import PhaseLink
+from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
+
+router = APIRouter(include_in_schema=False)
+MAX_HISTORY = 100
+
+
+@router.get("/")
+def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+    """Show the board that the address asks for; a team that signed in finds its rows marked."""
+    if "apply" in request.query_params or "order" in request.query_params:
+        return RedirectResponse(query.url(), status_code=303)
+    with services.database.read() as session:
+        reading = read_board(session, query)
+        own = _own_submissions(session, session_secret(request), reading.phase)
+    return page(request, "boards/board.html", "board", page=board_page(reading, query, own))
+
+
+def _own_submissions(session: Session, secret: str, phase: PhaseLink | None) -> frozenset[str]:
+    """Return what the team that signed in, and may read its submissions, sent to the phase."""
+    who = principal_of_session(session, secret)
+    if who is None or who.team_id is None or phase is None or Scope.READ_OWN not in who.scopes:
+        return frozenset()
+    return ids_of_team(session, who.team_id, phase.id)
+
+
+@router.get("/history")
+def show_history(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+    """Show every board that a phase ever had."""
+    with services.database.read() as session:
+        phases, phase = read_phases(session, query)
+        if phase is None:
+            raise NotFound("phase of the challenge", "any")
+        lines = board_history(session, phase.id)
+        has_late_view = late_board(session, phase.id) is not None
+    return page(
+        request,
+        "boards/history.html",
+        "board",
+        phase=phase,
+        phases=phases,
+        lines=history_lines(phase.id, lines[:MAX_HISTORY]),
+        n_more=max(0, len(lines) - MAX_HISTORY),
+        has_late_view=has_late_view,
+    )
+
+
+@router.get("/export/board.{form}")
+def export_board(request: Request, services: ServicesOf, query: AskedBoard, form: str) -> Response:
+    """Give a board as CSV, LaTeX or BibTeX."""
+    export = EXPORTS.get(form)
+    if export is None:
+        raise NotFound("export", form)
+    with services.database.read() as session:
+        row = chosen_board(session, query)
+        protocol = find_protocol(session, row.protocol_digest)
+    board = sorted_board(parsed_board(row), query.sort)
+    text = export.write(board, protocol, origin_of(request))
+    name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
+    headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(text, media_type=export.media_type, headers=headers)
+
+
+@router.get("/feed.atom")
+def feed(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+    """List the newest boards of a phase as an Atom feed."""
+    with services.database.read() as session:
+        history = read_history(session, query)
+    text = atom_feed(history, origin_of(request))
+    return Response(text, media_type="application/atom+xml", headers=SECURITY_HEADERS)

@@ -1,0 +1,222 @@
+"""What pages read from the records, in one short transaction each."""
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.boards import (
+    board_at,
+    current_board,
+    find_board,
+    late_board,
+    latest_public_board,
+    parsed_board,
+    public_protocols,
+    was_shown,
+)
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import is_open, list_phases
+from exceptiondrive_records.phases.policy import phase_now, takes_late_entries
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.splits.drawings import protocol_drawing
+from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_server.boards.feed import BoardNote, History
+from exceptiondrive_server.boards.page import BoardBefore, BoardReading
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.web.page_parts import PhaseLink
+
+
+def read_board(session: Session, query: BoardQuery) -> BoardReading:
+    """Read the board that a query asks for.
+
+    Raises:
+        NotFound: The phase, protocol or board does not exist.
+    """
+    phase = choose_phase(session, query)
+    links = _phase_links(session, phase)
+    if phase is None:
+        protocol = latest_protocol(session)
+        return BoardReading((), None, None, protocol, (), protocol.version, True)
+    row = choose_board(session, phase, query)
+    board = parsed_board(row) if row else None
+    current = find_protocol(session, phase.protocol_digest)
+    protocol = find_protocol(session, board.protocol.digest) if board else current
+    return BoardReading(
+        phases=links,
+        phase=next(link for link in links if link.is_current),
+        board=board,
+        protocol=protocol,
+        protocol_versions=_protocol_versions(session, phase.id),
+        current_protocol=current.version,
+        is_current=row is None or row.id in (phase.current_board_id, phase.late_board_id),
+        now=phase_now(session, phase),
+        has_late_view=phase.late_board_id is not None,
+        drawing=protocol_drawing(session, protocol),
+        before=_board_before(session, row) if row else None,
+    )
+
+
+def read_phases(
+    session: Session, query: BoardQuery
+) -> tuple[tuple[PhaseLink, ...], PhaseLink | None]:
+    """Read all phases, and the one asked for.
+
+    Raises:
+        NotFound: The phase does not exist.
+    """
+    links = _phase_links(session, choose_phase(session, query))
+    return links, next((link for link in links if link.is_current), None)
+
+
+def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...]:
+    return tuple(phase_link(session, each, each is chosen) for each in list_phases(session))
+
+
+def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
+    """Return what pages say of a phase."""
+    split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    now = database_now(session)
+    challenge = next(c for key, c in CHALLENGES.items() if key == phase.challenge)
+    return PhaseLink(
+        id=phase.id,
+        title=phase.title,
+        challenge=challenge,
+        n_samples=split.n_samples,
+        is_open=is_open(phase, now),
+        is_ahead=phase.opens_at is not None and now < phase.opens_at,
+        takes_late=takes_late_entries(phase, now),
+        is_current=is_current,
+        opens_at=phase.opens_at,
+        closes_at=phase.closes_at,
+        quota_per_day=phase.quota_per_day,
+        split=phase.split_name,
+        split_is_public=split.public_file_digest is not None,
+        url=f"/?phase={phase.id}#board",
+    )
+
+
+def latest_protocol(session: Session) -> Protocol:
+    """Return the protocol added last; before any was added, the packaged one."""
+    query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
+    digest = session.scalar(query)
+    return find_protocol(session, digest) if digest else packaged_protocol()
+
+
+def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
+    """Return the phase asked for, else the first one in the registry's order of challenges.
+
+    Returns:
+        None where no phase is named and there is none at all.
+
+    Raises:
+        NotFound: The phase does not exist, or is not of the challenge that is asked for.
+    """
+    phases = list_phases(session)
+    if query.phase is not None:
+        found = next((phase for phase in phases if phase.id == query.phase), None)
+        if found is None:
+            raise NotFound("phase", query.phase)
+        if query.challenge is not None and found.challenge != query.challenge:
+            raise NotFound(f"phase of the {query.challenge} challenge", query.phase)
+        return found
+    order = [query.challenge] if query.challenge else list(CHALLENGES)
+    offered = [phase for phase in phases if phase.challenge in order]
+    if query.challenge is not None and not offered:
+        raise NotFound("phase of the challenge", query.challenge)
+    return min(offered, key=lambda phase: order.index(ChallengeId(phase.challenge)), default=None)
+
+
+def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:
+    """Return the board of a phase that is asked for; None where it has none yet.
+
+    Raises:
+        NotFound: The protocol or the board does not exist, or nothing came late.
+    """
+    if query.view == "late":
+        row = late_board(session, phase.id)
+        if row is None:
+            raise NotFound("late view, since nothing came late, of the phase", phase.id)
+        return row
+    if query.board is not None:
+        return find_board(session, phase.id, query.board)
+    if query.protocol is not None:
+        digest = find_protocol(session, query.protocol).digest
+        row = latest_public_board(session, phase.id, digest)
+        if row is None:
+            raise NotFound("board of this phase under protocol", query.protocol)
+        return row
+    if query.until is not None:
+        row = board_at(session, phase.id, query.until)
+        if row is None:
+            raise NotFound("board of this phase as of", query.as_of_text)
+        return row
+    return current_board(session, phase.id)
+
+
+def chosen_board(session: Session, query: BoardQuery) -> BoardRow:
+    """Return the board that is asked for.
+
+    Raises:
+        NotFound: There is none.
+    """
+    phase = choose_phase(session, query)
+    if phase is None:
+        raise NotFound("phase of the challenge", "any")
+    row = choose_board(session, phase, query)
+    if row is None:
+        raise NotFound("such board of the phase", phase.id)
+    return row
+
+
+def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
+    """The board that was shown until this one was first shown; None for the first."""
+    first = (
+        select(func.min(BoardFlip.id))
+        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.board_id == row.id)
+        .scalar_subquery()
+    )
+    before = (
+        select(func.max(BoardFlip.id))
+        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.id < first)
+        .scalar_subquery()
+    )
+    query = (
+        select(BoardRow.number, ProtocolRow.version, BoardRow.published_at)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .where(BoardFlip.id == before)
+    )
+    found = session.execute(query).first()
+    return None if found is None else BoardBefore(*found)
+
+
+def _protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
+    """Versions under which this phase has a board, oldest first."""
+    used = public_protocols(session, phase_id)
+    query = select(ProtocolRow.version).where(ProtocolRow.digest.in_(used))
+    return tuple(session.scalars(query.order_by(ProtocolRow.created_at)))
+
+
+def read_history(session: Session, query: BoardQuery, limit: int = 30) -> History:
+    """Read the newest boards of a phase, without their entries.
+
+    Raises:
+        NotFound: The phase does not exist, or there is none at all.
+    """
+    phase = choose_phase(session, query)
+    if phase is None:
+        raise NotFound("phase", "")
+    newest = (
+        select(BoardRow.number, BoardRow.digest, ProtocolRow.version, BoardRow.published_at)
+        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .where(BoardRow.phase_id == phase.id, was_shown())
+        .order_by(BoardRow.number.desc())
+        .limit(limit)
+    )
+    notes = tuple(BoardNote(*row) for row in session.execute(newest))
+    return History(phase.id, phase.title, notes)

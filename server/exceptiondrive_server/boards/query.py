@@ -1,0 +1,200 @@
+"""What is asked of boards: one query for page, API, exports, feed, badges and pictures.
+
+All of it stands in the address, and everybody reads it with the same parser: a value that is not
+understood, or a pair that contradicts itself, is refused in the same words everywhere.
+"""
+
+from collections.abc import Iterable, Mapping
+from datetime import UTC, date, datetime, time
+from typing import Annotated, Any, Literal, Self, get_args
+from urllib.parse import urlencode
+
+from fastapi import Depends, Request
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_schemas.board import EntrySource
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.datetimes import Moment
+from exceptiondrive_schemas.phase_settings import BoardView
+
+Average = Literal["macro_family", "micro"]
+SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")
+"""In the order in which boards show them; rows of different sources are never mixed."""
+AVERAGES: tuple[Average, ...] = ("macro_family", "micro")
+AVERAGE_TITLES: Mapping[Average, str] = {
+    "macro_family": "over families",
+    "micro": "over samples",
+}
+BY_RANK = "rank"
+DEFAULT_SORT = BY_RANK
+"""The order in which a board is given where nobody asks for another."""
+MAX_SEARCH = 80
+_SIGNS = {"ascending": "", "descending": "-"}
+_METRICS = dict.fromkeys(key for each in CHALLENGES.values() for key in each.metric_keys)
+_SORTS = ", ".join((BY_RANK, "method", "date", "family.ID", *_METRICS))
+
+
+class BoardQuery(BaseModel):
+    """What a visitor asked for; every field has a default that the address leaves out.
+
+    `hidden` holds the optional columns that are switched off.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    challenge: ChallengeId | None = Field(None, description="the challenge of the phase")
+    phase: str | None = Field(
+        None, min_length=1, max_length=64, description="id; else the challenge's first phase"
+    )
+    protocol: str | None = Field(
+        None, min_length=1, max_length=100, description="version or digest; else the one in force"
+    )
+    as_of: Moment | None = Field(
+        None, description="the board that was current then; of a date, at its end (UTC)"
+    )
+    board: int | None = Field(None, ge=1, lt=2**31, description="its permanent number")
+    view: BoardView = Field(
+        "main",
+        description="`late`: with the entries that came after the deadline, ranked among all",
+    )
+    sort: str = Field(
+        default_factory=lambda: DEFAULT_SORT,
+        max_length=64,
+        pattern=r"^-?[a-z][a-z0-9_.-]*$",
+        description="what to sort by, `-` in front for descending; ranks stay, and entries without "
+        f"a value come last. One of: {_SORTS}",
+        examples=["ur", "-hcc"],
+    )
+    source: EntrySource | None = None
+    average: Average | None = None
+    search: str = ""
+    page: int = Field(1, ge=1, lt=2**31)
+    hidden: frozenset[str] = frozenset()
+
+    @model_validator(mode="after")
+    def _is_one_board(self) -> Self:
+        if self.as_of is not None and self.protocol is not None:
+            raise ValueError("Ask for a date or for a protocol, not for both: a date has its own.")
+        named = [name for name in ("as_of", "protocol", "board") if getattr(self, name) is not None]
+        if self.view == "late" and named:
+            raise ValueError(
+                "The late view is the present one: ask for it without date, protocol or number."
+            )
+        if len(named) > 1:
+            raise ValueError("Ask for the number of a board alone: it has its date and protocol.")
+        return self
+
+    @classmethod
+    def parse(cls, pairs: Iterable[tuple[str, str]]) -> Self:
+        """Read an address.
+
+        Raises:
+            InvalidRecord: A value is not understood, or two of them contradict each other.
+        """
+        many: dict[str, list[str]] = {}
+        for key, value in pairs:
+            many.setdefault(key, []).append(value.strip())
+        given: dict[str, Any] = {key: values[-1] for key, values in many.items()}
+        if "apply" in given:  # a form sends its empty fields too
+            given = {key: value for key, value in given.items() if value}
+        if "sort" in given and "order" in given:
+            given["sort"] = _SIGNS.get(given["order"], "?") + given["sort"].removeprefix("-")
+        given["search"] = given.get("q", "")[:MAX_SEARCH]
+        given["hidden"] = _hidden(many)
+        try:
+            return cls.model_validate(given)
+        except ValidationError as error:
+            raise _refused(error) from None
+
+    @property
+    def until(self) -> datetime | None:
+        """The moment that is asked for; of a date, its end."""
+        if self.as_of is None or isinstance(self.as_of, datetime):
+            return self.as_of
+        return datetime.combine(self.as_of, time.max, UTC)
+
+    @property
+    def as_of_text(self) -> str:
+        """The date or time that is asked for, as an address has it."""
+        if isinstance(self.as_of, datetime):
+            return self.as_of.isoformat().replace("+00:00", "Z")
+        return self.as_of.isoformat() if isinstance(self.as_of, date) else ""
+
+    @property
+    def sort_key(self) -> str:
+        """What is sorted by, in whatever direction."""
+        return self.sort.removeprefix("-")
+
+    def pairs(self) -> list[tuple[str, str]]:
+        """Return the query of this state, without what is at its default."""
+        given = [
+            ("challenge", self.challenge and self.challenge.value),
+            ("phase", self.phase),
+            ("protocol", self.protocol),
+            ("board", self.board),
+            ("as_of", self.as_of_text or None),
+            ("view", self.view if self.view != "main" else None),
+            ("source", self.source),
+            ("average", self.average),
+            ("q", self.search or None),
+            ("sort", self.sort if self.sort != DEFAULT_SORT else None),
+            ("page", self.page if self.page > 1 else None),
+            ("hide", ",".join(sorted(self.hidden)) or None),
+        ]
+        return [(key, str(value)) for key, value in given if value is not None]
+
+    def url(self, path: str = "/", anchor: str = "board", **changes: Any) -> str:
+        """Return the address of this state with some fields changed; changes go to page 1."""
+        changed = self.model_copy(update={"page": 1, **changes}) if changes else self
+        query = urlencode(changed.pairs(), safe=",")
+        return f"{path}{'?' + query if query else ''}{'#' + anchor if anchor else ''}"
+
+
+def _asked(request: Request) -> BoardQuery:
+    return BoardQuery.parse(request.query_params.multi_items())
+
+
+AskedBoard = Annotated[BoardQuery, Depends(_asked)]
+"""The board that the address of a request asks for."""
+
+
+def documented() -> dict[str, Any]:
+    """Return what OpenAPI says of the fields that name a board and its order."""
+    names = ("challenge", "phase", "protocol", "as_of", "sort", "view")
+    return {"parameters": [_parameter(name) for name in names]}
+
+
+def _parameter(name: str) -> dict[str, Any]:
+    field = BoardQuery.model_fields[name]
+    kinds = [kind for kind in get_args(field.annotation) if kind is not type(None)]
+    kind = kinds[0] if len(kinds) == 1 else field.annotation
+    schema = TypeAdapter(kind).json_schema()
+    if name == "sort":
+        schema = {**schema, "default": DEFAULT_SORT, "examples": field.examples}
+    description = {"description": field.description}
+    return {"name": name, "in": "query", "required": False, **description, "schema": schema}
+
+
+def _refused(error: ValidationError) -> InvalidRecord:
+    """Name what is wrong and say why; never repeat what was sent."""
+    fields: dict[str, str] = {}
+    whole: list[str] = []
+    for found in error.errors():
+        words = str(found["msg"]).removeprefix("Value error, ")
+        if found["loc"]:
+            fields.setdefault(str(found["loc"][0]), words)
+        else:
+            whole.append(words)
+    detail = " ".join(whole)
+    return InvalidRecord(
+        detail or f"These parts of the request are missing or wrong: {', '.join(fields)}.", fields
+    )
+
+
+def _hidden(many: Mapping[str, list[str]]) -> frozenset[str]:
+    """Columns switched off: a `hide` list, or the form's checkboxes against all it offered."""
+    if "offered" in many:
+        offered = {name for text in many["offered"] for name in text.split(",") if name}
+        return frozenset(offered - set(many.get("show", [])))
+    return frozenset(name for text in many.get("hide", []) for name in text.split(",") if name)

@@ -1,0 +1,120 @@
+"""What the entry and compare pages read from the records."""
+
+from collections.abc import Sequence
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.boards import boards_by_protocol, newest_board_with, parsed_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.policy import is_anonymous
+from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.drawings import entry_drawings
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_server.boards.queries import read_board
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.entries.facts import find_entry
+from exceptiondrive_server.entries.history import PastStanding
+from exceptiondrive_server.entries.view import EntryReading, Receipt
+
+MOST_PROTOCOLS = 8
+
+
+def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
+    """Read an entry that stands, or stood, on a board.
+
+    Raises:
+        NotFound: No board shows it. Submissions that are on no board are their team's alone.
+    """
+    submission = session.get(Submission, key)
+    board, is_current = _board_with(session, key, submission, query)
+    entry = find_entry(board, key)
+    phase = session.get(Phase, board.phase)
+    if entry is None or phase is None:
+        raise NotFound("entry", key)
+    return EntryReading(
+        board=board,
+        entry=entry,
+        protocol=find_protocol(session, board.protocol.digest),
+        phase_title=phase.title,
+        is_current=is_current,
+        sheet=_sheet(session, key, board) if submission else None,
+        receipt=Receipt(submission.file_digest, submission.size_bytes, submission.received_at)
+        if submission and not is_anonymous(phase)
+        else None,
+        past=_past(session, submission) if submission else (),
+        drawings=_drawings(session, submission, board) if submission else None,
+    )
+
+
+def _board_with(
+    session: Session, key: str, submission: Submission | None, query: BoardQuery
+) -> tuple[Board, bool]:
+    """The board asked for, else the current one, its late view, or the newest that shows the entry."""
+    if submission is None or query.board is not None:
+        phase = query.phase or (submission.phase_id if submission else None)
+        asked = BoardQuery(phase=phase, board=query.board, protocol=query.protocol)
+        reading = read_board(session, asked)
+        if reading.board is None:
+            raise NotFound("entry", key)
+        return reading.board, reading.is_current
+    if submission.status == SubmissionStatus.WITHDRAWN or _is_kept_private(session, submission):
+        raise NotFound("entry", key)
+    reading = read_board(session, BoardQuery(phase=submission.phase_id))
+    if reading.board and find_entry(reading.board, key):
+        return reading.board, True
+    if reading.has_late_view:
+        late = read_board(session, BoardQuery(phase=submission.phase_id, view="late")).board
+        if late and find_entry(late, key):
+            return late, True
+    row = newest_board_with(session, submission.id)
+    if row is None:
+        raise NotFound("entry", key)
+    return parsed_board(row), False
+
+
+def read_sheets(session: Session, board: Board, keys: Sequence[str]) -> dict[str, ScoreSheet]:
+    """Read the published score sheets of entries of a board; reported ones have none."""
+    shown = {entry.submission_id for entry in board.entries}
+    found = {key: _sheet(session, key, board) for key in keys if key in shown}
+    return {key: sheet for key, sheet in found.items() if sheet is not None}
+
+
+def _sheet(session: Session, key: str, board: Board) -> ScoreSheet | None:
+    """As it may be shown: families and tasks wait for their date."""
+    row = session.get(ScoreSheetRow, (key, board.protocol.digest, board.split.revision))
+    phase = session.get_one(Phase, board.phase)
+    return shown_sheet(session, phase, row) if row else None
+
+
+def _is_kept_private(session: Session, submission: Submission) -> bool:
+    phase = session.get_one(Phase, submission.phase_id)
+    return phase.policy.entries_private and submission.published_at is None
+
+
+def _past(session: Session, submission: Submission) -> tuple[PastStanding, ...]:
+    """Where the entry stands, or stood last, under each protocol that was ever shown; newest first."""
+    rows = boards_by_protocol(session, submission, MOST_PROTOCOLS)
+    found = (_standing(submission.id, first, last) for first, last in rows)
+    return tuple(standing for standing in found if standing is not None)
+
+
+def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastStanding | None:
+    board, first_board = parsed_board(last), parsed_board(first)
+    entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
+    if entry is None or first_entry is None:
+        return None
+    return PastStanding(board, entry, first_board, first_entry)
+
+
+def _drawings(session: Session, submission: Submission, board: Board) -> EntryDrawings | None:
+    """Nothing of what was withdrawn is drawn, also where an old board names it."""
+    if submission.status == SubmissionStatus.WITHDRAWN:
+        return None
+    return entry_drawings(session, submission.id, board.protocol.digest, board.split.revision)

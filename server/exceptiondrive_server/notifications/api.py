@@ -1,0 +1,129 @@
+"""What a team is told, and where: its inbox, webhooks and e-mail addresses."""
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query
+from pydantic import BaseModel, Field
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.notifications.contacts import (
+    add_contact,
+    list_contacts,
+    newest_delivery,
+    remove_contact,
+)
+from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, DeliveryState
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.rescoring import NotificationView
+from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
+from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.problems import problem_responses
+
+router = APIRouter(
+    tags=["notifications"],
+    responses=problem_responses(
+        ProblemCode.NOT_SIGNED_IN,
+        ProblemCode.NOT_ALLOWED,
+        ProblemCode.NOT_FOUND,
+        ProblemCode.CONFLICT,
+    ),
+)
+
+
+class NewContact(Form):
+    """An address to be told at."""
+
+    channel: Channel
+    address: Annotated[str, Field(min_length=3, max_length=500)]
+
+
+class LastMessage(BaseModel):
+    """What became of the newest message to an address; why it failed stays with the operators."""
+
+    state: DeliveryState
+    attempts: int
+    sent_at: datetime | None
+
+
+class ContactView(BaseModel):
+    """An address that a team is told at; the secret is shown when it is added, and never again."""
+
+    id: str
+    channel: Channel
+    address: str
+    created_at: datetime
+    secret: str | None = None
+    last_message: LastMessage | None = None
+
+
+@router.get("/notifications", operation_id="listNotifications")
+def get_notifications(
+    services: ServicesOf,
+    reader: Reader,
+    unread: Annotated[bool, Query(description="only what was not read yet")] = False,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+) -> list[NotificationView]:
+    """Read the inbox of the team, newest first: old and new numbers of each protocol update."""
+    with services.database.read() as session:
+        return list_notifications(session, team_of(reader), only_unread=unread, limit=limit)
+
+
+@router.post("/notifications/{notification_id}/read", operation_id="markNotificationRead")
+def post_read(
+    services: ServicesOf, reader: Reader, notification_id: Annotated[str, Path(max_length=64)]
+) -> NotificationView:
+    """Mark a message as read."""
+    with services.database.write() as session:
+        return mark_read(session, team_of(reader), notification_id)
+
+
+@router.get("/contacts", operation_id="listContacts")
+def get_contacts(services: ServicesOf, reader: Reader) -> list[ContactView]:
+    """List where the team is told besides its inbox."""
+    with services.database.read() as session:
+        contacts = list_contacts(session, team_of(reader))
+        return [_with_last_message(session, contact) for contact in contacts]
+
+
+@router.post("/contacts", operation_id="addContact", status_code=201)
+def post_contact(services: ServicesOf, submitter: Submitter, wanted: NewContact) -> ContactView:
+    """Be told at a webhook or e-mail address; a webhook's secret is shown this once."""
+    with services.database.write() as session:
+        contact = add_contact(
+            session,
+            team_of(submitter),
+            wanted.channel,
+            wanted.address,
+            actor=submitter.actor,
+            may_be_private=services.settings.webhooks_may_be_private,
+        )
+        return _view(contact).model_copy(update={"secret": contact.secret})
+
+
+@router.post("/contacts/{contact_id}/remove", operation_id="removeContact")
+def post_remove(
+    services: ServicesOf, submitter: Submitter, contact_id: Annotated[str, Path(max_length=64)]
+) -> ContactView:
+    """Be told no longer at an address."""
+    with services.database.write() as session:
+        return _view(remove_contact(session, team_of(submitter), contact_id, actor=submitter.actor))
+
+
+def _with_last_message(session: Session, contact: ContactPoint) -> ContactView:
+    found = newest_delivery(session, contact.id)
+    if found is None:
+        return _view(contact)
+    sent_at = found.finished_at if found.outcome is DeliveryState.SENT else None
+    last = LastMessage(state=found.outcome, attempts=found.attempts, sent_at=sent_at)
+    return _view(contact).model_copy(update={"last_message": last})
+
+
+def _view(contact: ContactPoint) -> ContactView:
+    return ContactView(
+        id=contact.id,
+        channel=contact.channel,
+        address=contact.address,
+        created_at=contact.created_at,
+    )

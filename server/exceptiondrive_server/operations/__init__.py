@@ -1,0 +1,1 @@
+"""Keeping the system in order: checks, backups, the overview."""

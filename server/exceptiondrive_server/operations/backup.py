@@ -1,0 +1,204 @@
+"""Backup and restore: one file with every row and every upload, for any database and file store.
+
+What is withheld is not in it: splits stay where the workers have them, and the workers' private
+store is made again from uploads and splits.
+"""
+
+import io
+import json
+import os
+import tarfile
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Literal
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.migrations import migrate, newest_revision
+from exceptiondrive_records.operations.dump import (
+    begin_snapshot,
+    column_names,
+    dump_rows,
+    dumped_tables,
+    file_digests,
+    is_empty,
+    load_rows,
+)
+from exceptiondrive_records.operations.invariants import violations
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.base import Document
+
+LIMIT_BYTES = 2**30
+_HEAD = "backup.json"
+
+
+class BackupHead(Document):
+    """What a backup says of itself; its first member."""
+
+    format: Literal["exceptiondrive.backup/1"]
+    created_at: str
+    schema_revision: str
+    columns: dict[str, list[str]]
+    audit_lines: int
+    audit_head: str
+    n_files: int
+
+
+class BackupError(RecordsError):
+    """The backup cannot be written or restored; the text says what to do."""
+
+
+def write_backup(database: Database, files: FileStore, path: Path) -> BackupHead:
+    """Write a backup of one moment; the file appears when it is whole, readable by its owner.
+
+    Raises:
+        BackupError: An upload is missing or damaged, or the file cannot be written.
+    """
+    try:
+        with _appearing(path) as stream, tarfile.open(fileobj=stream, mode="w|") as archive:
+            with database.read() as session:
+                begin_snapshot(session)
+                digests = file_digests(session)
+                head = _head(session, len(digests))
+                _add(archive, _HEAD, head.model_dump_json(indent=1).encode())
+                for table in dumped_tables():
+                    _add_lines(archive, f"records/{table.name}.jsonl", dump_rows(session, table))
+            for digest in digests:  # files never change: they need no snapshot
+                data = files.read(digest, limit_bytes=LIMIT_BYTES)
+                _add(archive, f"files/{digest.removeprefix('sha256:')}", data)
+    except OSError as error:
+        raise BackupError(f"{path} cannot be written: {error.strerror}") from None
+    return head
+
+
+def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHead:
+    """Restore into empty records, then check every invariant; all of it is kept, or no row.
+
+    Raises:
+        BackupError: Not a whole backup, of another schema, or the records are not empty.
+    """
+    try:
+        with tarfile.open(path, mode="r:") as archive:
+            head = _read_head(archive)
+            migrate(database_url)
+            database = Database(database_url)
+            try:
+                _restore_files(archive, files, head)  # rows come last: none without its file
+                with database.write() as session:
+                    _restore_rows(archive, session, head)
+            finally:
+                database.dispose()
+    except tarfile.TarError as error:
+        raise BackupError(f"{path} is not a whole backup: {error}") from None
+    except OSError as error:
+        raise BackupError(f"{path} cannot be restored: {error.strerror or error}") from None
+    return head
+
+
+def _head(session: Session, n_files: int) -> BackupHead:
+    verdict = verify_audit(session)
+    if not verdict.is_whole:
+        raise BackupError(
+            f"the audit chain breaks at line {verdict.broken_at}: nothing to trust in these "
+            "records; restore an earlier backup (docs/operating.md)"
+        )
+    return BackupHead(
+        format="exceptiondrive.backup/1",
+        created_at=database_now(session).isoformat(),
+        schema_revision=newest_revision(),
+        columns={table.name: column_names(table) for table in dumped_tables()},
+        audit_lines=verdict.n_lines,
+        audit_head=verdict.head,
+        n_files=n_files,
+    )
+
+
+def _read_head(archive: tarfile.TarFile) -> BackupHead:
+    member = archive.next()
+    stream = None if member is None or member.name != _HEAD else archive.extractfile(member)
+    if stream is None:
+        raise BackupError("this is not a backup of exceptiondrive-server")
+    try:
+        document = json.load(stream)
+        head = BackupHead.model_validate(document)
+    except ValueError:
+        raise BackupError("the head of the backup cannot be read") from None
+    if head.schema_revision != newest_revision():
+        raise BackupError(
+            f"the backup has schema {head.schema_revision}, this version has {newest_revision()}: "
+            "restore it with the version that wrote it, then upgrade"
+        )
+    return head
+
+
+def _restore_files(archive: tarfile.TarFile, files: FileStore, head: BackupHead) -> None:
+    names = [name for name in archive.getnames() if name.startswith("files/")]
+    if len(names) != head.n_files:
+        raise BackupError(f"the backup holds {len(names)} files, not {head.n_files}: cut short?")
+    for name in names:
+        stream = archive.extractfile(name)
+        assert stream is not None
+        digest, _ = files.put_stream(_chunks(stream), limit_bytes=LIMIT_BYTES)
+        if digest != f"sha256:{name.removeprefix('files/')}":
+            raise BackupError(f"{name} in the backup does not hold the bytes of its name")
+
+
+def _chunks(stream: IO[bytes]) -> Iterator[bytes]:
+    while chunk := stream.read(2**20):
+        yield chunk
+
+
+def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) -> None:
+    if not is_empty(session):
+        raise BackupError("these records are not empty: restore into new ones")
+    for table in dumped_tables():
+        if head.columns.get(table.name) != column_names(table):
+            raise BackupError(f"table {table.name} has other columns in the backup")
+        stream = archive.extractfile(f"records/{table.name}.jsonl")
+        assert stream is not None
+        load_rows(session, table, io.TextIOWrapper(stream, encoding="utf-8"))
+    session.flush()
+    verdict = verify_audit(session)
+    if (verdict.n_lines, verdict.head) != (head.audit_lines, head.audit_head):
+        raise BackupError("the restored audit chain has another head than the backup says")
+    broken = violations(session)
+    if broken:
+        lines = "\n".join(str(violation) for violation in broken[:20])
+        raise BackupError(f"the backup holds what must never be:\n{lines}")
+
+
+def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
+    member = tarfile.TarInfo(name)
+    member.size, member.mode = len(data), 0o600
+    archive.addfile(member, io.BytesIO(data))
+
+
+def _add_lines(archive: tarfile.TarFile, name: str, lines: Iterator[str]) -> None:
+    with tempfile.TemporaryFile() as spooled:
+        for line in lines:
+            spooled.write(line.encode("utf-8") + b"\n")
+        member = tarfile.TarInfo(name)
+        member.size, member.mode = spooled.tell(), 0o600
+        spooled.seek(0)
+        archive.addfile(member, spooled)
+
+
+@contextmanager
+def _appearing(path: Path) -> Iterator[IO[bytes]]:
+    """Give a file that takes its name, synced, when all went well, and is gone otherwise."""
+    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

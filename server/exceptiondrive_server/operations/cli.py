@@ -1,0 +1,181 @@
+"""`exceptiondrive-server`: what an operator does on the machine itself."""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import uvicorn
+
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.roles import Role, grant_to_files, grants
+from exceptiondrive_records.db.settings import SettingsError, load_settings
+from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.notifications.outbox import run_outbox
+from exceptiondrive_records.notifications.settings import NoticeSettings
+from exceptiondrive_records.submissions.file_store import FileStore, run_sweeper
+from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_records.work.reconciler import run_reconciler
+from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.launch import launch
+from exceptiondrive_server.launcher.layout import Layout
+from exceptiondrive_server.launcher.plans import Address
+from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
+from exceptiondrive_server.operations.records_commands import (
+    DataOption,
+    opened,
+    people_app,
+    receipts_app,
+    records_app,
+    records_settings,
+    say,
+)
+from exceptiondrive_server.operations.upkeep_commands import upkeep_app
+
+app = typer.Typer(
+    help="Run and operate an ExceptionDrive evaluation server.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.registered_commands += records_app.registered_commands
+app.registered_commands += people_app.registered_commands
+app.registered_commands += receipts_app.registered_commands
+app.registered_commands += upkeep_app.registered_commands
+
+HostOption = Annotated[str, typer.Option("--host", help="Address to listen on.")]
+GrantToOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--grant-to",
+        exists=True,
+        dir_okay=False,
+        help="File with the address with which a service connects: its role is made if need be, "
+        "and has its rights afterwards. May be given several times.",
+    ),
+]
+PortOption = Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")]
+
+
+@app.command()
+def run(
+    port: PortOption = 8000,
+    host: HostOption = "127.0.0.1",
+    data: Annotated[Path, typer.Option("--data", help="Folder that keeps everything.")] = Path(
+        "data"
+    ),
+    sample: Annotated[
+        bool,
+        typer.Option("--sample/--no-sample", help="Fill it with the sample split and planners."),
+    ] = False,
+) -> None:
+    """Run everything on this machine: broker, API, worker, reconciler."""
+    launch(data, Address(host, port), with_sample=sample, say=say)
+
+
+@app.command()
+def migrate(grant_to: GrantToOption = None, data: DataOption = None) -> None:
+    """Bring the records up to date: schema and shipped protocols; run it as the database's owner."""
+    url = records_settings(data).database_url
+    prepare(url)
+    say("the records are up to date")
+    for role in grant_to_files(url, grant_to) if grant_to else []:
+        say(f"{role} has its rights")
+
+
+@app.command()
+def roles() -> None:
+    """Print the SQL that gives each database role its rights, and no more (PostgreSQL)."""
+    for role in Role:
+        typer.echo(f"-- {role}")
+        for statement in grants(role):
+            typer.echo(f"{statement};")
+
+
+@app.command()
+def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
+    """Serve API and pages, in one process."""
+    from exceptiondrive_server.app import app_from_environment
+    from exceptiondrive_server.web.slow_clients import PatientProtocol
+
+    application = app_from_environment()
+    uvicorn.run(
+        application,
+        host=host,
+        port=port,
+        forwarded_allow_ips=application.state.services.settings.trusted_proxies,
+        http=PatientProtocol,
+        ws="none",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=10,
+    )
+
+
+@app.command()
+def reconcile(data: DataOption = None) -> None:
+    """Wake workers for what waits, give up exhausted jobs; any number may run, one of them leads."""
+    settings = records_settings(data)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    with opened(settings) as database:
+        dispatcher = Dispatcher(settings.broker_url)
+        outbox = threading.Thread(
+            target=run_outbox, args=(database, _notice_settings(data), stop), name="outbox"
+        )
+        files = FileStore(settings.file_store_url)
+        sweeper = threading.Thread(
+            target=run_sweeper, args=(database, files, stop), name="sweeper", daemon=True
+        )
+        outbox.start()
+        sweeper.start()
+        try:
+            run_reconciler(database, dispatcher, settings, stop)
+        finally:
+            stop.set()
+            outbox.join()
+            sweeper.join(timeout=5)  # whatever it is at is left as it should be
+            dispatcher.close()
+
+
+def _notice_settings(data: Path | None) -> NoticeSettings:
+    url = records_settings(data).database_url
+    return load_settings(NoticeSettings, database_url=url)
+
+
+@app.command("seed-sample")
+def seed_sample_command(data: DataOption = None) -> None:
+    """Make the sample phase, its teams and their token files; the split must be registered."""
+    layout, database = _sample(data)
+    seed_sample(database, layout)
+    say(f"phase `sample` is ready; token in {layout.data / 'sample-token'}")
+
+
+@app.command("fill-sample", hidden=True)
+def fill_sample_command(
+    server: Annotated[str, typer.Option("--server", help="Address of the running server.")],
+    data: DataOption = None,
+) -> None:
+    """Register the sample split, seed, and submit the synthetic planners."""
+    layout, database = _sample(data)
+    fill_sample(database, layout, server, say)
+
+
+def _sample(data: Path | None) -> tuple[Layout, Database]:
+    layout = Layout(data if data is not None else Path("data"))
+    layout.create()
+    return layout, Database(records_settings(data).database_url)
+
+
+def main() -> None:
+    """Run a command; what goes wrong is one sentence on stderr."""
+    try:
+        app()
+    except (LaunchError, RecordsError, SettingsError) as error:
+        typer.echo(f"exceptiondrive-server: {error}", err=True)
+        sys.exit(2)

@@ -1,0 +1,319 @@
+"""The doctor: looks at settings, permissions, walls, broker, database and clocks.
+
+Every finding says what to do. It changes nothing.
+"""
+
+import os
+import platform
+import sqlite3
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import redis
+from kombu.utils.url import parse_url
+from sqlalchemy import make_url, select, text
+from sqlalchemy.exc import SQLAlchemyError
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import StoreError
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.migrations import is_current, is_usable
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.work.heartbeats import live_workers, scorers_at_work
+from exceptiondrive_records.work.reconciler import LEADERSHIP
+from exceptiondrive_records.work.tables_of_work import Job, Leader, WorkState
+from exceptiondrive_schemas.jobs import Lane
+
+_CLOCK_SKEW_S = 2.0
+_OLDEST_QUEUED_S = 60.0
+_LEAST_FREE_BYTES = 2**30
+_NO_FILE = "sha256:" + "0" * 64
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+
+
+class Severity(StrEnum):
+    """How bad a finding is. Errors make the exit code 1."""
+
+    OK = "ok"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found, and what to do about it; nothing when all is well."""
+
+    severity: Severity
+    what: str
+    do: str = ""
+
+
+def examine(settings: RecordsSettings, withheld: tuple[Path, ...] = ()) -> list[Finding]:
+    """Return all findings.
+
+    Args:
+        settings: Of the server.
+        withheld: Folders that the user of the server must not be able to enter.
+    """
+    return [
+        *_versions(),
+        *_wide_settings(settings),
+        *_database(settings),
+        *_broker(settings.broker_url),
+        *_store(settings.file_store_url),
+        *(finding for folder in withheld for finding in _wall(folder)),
+    ]
+
+
+def _versions() -> Iterator[Finding]:
+    said = f"Python {platform.python_version()}, SQLite {sqlite3.sqlite_version}"
+    if sqlite3.sqlite_version_info < (3, 35):
+        yield Finding(Severity.ERROR, said, "install SQLite 3.35 or later (RETURNING)")
+    else:
+        yield Finding(Severity.OK, said)
+
+
+def _wide_settings(settings: RecordsSettings) -> Iterator[Finding]:
+    if settings.leader_lease_s < 3 * settings.reconcile_every_s:
+        yield Finding(
+            Severity.WARNING,
+            "the reconciler's lease is shorter than three of its passes",
+            "set EXCEPTIONDRIVE_LEADER_LEASE_S to at least 3 x EXCEPTIONDRIVE_RECONCILE_EVERY_S",
+        )
+    else:
+        yield Finding(Severity.OK, "the settings are valid and fit each other")
+
+
+def _database(settings: RecordsSettings) -> Iterator[Finding]:
+    url = make_url(settings.database_url)
+    if url.get_backend_name() == "sqlite":
+        path = Path(url.database or "")
+        if not path.is_file():
+            yield Finding(
+                Severity.ERROR, f"no records at {path}", "run: exceptiondrive-server migrate"
+            )
+            return
+        yield from _private_file(path, "the records")
+    database = Database(settings.database_url)
+    try:
+        if not is_usable(database):
+            yield Finding(
+                Severity.ERROR,
+                "the records have an older schema than this version",
+                "back up, then run: exceptiondrive-server migrate",
+            )
+            return
+        schema = "current" if is_current(database) else "newer than this version, which is fine"
+        yield Finding(
+            Severity.OK, f"the records answer ({url.get_backend_name()}), schema {schema}"
+        )
+        yield from _clock(database)
+        yield from _queue(database, settings)
+        yield from _append_only(database)
+    except SQLAlchemyError as error:
+        yield Finding(
+            Severity.ERROR,
+            f"the database does not answer ({type(error).__name__})",
+            "check EXCEPTIONDRIVE_DATABASE_URL, the network and the database's own log",
+        )
+    finally:
+        database.dispose()
+
+
+def _clock(database: Database) -> Iterator[Finding]:
+    with database.read() as session:
+        skew_s = (database_now(session) - datetime.now(UTC)).total_seconds()
+    if abs(skew_s) > _CLOCK_SKEW_S:
+        yield Finding(
+            Severity.WARNING,
+            f"this machine's clock is {-skew_s:+.1f} s from the database's",
+            "leases are safe, they follow the database; set up NTP for logs and TLS",
+        )
+    else:
+        yield Finding(Severity.OK, "the clocks of this machine and of the database agree")
+
+
+def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
+    with database.read() as session:
+        now = database_now(session)
+        oldest = session.scalar(
+            select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
+        )
+        workers = live_workers(session, Lane.LIVE, ttl_s=settings.heartbeat_ttl_s).workers
+        scorers = scorers_at_work(session)
+        leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
+        leads = session.scalar(select(Leader.holder).where(*leading))
+        has_phases = session.scalar(select(Phase.id).limit(1)) is not None
+    if not workers:
+        yield Finding(
+            Severity.WARNING, "no worker is alive", "start one: exceptiondrive-worker run"
+        )
+    if len(scorers) > 1:
+        older = ", ".join(scorers[:-1])
+        yield Finding(
+            Severity.WARNING,
+            f"workers run scorer {older} beside {scorers[-1]}: the older ones score nothing",
+            "upgrade them; see `upgrade` in docs/operating.md",
+        )
+    if leads is None:
+        yield Finding(
+            Severity.WARNING, "no reconciler leads", "start one: exceptiondrive-server reconcile"
+        )
+    if oldest is not None and (now - oldest).total_seconds() > _OLDEST_QUEUED_S:
+        age_s = (now - oldest).total_seconds()
+        yield Finding(
+            Severity.WARNING,
+            f"the oldest waiting job is {age_s:.0f} s old",
+            "see `stuck queue` in docs/operating.md",
+        )
+    if not has_phases:
+        yield Finding(
+            Severity.WARNING, "there is no phase", "make one: exceptiondrive-server create-phase"
+        )
+
+
+def _append_only(database: Database) -> Iterator[Finding]:
+    """Boards, audit lines and protocols must refuse to be changed."""
+    dialect = database.engine.dialect.name
+    listing = {
+        "sqlite": "SELECT tbl_name FROM sqlite_master WHERE type = 'trigger'",
+        "postgresql": "SELECT tgrelid::regclass::text FROM pg_trigger WHERE NOT tgisinternal",
+    }[dialect]
+    with database.read() as session:
+        guarded = set(session.scalars(text(listing)))
+    missing = {"audit_lines", "boards", "protocols"} - guarded
+    if missing:
+        yield Finding(
+            Severity.ERROR,
+            f"the triggers that keep {', '.join(sorted(missing))} append-only are gone",
+            "restore a backup into new records: somebody has altered the schema",
+        )
+
+
+def _broker(url: str) -> Iterator[Finding]:
+    if url.startswith("memory://"):
+        yield Finding(Severity.ERROR, "the broker is in memory", "set EXCEPTIONDRIVE_BROKER_URL")
+        return
+    client = _client(url)
+    try:
+        policy = _of_config(client, "maxmemory-policy")
+        limit = int(_of_config(client, "maxmemory") or 0)
+    except redis.RedisError as error:
+        yield Finding(
+            Severity.WARNING,
+            f"the broker does not answer ({type(error).__name__}): scoring waits, nothing is lost",
+            "check EXCEPTIONDRIVE_BROKER_URL and the broker's log",
+        )
+        return
+    finally:
+        client.close()
+    if policy not in (None, "noeviction"):
+        yield Finding(
+            Severity.WARNING,
+            f"the broker's maxmemory-policy is {policy}: it may throw messages away",
+            "set maxmemory-policy noeviction; until then scoring is only slower",
+        )
+    elif not limit:
+        yield Finding(Severity.WARNING, "the broker may take all memory", "set maxmemory 256mb")
+    else:
+        yield Finding(Severity.OK, "the broker answers and evicts nothing")
+
+
+def _client(url: str) -> redis.Redis:
+    if url.startswith("redis+socket://"):
+        path = "/" + str(parse_url(url)["virtual_host"]).lstrip("/")
+        return redis.Redis(unix_socket_path=path, socket_timeout=2)
+    return redis.Redis.from_url(url, socket_timeout=2, socket_connect_timeout=2)
+
+
+def _of_config(client: redis.Redis, name: str) -> str | None:
+    """Return a value of the broker's configuration; None where it may not be asked."""
+    try:
+        found = client.config_get(name)
+    except redis.exceptions.NoPermissionError:
+        return None
+    assert isinstance(found, dict)
+    values = {_text(key): _text(value) for key, value in found.items()}
+    return values.get(name)
+
+
+def _text(value: object) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _store(url: str) -> Iterator[Finding]:
+    try:
+        FileStore(url).holds(_NO_FILE)
+    except (StoreError, OSError) as error:
+        yield Finding(
+            Severity.ERROR,
+            f"the file store does not answer ({type(error).__name__})",
+            "check EXCEPTIONDRIVE_FILE_STORE_URL and its credentials",
+        )
+        return
+    if not url.startswith("file:"):
+        yield Finding(Severity.OK, "the file store answers")
+        return
+    folder = Path(unquote(urlsplit(url).path))
+    if not os.access(folder, os.W_OK):
+        yield Finding(
+            Severity.ERROR, f"{folder} cannot be written", "give the server's user write access"
+        )
+    free = os.statvfs(folder)
+    if free.f_bavail * free.f_frsize < _LEAST_FREE_BYTES:
+        yield Finding(
+            Severity.WARNING, f"less than 1 GiB is free under {folder}", "make room: uploads stay"
+        )
+    if stat.S_IMODE(folder.stat().st_mode) & stat.S_IRWXO:
+        yield Finding(
+            Severity.ERROR, f"every user may look into {folder}", f"run: chmod o-rwx {folder}"
+        )
+    else:
+        yield Finding(Severity.OK, "the file store answers and is closed to others")
+
+
+def _private_file(path: Path, name: str) -> Iterator[Finding]:
+    if stat.S_IMODE(path.stat().st_mode) & stat.S_IRWXO and _is_open(path.parent):
+        yield Finding(
+            Severity.WARNING,
+            f"every user may read {name} at {path}: digests of tokens, names, reports",
+            f"run: chmod o-rwx {path.parent}",
+        )
+
+
+def _is_open(folder: Path) -> bool:
+    return bool(stat.S_IMODE(folder.stat().st_mode) & stat.S_IXOTH)
+
+
+def _wall(folder: Path) -> Iterator[Finding]:
+    """The user of the server must not get into what is withheld."""
+    if os.geteuid() == 0:
+        yield Finding(
+            Severity.WARNING,
+            f"cannot tell whether the server may enter {folder}: this is root",
+            "run the doctor as the server's user",
+        )
+    if _can_list(folder):
+        owner = folder.stat().st_uid
+        if owner == os.geteuid() and not stat.S_IMODE(folder.stat().st_mode) & _OTHERS:
+            do = "run server and workers as different users"
+        else:
+            do = f"run: chmod 0700 {folder}, owned by the workers' user"
+        yield Finding(Severity.ERROR, f"this user may read {folder}, which is withheld", do)
+    else:
+        yield Finding(Severity.OK, f"this user cannot enter {folder}")
+
+
+def _can_list(folder: Path) -> bool:
+    try:
+        next(folder.iterdir(), None)
+    except (PermissionError, FileNotFoundError):
+        return False
+    return True

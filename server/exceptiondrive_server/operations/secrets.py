@@ -1,0 +1,117 @@
+"""The first secrets of a production server: every file that compose.yaml names, in one go.
+
+Passwords are made here and known to nobody else. What stands in several files agrees.
+"""
+
+import ipaddress
+import secrets
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import NameOID
+
+from exceptiondrive_records.db.roles import Role
+from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.submissions.receipts import write_new_key
+
+# A certificate that signs itself: the first of a server, and that of tests.
+
+
+LIFETIME = timedelta(days=90)
+
+
+def self_signed(host: str) -> tuple[bytes, bytes]:
+    """Return certificate and key (PEM) for a host name or an IP address, good for 90 days."""
+    key = generate_private_key(SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, host[:64])])
+    now = datetime.now(UTC)
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(hours=1))  # a clock may be slow
+        .not_valid_after(now + LIFETIME)
+        .add_extension(x509.SubjectAlternativeName([_general_name(host)]), critical=False)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .sign(key, SHA256())
+    )
+    return (
+        certificate.public_bytes(Encoding.PEM),
+        key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()),
+    )
+
+
+def _general_name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+RECEIPT_KEY = "receipt_key.pem"
+DATABASE = "exceptiondrive"
+OWNER = "exceptiondrive_owner"
+_PASSWORD_BYTES = 24
+
+
+def write_first_secrets(folder: Path, host: str) -> list[Path]:
+    """Write all files into a folder that holds none of them, and return them.
+
+    The folder is for its owner alone; the files in it may be read by whoever gets one mounted.
+
+    Args:
+        folder: Made, with mode 0700, where it is not there.
+        host: Name of the server, for a certificate that signs itself until there is a real one.
+
+    Raises:
+        LaunchError: One of the files is there already: nothing was written.
+    """
+    files = _files(host)
+    there = sorted(name for name in (*files, RECEIPT_KEY) if (folder / name).exists())
+    if there:
+        raise LaunchError(
+            f"{folder} already holds {', '.join(there)}; nothing was written. Files that agree are "
+            "only made together: name an empty folder, or see `rotate keys` in docs/operating.md."
+        )
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    write_new_key(folder / RECEIPT_KEY, replace=False)
+    written = [folder / name for name in (*files, RECEIPT_KEY)]
+    for path in written:
+        path.chmod(0o444)
+    return written
+
+
+def _files(host: str) -> Mapping[str, bytes]:
+    broker, owner = _password(), _password()
+    certificate, key = self_signed(host)
+    texts = {
+        "postgres_password": owner,
+        "owner_database_url": _address(OWNER, owner),
+        "database_url": _address(Role.API, _password()),
+        "worker_database_url": _address(Role.WORKER, _password()),
+        "reconciler_database_url": _address(Role.RECONCILER, _password()),
+        "broker_url": f"redis://:{broker}@broker:6379/0",
+        "broker.conf": f"requirepass {broker}\n",
+        "oidc_client_secret": "",
+    }
+    encoded = {name: text.encode() for name, text in texts.items()}
+    return {**encoded, "tls.crt": certificate, "tls.key": key}
+
+
+def _password() -> str:
+    """Return letters, digits, - and _: nothing that an address or a shell reads otherwise."""
+    return secrets.token_urlsafe(_PASSWORD_BYTES)
+
+
+def _address(user: str, password: str) -> str:
+    return f"postgresql+psycopg://{user}:{password}@database/{DATABASE}"

@@ -1,0 +1,103 @@
+"""Operator commands that keep a server well: backup, restore, verify, doctor."""
+
+from datetime import timedelta
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.operations.invariants import damaged_uploads, violations
+from exceptiondrive_records.submissions.file_store import GRACE, FileStore, sweep_orphans
+from exceptiondrive_server.launcher.layout import Layout
+from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
+from exceptiondrive_server.operations.doctor import Severity, examine
+from exceptiondrive_server.operations.records_commands import (
+    ACTOR,
+    DataOption,
+    opened,
+    records_settings,
+    say,
+)
+
+upkeep_app = typer.Typer()
+File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup, one file.")]
+
+
+@upkeep_app.command("backup")
+def backup(file: File, data: DataOption = None) -> None:
+    """Write all records and uploads of one moment into FILE; the server may run meanwhile."""
+    settings = records_settings(data)
+    with opened(settings) as database:
+        head = write_backup(database, FileStore(settings.file_store_url), file)
+    say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
+
+
+@upkeep_app.command("restore")
+def restore(file: File, data: DataOption = None) -> None:
+    """Restore FILE into empty records, of any database, and check everything."""
+    if data is not None:
+        Layout(data).create()
+    settings = records_settings(data)
+    head = restore_backup(file, settings.database_url, FileStore(settings.file_store_url))
+    say(f"restored as of {head.created_at}: {head.n_files} files, audit chain whole")
+    if settings.database_url.startswith("postgresql"):
+        say("next: exceptiondrive-server migrate --grant-to, which gives each service its rights")
+    say("next: register the splits again with exceptiondrive-worker, then start everything")
+
+
+@upkeep_app.command("verify")
+def verify(
+    uploads: Annotated[
+        bool, typer.Option("--uploads/--no-uploads", help="Read every upload too.")
+    ] = True,
+    data: DataOption = None,
+) -> None:
+    """Check every invariant of records and uploads; exit code 2 when one is broken."""
+    settings = records_settings(data)
+    with opened(settings) as database, database.read() as session:
+        found = violations(session)
+        if uploads:
+            files = FileStore(settings.file_store_url)
+            found += damaged_uploads(session, files, limit_bytes=LIMIT_BYTES)
+        verdict = verify_audit(session)
+    for violation in found:
+        typer.echo(str(violation))
+    if found:
+        raise RecordsError(f"{len(found)} invariants are broken; see docs/operating.md")
+    say(f"every invariant holds; {verdict.n_lines} audit lines, head {verdict.head}")
+
+
+@upkeep_app.command("sweep")
+def sweep(
+    older_than_hours: Annotated[
+        float, typer.Option(min=1, help="Younger files may belong to an upload under way.")
+    ] = GRACE.total_seconds() / 3600,
+    data: DataOption = None,
+) -> None:
+    """Remove stored files that no record mentions: refused uploads, crashes. The server may run."""
+    settings = records_settings(data)
+    grace = timedelta(hours=older_than_hours)
+    with opened(settings) as database:
+        files = FileStore(settings.file_store_url)
+        swept = sweep_orphans(database, files, actor=ACTOR, grace=grace)
+    say(f"{swept.n_files} orphaned files removed, {swept.n_bytes} bytes")
+
+
+@upkeep_app.command("doctor")
+def doctor(
+    withheld: Annotated[
+        list[Path] | None,
+        typer.Option("--withheld", help="A folder that this user must not enter; repeatable."),
+    ] = None,
+    data: DataOption = None,
+) -> None:
+    """Examine settings, permissions, walls, broker, database and clocks; exit code 1 on errors."""
+    findings = examine(records_settings(data), tuple(withheld or ()))
+    for finding in findings:
+        typer.echo(f"{finding.severity:8}{finding.what}")
+        if finding.do:
+            typer.echo(f"{'':8}  -> {finding.do}")
+    if any(finding.severity is Severity.ERROR for finding in findings):
+        raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""The dated stages of a challenge and their policy."""

@@ -1,0 +1,153 @@
+"""Phases, and the splits that they may use, as organizers manage them."""
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Path
+from pydantic import BaseModel, Field
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.boards import latest_board
+from exceptiondrive_records.boards.ranking import names_of
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.changes import (
+    freeze_phase,
+    reveal_board,
+    reveal_names,
+    update_phase,
+)
+from exceptiondrive_records.phases.phases import create_phase, find_phase, phase_view
+from exceptiondrive_records.phases.policy import part_of
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.reveal import reveal_split
+from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPart
+from exceptiondrive_schemas.submission import PhaseView
+from exceptiondrive_server.web.auth import Organizer, ServicesOf
+from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.services import Services
+
+router = APIRouter()
+PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
+
+
+class PhaseStep(Form):
+    """An action on a phase, and why."""
+
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class Reveal(PhaseStep):
+    """What is to be shown: the board behind a freeze, the names, or the other part of the split."""
+
+    what: Literal["board", "names", "split"]
+
+
+class LiveBoard(BaseModel):
+    """The newest board of a phase, and the names of its entries."""
+
+    is_public: bool
+    names: dict[str, tuple[str, str]]
+    """Submission to team and method."""
+    board: Board
+
+
+class SplitView(BaseModel):
+    """A registered split revision."""
+
+    name: str
+    revision: str
+    title: str
+    n_samples: int
+    is_public: bool
+    part: SplitPart | None = None
+    whole_revision: str | None = None
+
+
+@router.get("/splits", operation_id="listSplits")
+def get_splits(services: ServicesOf) -> list[SplitView]:
+    """List the registered split revisions: what a phase may use."""
+    with services.database.read() as session:
+        return [
+            SplitView(
+                name=split.name,
+                revision=split.revision,
+                title=split.title,
+                n_samples=split.n_samples,
+                is_public=split.public_file_digest is not None,
+                part=part_of(split),
+                whole_revision=split.whole_revision,
+            )
+            for split in list_splits(session)
+        ]
+
+
+@router.post("/phases", operation_id="createPhase", status_code=201)
+def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> PhaseView:
+    """Make a phase."""
+    with services.database.write() as session:
+        made = create_phase(session, phase, actor=organizer.actor)
+        return _view(session, services, made)
+
+
+@router.patch("/phases/{phase_id}", operation_id="changePhase")
+def patch_phase(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, change: PhaseChange
+) -> PhaseView:
+    """Change settings of a phase; what would take back a promise is refused."""
+    with services.database.write() as session:
+        phase = update_phase(session, phase_id, change, actor=organizer.actor)
+        return _view(session, services, phase)
+
+
+@router.post("/phases/{phase_id}/freeze", operation_id="freezePhase")
+def post_freeze(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: PhaseStep
+) -> PhaseView:
+    """Freeze the public board now; scoring goes on."""
+    with services.database.write() as session:
+        phase = freeze_phase(session, phase_id, reason=step.reason, actor=organizer.actor)
+        return _view(session, services, phase)
+
+
+@router.post("/phases/{phase_id}/reveal", operation_id="revealPhase")
+def post_reveal(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Reveal
+) -> PhaseView:
+    """Show the board behind a freeze, or the names, which cannot be taken back.
+
+    For `split` scoring of the revealed part begins, and organizers alone see it: it is a rescoring
+    run like any other, and the board changes when that is applied.
+    """
+    with services.database.write() as session:
+        phase = _REVEALS[step.what](session, phase_id, reason=step.reason, actor=organizer.actor)
+        return _view(session, services, phase)
+
+
+_REVEALS: Mapping[str, Callable[..., Phase]] = {
+    "board": reveal_board,
+    "names": reveal_names,
+    "split": reveal_split,
+}
+
+
+@router.get("/phases/{phase_id}/board", operation_id="showLiveBoard")
+def get_live_board(services: ServicesOf, phase_id: PhaseId) -> LiveBoard:
+    """Show the newest board, behind a freeze too, and who stands behind its pseudonyms."""
+    with services.database.read() as session:
+        phase = find_phase(session, phase_id)
+        row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
+        if row is None:
+            raise NotFound("board of the phase", phase_id)
+        board = Board.model_validate_json(row.body)
+        ids = [entry.submission_id for entry in board.entries if entry.submission_id]
+        return LiveBoard(
+            is_public=row.id == phase.current_board_id,
+            names={name.submission_id: (name.team, name.method) for name in names_of(session, ids)},
+            board=board,
+        )
+
+
+def _view(session: Session, services: Services, phase: Phase) -> PhaseView:
+    return phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)

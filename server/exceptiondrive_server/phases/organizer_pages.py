@@ -1,0 +1,315 @@
+"""Phases: list, make, change, and the actions of their life."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from types import MappingProxyType
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tokens import names_of_actors
+from exceptiondrive_records.audit.log import audit_page
+from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.phases.changes import (
+    freeze_phase,
+    reveal_board,
+    reveal_names,
+    update_phase,
+)
+from exceptiondrive_records.phases.phases import create_phase, find_phase, list_phases, phase_view
+from exceptiondrive_records.phases.policy import phase_now
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import list_protocols
+from exceptiondrive_records.rescoring.reveal import reveal_split
+from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
+from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhaseNow, PhaseSettings
+from exceptiondrive_server.accounts.browser_session import PostedForm, SignedIn
+from exceptiondrive_server.audit.organizer_pages import history_lines
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.forms import REASON, filled, made, read, text_of, typed
+from exceptiondrive_server.web.organizer_frame import (
+    OrganizerBrowser,
+    Step,
+    go,
+    organizer_page,
+    status_of,
+    step_page,
+)
+from exceptiondrive_server.web.services import Services
+
+# Actions on a phase, as data: a further one is one line more.
+
+
+@dataclass(frozen=True)
+class PhaseStep:
+    """An action on a phase."""
+
+    key: str
+    title: str
+    meaning: str
+    take: Callable[..., Phase]
+    command: str
+    is_offered: Callable[[PhaseNow], bool]
+    is_grave: bool = False
+
+
+PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
+    {
+        step.key: step
+        for step in (
+            PhaseStep(
+                "freeze",
+                "Freeze the board",
+                "The public board stays as it is from now on, until you reveal it. Scoring goes "
+                "on behind it.",
+                freeze_phase,
+                'freeze {} --reason "…"',
+                lambda now: now.frozen_since is None,
+            ),
+            PhaseStep(
+                "reveal-board",
+                "Reveal the board",
+                "The freeze ends: readers see the newest board at once.",
+                reveal_board,
+                'reveal {} --what board --reason "…"',
+                lambda now: now.frozen_since is not None,
+                is_grave=True,
+            ),
+            PhaseStep(
+                "reveal-names",
+                "Reveal the names",
+                "From the next board on teams and methods stand under their names. This cannot "
+                "be taken back.",
+                reveal_names,
+                'reveal {} --what names --reason "…"',
+                lambda now: now.is_anonymous,
+                is_grave=True,
+            ),
+            PhaseStep(
+                "reveal-split",
+                "Reveal the other part",
+                "Workers score the part of the split that the phase reveals; the board changes "
+                "when the run that this begins is applied.",
+                reveal_split,
+                'reveal {} --what split --reason "…"',
+                lambda now: now.part == "public",
+                is_grave=True,
+            ),
+        )
+    }
+)
+
+
+def page_of_phase_step(step: PhaseStep, phase_id: str, title: str) -> Step:
+    """Return the page that asks for an action."""
+    return Step(
+        section="phases",
+        title=step.title,
+        meaning=step.meaning,
+        button=step.title,
+        back=f"/organize/phases/{phase_id}",
+        back_words="The phase",
+        fields=(REASON,),
+        facts=(("Phase", title),),
+        command=f"exceptiondrive organizer phases {step.command.format(phase_id)}",
+        is_grave=step.is_grave,
+    )
+
+
+router = APIRouter(prefix="/organize/phases", include_in_schema=False)
+HERE = "/organize/phases"
+PhaseId = Annotated[str, Path(max_length=64)]
+StepKey = Annotated[str, Path(max_length=20)]
+HISTORY = 50
+SETTINGS = fields_of(PhaseSettings)
+
+
+@router.get("")
+def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+    """List the phases."""
+    limit = services.settings.max_upload_bytes
+    with services.database.read() as session:
+        phases = [phase_view(session, one, max_upload_bytes=limit) for one in list_phases(session)]
+    return organizer_page(request, browser, "phases/organizer_phases.html", "phases", phases=phases)
+
+
+@router.get("/new")
+def show_new(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+    """Show an empty form with what is usual."""
+    usual = {field.name: text_of(field.default) for field in SETTINGS}
+    return _new(request, services, browser, usual)
+
+
+@router.post("/new")
+def post_new(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
+) -> Response:
+    """Make a phase."""
+    with services.database.read() as session:
+        fields = (*_made_of(session), *SETTINGS)
+    try:
+        new = made(NewPhase, fields, read(fields, form))
+        with services.database.write() as session:
+            create_phase(session, new, actor=browser.principal.actor)
+    except RecordsError as refusal:
+        return _new(request, services, browser, typed(form), refusal)
+    return go(f"{HERE}/{new.id}", "phase_created")
+
+
+@router.get("/{phase_id}")
+def show_phase(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
+) -> Response:
+    """Show a phase: where it stands, its settings, its history."""
+    with services.database.read() as session:
+        now = values_of(SETTINGS, find_phase(session, phase_id))
+    texts = {name: text_of(value) for name, value in now.items()}
+    return _phase(request, services, browser, phase_id, texts)
+
+
+@router.post("/{phase_id}")
+def post_phase(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    phase_id: PhaseId,
+) -> Response:
+    """Change what differs from the phase; what would take back a promise is refused."""
+    try:
+        values = read(SETTINGS, form)
+        with services.database.write() as session:
+            now = values_of(SETTINGS, find_phase(session, phase_id))
+            changed = {
+                name: value for name, value in values.items() if not _is_same(now[name], value)
+            }
+            change = made(PhaseChange, SETTINGS, changed)
+            update_phase(session, phase_id, change, actor=browser.principal.actor)
+    except NotFound:
+        raise
+    except RecordsError as refusal:
+        return _phase(request, services, browser, phase_id, typed(form), refusal)
+    return go(f"{HERE}/{phase_id}", "phase_changed")
+
+
+@router.get("/{phase_id}/{step}")
+def show_step(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    phase_id: PhaseId,
+    step: StepKey,
+) -> Response:
+    """Ask for an action on a phase."""
+    known, title = _step(services, phase_id, step)
+    return step_page(request, browser, page_of_phase_step(known, phase_id, title))
+
+
+@router.post("/{phase_id}/{step}")
+def post_step(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    phase_id: PhaseId,
+    step: StepKey,
+) -> Response:
+    """Take an action on a phase."""
+    known, title = _step(services, phase_id, step)
+    try:
+        reason = read((REASON,), form)["reason"]
+        with services.database.write() as session:
+            known.take(session, phase_id, reason=reason, actor=browser.principal.actor)
+    except RecordsError as refusal:
+        content = page_of_phase_step(known, phase_id, title)
+        return step_page(request, browser, content, texts=typed(form), refusal=refusal)
+    return go(f"{HERE}/{phase_id}", "phase_changed")
+
+
+def _made_of(session: Session) -> tuple[FormField, ...]:
+    """What a phase is made of, and keeps."""
+    challenges = tuple((key.value, one.title) for key, one in CHALLENGES.items())
+    splits = {one.name: one.title for one in list_splits(session)}
+    versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
+    return (
+        FormField("id", "Id", hint="stands in addresses; never changes", is_required=True,
+              max_length=64),
+        FormField("challenge", "Challenge", "choice", is_required=True, options=challenges),
+        FormField("split", "Split", "choice", is_required=True,
+              options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
+        FormField("protocol", "Protocol", "choice", is_required=True, options=versions),
+    )  # fmt: skip
+
+
+def _new(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    texts: Mapping[str, str],
+    refusal: RecordsError | None = None,
+) -> Response:
+    with services.database.read() as session:
+        made_of = filled(_made_of(session), texts)
+    return _page(request, browser, texts, refusal, phase=None, made_of=made_of)
+
+
+def _phase(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    phase_id: str,
+    texts: Mapping[str, str],
+    refusal: RecordsError | None = None,
+) -> Response:
+    with services.database.read() as session:
+        phase = find_phase(session, phase_id)
+        seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
+        now = phase_now(session, phase)
+        lines = audit_page(session, subject=phase_id, limit=HISTORY)
+        names = names_of_actors(session, (line.actor for line in lines))
+    told = history_lines([line for line in lines if line.action != "board published"], names)
+    steps = [step for step in PHASE_STEPS.values() if step.is_offered(now)]
+    return _page(
+        request, browser, texts, refusal, phase=seen, now=now, steps=steps, told=told, made_of=()
+    )
+
+
+def _page(
+    request: Request,
+    browser: SignedIn,
+    texts: Mapping[str, str],
+    refusal: RecordsError | None,
+    **values: Any,
+) -> Response:
+    return organizer_page(
+        request,
+        browser,
+        "phases/organizer_phase.html",
+        "phases",
+        status=200 if refusal is None else status_of(refusal),
+        plain=filled([field for field in SETTINGS if field.part is None], texts),
+        policy=filled([field for field in SETTINGS if field.part == "policy"], texts),
+        refusal=None if refusal is None else str(refusal),
+        **values,
+    )
+
+
+def _step(services: Services, phase_id: str, step: str) -> tuple[PhaseStep, str]:
+    """Return an action on a phase, and the phase's title."""
+    with services.database.read() as session:
+        title = find_phase(session, phase_id).title
+    if step not in PHASE_STEPS:
+        raise NotFound("action on a phase", step)
+    return PHASE_STEPS[step], title
+
+
+def _is_same(old: object, new: object) -> bool:
+    """A form knows whole seconds alone: what it shows again is not a change."""
+    if isinstance(old, datetime) and isinstance(new, datetime):
+        return old.replace(microsecond=0) == new.replace(microsecond=0)
+    return old == new

@@ -1,0 +1,100 @@
+"""Protocols and their tasks."""
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response
+from pydantic import BaseModel
+
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.protocols.protocols import (
+    find_protocol,
+    find_protocol_row,
+    list_protocols,
+)
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.taxonomy import Taxonomy
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.problems import problem_responses
+
+router = APIRouter(tags=["protocols"])
+TOML = "application/toml"
+FRESH_S = 3600
+
+
+class ProtocolHead(BaseModel):
+    """A protocol in a list."""
+
+    version: str
+    digest: str
+    title: str
+    changes: str
+
+
+def protocol_head(protocol: Protocol) -> ProtocolHead:
+    """Return a protocol as it stands in a list."""
+    return ProtocolHead(
+        version=protocol.version,
+        digest=protocol.digest,
+        title=protocol.title,
+        changes=protocol.changes,
+    )
+
+
+@router.get("/protocols", operation_id="listProtocols", responses=problem_responses())
+def get_protocols(services: ServicesOf) -> list[ProtocolHead]:
+    """List all protocols, oldest first."""
+    with services.database.read() as session:
+        return [protocol_head(protocol) for protocol in list_protocols(session)]
+
+
+@router.get(
+    "/protocols/{version}",
+    operation_id="showProtocol",
+    response_class=Response,
+    responses={
+        200: {
+            "model": Protocol,
+            "content": {TOML: {"schema": {"type": "string"}}},
+            "description": "The protocol, as JSON or as its TOML document.",
+        },
+        304: {"description": "The asker's copy is the current one."},
+        **problem_responses(ProblemCode.NOT_FOUND),
+    },
+)
+def get_protocol(
+    request: Request,
+    services: ServicesOf,
+    version: Annotated[str, Path(max_length=100, description="version or digest")],
+    form: Annotated[
+        Literal["json", "toml"] | None,
+        Query(alias="format", description="else what the Accept header prefers"),
+    ] = None,
+) -> Response:
+    """Give a protocol: every constant that turns a trajectory into a score."""
+    wants_toml = form == "toml" or (form is None and TOML in request.headers.get("accept", ""))
+    with services.database.read() as session:
+        text = find_protocol_row(session, version).toml
+        protocol = find_protocol(session, version)
+    body = text if wants_toml else protocol.model_dump_json(by_alias=True)
+    media_type = TOML if wants_toml else "application/json"
+    answer = conditional(request, body.encode(), media_type, max_age_s=FRESH_S)
+    answer.headers["Vary"] = "Accept"
+    return answer
+
+
+@router.get("/tasks", operation_id="listTasks", responses=problem_responses(ProblemCode.NOT_FOUND))
+def get_tasks(
+    services: ServicesOf,
+    protocol: Annotated[str | None, Query(max_length=100, description="else the newest")] = None,
+) -> Taxonomy:
+    """Give the taxonomy of a protocol: six families, 21 tasks."""
+    with services.database.read() as session:
+        if protocol is not None:
+            return find_protocol(session, protocol).taxonomy
+        known = list_protocols(session)
+    if not known:
+        raise NotFound("protocol", "newest")
+    return known[-1].taxonomy

@@ -1,0 +1,1 @@
+"""Protocol updates: runs, preview, apply, rollback."""

@@ -1,0 +1,241 @@
+"""Rescoring runs, as organizers steer them. Every step needs a reason, and none edits a score."""
+
+from collections.abc import Callable
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Path, Query
+from fastapi.responses import Response
+from pydantic import Field, StrictInt
+
+from exceptiondrive_records.protocols.protocols import add_protocol, list_protocols
+from exceptiondrive_records.rescoring import flip, runs, verification
+from exceptiondrive_records.rescoring.keys import find_run
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.views import preview_of, protocol_check, run_view, run_views
+from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_schemas.rescoring import PreviewView, RunView, VerificationView
+from exceptiondrive_server.protocols.api import ProtocolHead, protocol_head
+from exceptiondrive_server.rescoring.exports import comparison_csv
+from exceptiondrive_server.web.auth import Organizer, ServicesOf
+from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.services import Services
+
+router = APIRouter()
+MAX_PROTOCOL_CHARACTERS = 200_000
+RunId = Annotated[str, Path(max_length=64, description="of the run")]
+PhaseQuery = Annotated[str | None, Query(max_length=64, description="only of this phase")]
+Reason = Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class NewRun(Form):
+    """A run to be drafted: a protocol, a split revision, or both."""
+
+    phase: Annotated[str, Field(max_length=64)]
+    protocol: Annotated[str, Field(max_length=100)] | None = None
+    split_revision: Annotated[str, Field(max_length=100)] | None = None
+    reason: Reason
+
+
+class Step(Form):
+    """One step of a run."""
+
+    reason: Reason
+
+
+class ApplyStep(Step):
+    """The step that readers see."""
+
+    preview: Annotated[str, Field(max_length=100)]
+    """Digest of the preview that was looked at."""
+
+
+class NewVerification(Form):
+    """Sheets to be recomputed; without a sample all of them."""
+
+    phase: Annotated[str, Field(max_length=64)]
+    sample: Annotated[StrictInt, Field(ge=1, le=100_000)] | None = None
+    reason: Reason
+
+
+@router.post("/protocols/check", operation_id="checkProtocol")
+def post_protocol_check(
+    services: ServicesOf,
+    toml: Annotated[str, Body(media_type="application/toml", max_length=MAX_PROTOCOL_CHARACTERS)],
+    phase: PhaseQuery = None,
+) -> Difference:
+    """Validate a protocol document and say in plain words what it changes; nothing is kept."""
+    with services.database.read() as session:
+        return protocol_check(session, toml, phase)
+
+
+@router.get("/rescoring", operation_id="listRuns")
+def get_runs(services: ServicesOf, phase: PhaseQuery = None) -> list[RunView]:
+    """List rescoring runs, newest first."""
+    with services.database.read() as session:
+        return run_views(session, phase)
+
+
+@router.post("/rescoring", operation_id="draftRun", status_code=201)
+def post_run(services: ServicesOf, organizer: Organizer, wanted: NewRun) -> RunView:
+    """Draft a run: nothing is scored yet."""
+    with services.database.write() as session:
+        run = runs.create_run(
+            session,
+            wanted.phase,
+            protocol=wanted.protocol,
+            split_revision=wanted.split_revision,
+            reason=wanted.reason,
+            actor=organizer.actor,
+        )
+        return run_view(session, run)
+
+
+@router.get("/rescoring/verifications", operation_id="listVerifications")
+def get_verifications(services: ServicesOf, phase: PhaseQuery = None) -> list[VerificationView]:
+    """List verifications, newest first."""
+    with services.database.read() as session:
+        return verification.list_verifications(session, phase)
+
+
+@router.post("/rescoring/verifications", operation_id="startVerification", status_code=202)
+def post_verification(
+    services: ServicesOf, organizer: Organizer, wanted: NewVerification
+) -> VerificationView:
+    """Recompute sheets from their uploads, and demand every bit again."""
+    with services.database.write() as session:
+        started = verification.start_verification(
+            session,
+            wanted.phase,
+            sample=wanted.sample,
+            reason=wanted.reason,
+            actor=organizer.actor,
+        )
+        return verification.verification_view(session, started.id)
+
+
+@router.get("/rescoring/verifications/{verification_id}", operation_id="showVerification")
+def get_verification(
+    services: ServicesOf, verification_id: Annotated[str, Path(max_length=64)]
+) -> VerificationView:
+    """Show what a verification has come to."""
+    with services.database.read() as session:
+        return verification.verification_view(session, verification_id)
+
+
+@router.get("/rescoring/{run_id}", operation_id="showRun")
+def get_run(services: ServicesOf, run_id: RunId) -> RunView:
+    """Show state, progress and what stands in the way."""
+    with services.database.read() as session:
+        return run_view(session, find_run(session, run_id))
+
+
+@router.get("/rescoring/{run_id}/preview", operation_id="previewRun")
+def get_preview(
+    services: ServicesOf,
+    run_id: RunId,
+    seen: Annotated[
+        str | None, Query(max_length=100, description="digest of an earlier preview")
+    ] = None,
+) -> PreviewView:
+    """Compare every entry before and after, worst movers first named."""
+    with services.database.read() as session:
+        return preview_of(session, run_id, seen)
+
+
+@router.get(
+    "/rescoring/{run_id}/preview.csv",
+    operation_id="downloadPreview",
+    response_class=Response,
+    responses={200: {"content": {"text/csv": {"schema": {"type": "string"}}}}},
+)
+def get_preview_csv(services: ServicesOf, run_id: RunId) -> Response:
+    """Download the comparison: a line per entry."""
+    with services.database.read() as session:
+        preview = preview_of(session, run_id)
+    return Response(comparison_csv(preview.comparison), media_type="text/csv")
+
+
+@router.post("/rescoring/{run_id}/start", operation_id="startRun")
+def post_start(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+    """Begin to score in the background."""
+    return _step(services, runs.start_run, organizer.actor, run_id, step)
+
+
+@router.post("/rescoring/{run_id}/pause", operation_id="pauseRun")
+def post_pause(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+    """Let no further sheet of the run begin."""
+    return _step(services, runs.pause_run, organizer.actor, run_id, step)
+
+
+@router.post("/rescoring/{run_id}/resume", operation_id="resumeRun")
+def post_resume(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+    """Go on, and try failed sheets again."""
+    return _step(services, runs.resume_run, organizer.actor, run_id, step)
+
+
+@router.post("/rescoring/{run_id}/cancel", operation_id="cancelRun")
+def post_cancel(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+    """End a run that was not applied; the board never changed."""
+    return _step(services, runs.cancel_run, organizer.actor, run_id, step)
+
+
+@router.post("/rescoring/{run_id}/apply", operation_id="applyRun")
+def post_apply(
+    services: ServicesOf, organizer: Organizer, run_id: RunId, step: ApplyStep
+) -> RunView:
+    """Show the new board, in one transaction; refused while anything is missing or stale."""
+    flip.work_out(services.database, run_id)
+    with services.database.write() as session:
+        flip.apply_run(
+            session, run_id, preview=step.preview, reason=step.reason, actor=organizer.actor
+        )
+    return get_run(services, run_id)
+
+
+@router.post("/rescoring/{run_id}/rollback", operation_id="rollbackRun")
+def post_rollback(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+    """Show the board under the earlier protocol again."""
+    flip.work_out(services.database, run_id)
+    return _step(services, flip.rollback_run, organizer.actor, run_id, step)
+
+
+@router.post("/rescoring/{run_id}/close", operation_id="closeRun")
+def post_close(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+    """End an applied run for good: it can no longer be rolled back."""
+    return _step(services, runs.close_run, organizer.actor, run_id, step)
+
+
+def _step(
+    services: Services,
+    take: Callable[..., RescoringRun],
+    actor: str,
+    run_id: str,
+    step: Step,
+) -> RunView:
+    with services.database.write() as session:
+        take(session, run_id, reason=step.reason, actor=actor)
+    return get_run(services, run_id)
+
+
+# Protocol documents, as organizers add them.
+
+
+@router.post(
+    "/protocols",
+    operation_id="addProtocol",
+    status_code=201,
+    responses={200: {"model": ProtocolHead, "description": "This very document is there already."}},
+)
+def post_protocol(
+    response: Response,
+    services: ServicesOf,
+    organizer: Organizer,
+    toml: Annotated[str, Body(media_type="application/toml", max_length=MAX_PROTOCOL_CHARACTERS)],
+) -> ProtocolHead:
+    """Add a protocol document; it is immutable from then on."""
+    with services.database.write() as session:
+        n_before = len(list_protocols(session))
+        added = add_protocol(session, toml, organizer.actor)
+        if len(list_protocols(session)) == n_before:
+            response.status_code = 200
+    return protocol_head(added)

@@ -1,0 +1,273 @@
+"""Rescoring runs: list, draft, follow, preview, and every step."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tokens import names_of_actors
+from exceptiondrive_records.audit.log import audit_page
+from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
+from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.rescoring.keys import find_run
+from exceptiondrive_records.rescoring.verification import list_verifications
+from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
+from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_server.accounts.browser_session import PostedForm
+from exceptiondrive_server.audit.organizer_pages import history_lines
+from exceptiondrive_server.rescoring.exports import comparison_csv
+from exceptiondrive_server.rescoring.preview import preview_view
+from exceptiondrive_server.rescoring.steps import (
+    RUN_STEPS,
+    RunStep,
+    offered,
+    page_of_step,
+    run_line,
+    take_step,
+)
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.forms import REASON, read, typed
+from exceptiondrive_server.web.numbers import short_digest
+from exceptiondrive_server.web.organizer_frame import (
+    NO_STORE,
+    OrganizerBrowser,
+    Step,
+    go,
+    organizer_page,
+    step_page,
+)
+
+router = APIRouter(prefix="/organize/rescoring", include_in_schema=False)
+HERE = "/organize/rescoring"
+RunId = Annotated[str, Path(max_length=64)]
+StepKey = Annotated[str, Path(max_length=20)]
+Version = Annotated[str, Query(max_length=100)]
+HISTORY = 100
+
+
+@router.get("")
+def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+    """List runs and verifications, newest first."""
+    with services.database.read() as session:
+        lines = [run_line(run) for run in run_views(session)]
+        verifications = list_verifications(session)
+    return organizer_page(
+        request,
+        browser,
+        "rescoring/organizer_runs.html",
+        "rescoring",
+        lines=lines,
+        verifications=verifications,
+    )
+
+
+@router.get("/new")
+def show_draft(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    phase: Version = "",
+    protocol: Version = "",
+) -> Response:
+    """Ask what to rescore with."""
+    with services.database.read() as session:
+        step = _draft_step(session)
+    return step_page(request, browser, step, texts={"phase": phase, "protocol": protocol})
+
+
+@router.post("/new")
+def post_draft(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
+) -> Response:
+    """Draft a run."""
+    with services.database.read() as session:
+        step = _draft_step(session)
+    try:
+        values = read(step.fields, form)
+        with services.database.write() as session:
+            run = runs.create_run(
+                session,
+                values["phase"],
+                protocol=values["protocol"],
+                split_revision=values["split_revision"],
+                reason=values["reason"],
+                actor=browser.principal.actor,
+            )
+            run_id = run.id
+    except RecordsError as refusal:
+        return step_page(request, browser, step, texts=typed(form), refusal=refusal)
+    return go(f"{HERE}/{run_id}", "run_drafted")
+
+
+@router.get("/{run_id}")
+def show_run(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, run_id: RunId
+) -> Response:
+    """Show state, progress, what stands in the way, and what may be done."""
+    with services.database.read() as session:
+        seen = run_view(session, find_run(session, run_id))
+        lines = audit_page(session, subject=run_id, limit=HISTORY)
+        names = names_of_actors(session, [seen.actor, *(line.actor for line in lines)])
+    return organizer_page(
+        request,
+        browser,
+        "rescoring/organizer_run.html",
+        "rescoring",
+        line=run_line(seen),
+        steps=offered(seen),
+        history_lines=history_lines(lines, names),
+        organizer_name=names.get(seen.actor, seen.actor),
+    )
+
+
+@router.get("/{run_id}/preview")
+def show_preview(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    run_id: RunId,
+    page: Annotated[int, Query(ge=1, le=100_000)] = 1,
+) -> Response:
+    """Compare every entry before and after, worst movers first."""
+    with services.database.read() as session:
+        seen = run_view(session, find_run(session, run_id))
+        preview = preview_of(session, run_id)
+        protocol = find_protocol(session, preview.comparison.to_protocol.digest)
+    return organizer_page(
+        request,
+        browser,
+        "rescoring/organizer_preview.html",
+        "rescoring",
+        line=run_line(seen),
+        steps=offered(seen),
+        page=preview_view(preview, protocol, page),
+    )
+
+
+@router.get("/{run_id}/preview.csv")
+def download_csv(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId) -> Response:
+    """Download the comparison: a line per entry."""
+    with services.database.read() as session:
+        text = comparison_csv(preview_of(session, run_id).comparison)
+    return _file(text, "text/csv", f"preview-{run_id}.csv")
+
+
+@router.get("/{run_id}/preview.json")
+def download_json(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId) -> Response:
+    """Download the preview as the API gives it."""
+    with services.database.read() as session:
+        text = preview_of(session, run_id).model_dump_json()
+    return _file(text, "application/json", f"preview-{run_id}.json")
+
+
+@router.get("/{run_id}/{step}")
+def show_step(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    run_id: RunId,
+    step: StepKey,
+    preview: Version = "",
+) -> Response:
+    """Ask for a step; what readers will see is looked at before it is applied."""
+    known = _known(step)
+    with services.database.read() as session:
+        content = _page_of(session, known, run_id, preview)
+    if known.needs_preview and not preview:
+        return go(f"{HERE}/{run_id}/preview")
+    return step_page(request, browser, content)
+
+
+@router.post("/{run_id}/{step}")
+def post_step(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    run_id: RunId,
+    step: StepKey,
+) -> Response:
+    """Take a step; a refusal is shown as it is."""
+    known = _known(step)
+    preview = str(form.get("preview", ""))[:100]
+    try:
+        reason = read((REASON,), form)["reason"]
+        if known.is_flip:
+            flip.work_out(services.database, run_id)
+        with services.database.write() as session:
+            take_step(
+                session,
+                known,
+                run_id,
+                reason=reason,
+                preview=preview,
+                actor=browser.principal.actor,
+            )
+    except NotFound:
+        raise
+    except RecordsError as refusal:
+        with services.database.read() as session:
+            content = _page_of(session, known, run_id, preview)
+        return step_page(request, browser, content, texts=typed(form), refusal=refusal)
+    return go(f"{HERE}/{run_id}", known.done)
+
+
+def _page_of(session: Session, step: RunStep, run_id: str, preview: str) -> Step:
+    seen = run_view(session, find_run(session, run_id))
+    comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
+    return page_of_step(step, seen, preview if step.needs_preview else "", comparison)
+
+
+def _known(step: str) -> RunStep:
+    if step not in RUN_STEPS:
+        raise NotFound("step of a run", step)
+    return RUN_STEPS[step]
+
+
+def _draft_step(session: Session) -> Step:
+    phases = [
+        (one.id, f"{one.title}, now {find_protocol(session, one.protocol_digest).version}")
+        for one in list_phases(session)
+    ]
+    versions = [(one.version, f"{one.version}: {one.title}") for one in list_protocols(session)]
+    revisions = [
+        (one.revision, f"{one.name}, {short_digest(one.revision)}") for one in list_splits(session)
+    ]
+    return Step(
+        section="rescoring",
+        title="Draft a rescoring run",
+        meaning="Nothing is scored and nobody sees anything yet. The next page says in words what "
+        "would change and how much is repeated.",
+        button="Draft the run",
+        back=HERE,
+        back_words="Rescoring",
+        fields=(
+            FormField("phase", "Phase", "choice", is_required=True, options=tuple(phases)),
+            FormField(
+                "protocol",
+                "To protocol",
+                "choice",
+                options=tuple(reversed(versions)),
+                empty="the one in force",
+            ),
+            FormField(
+                "split_revision",
+                "To split revision",
+                "choice",
+                "only if the split itself was corrected",
+                options=tuple(revisions),
+                empty="the one in force",
+            ),
+            REASON,
+        ),
+        command='exceptiondrive organizer rescore start --phase PHASE --protocol 1.1 --reason "…"',
+    )
+
+
+def _file(text: str, media_type: str, name: str) -> Response:
+    headers = {**NO_STORE, "Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(text, media_type=media_type, headers=headers)

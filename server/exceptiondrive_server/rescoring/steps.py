@@ -1,0 +1,301 @@
+"""The steps of a run, as data: what each does, when it is offered, what the button says."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.rescoring import Comparison, Progress, RunAction, RunState, RunView
+from exceptiondrive_server.web.forms import REASON
+from exceptiondrive_server.web.numbers import grouped
+from exceptiondrive_server.web.organizer_frame import Step, duration_words
+
+# A rescoring run in words: its state, what comes next, how far it is.
+
+
+_NEXT = {
+    RunState.DRAFT: "drafted, nothing is scored until you start it.",
+    RunState.SCORING: "scoring in the background.",
+    RunState.PAUSED: "paused; resume it when you like.",
+    RunState.READY: "ready; look at the preview, then apply it.",
+    RunState.APPLIED: "applied; close it, or roll it back.",
+    RunState.CLOSED: "closed; the new protocol stays.",
+    RunState.ROLLED_BACK: "rolled back.",
+    RunState.CANCELLED: "cancelled; the public board never changed.",
+}
+_TONE = {
+    RunState.DRAFT: "received",
+    RunState.SCORING: "scoring",
+    RunState.PAUSED: "queued",
+    RunState.READY: "ready",
+    RunState.APPLIED: "scored",
+    RunState.CLOSED: "scored",
+    RunState.ROLLED_BACK: "withdrawn",
+    RunState.CANCELLED: "withdrawn",
+}
+
+
+@dataclass(frozen=True)
+class RunLine:
+    """A run in a list."""
+
+    id: str
+    phase: str
+    change: str
+    state: str
+    tone: str
+    next_words: str
+    progress_words: str
+    share: float
+    """Done, from 0 to 1."""
+    run: RunView
+
+
+def run_line(run: RunView) -> RunLine:
+    """Return a run as lists show it."""
+    return RunLine(
+        id=run.id,
+        phase=run.phase,
+        change=change_words(run),
+        state=state_word(run.state),
+        tone=_TONE[run.state],
+        next_words=_NEXT[run.state],
+        progress_words=progress_words(run.progress),
+        share=done_share(run.progress),
+        run=run,
+    )
+
+
+def state_word(state: RunState) -> str:
+    """Return a state as people write it."""
+    return state.value.replace("_", " ")
+
+
+def change_words(run: RunView) -> str:
+    """Say what is changed to what: `protocol 1.0 to 1.1`."""
+    parts = []
+    if run.from_protocol != run.to_protocol:
+        parts.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
+    if run.from_split != run.to_split:
+        parts.append(f"a new revision of {run.to_split.name}")
+    return " and ".join(parts)
+
+
+def done_share(progress: Progress) -> float:
+    """Return the share of sheets that are there; an empty phase is done."""
+    return progress.done / progress.total if progress.total else 1.0
+
+
+def progress_words(progress: Progress) -> str:
+    """Say how far it is: `120 of 200 sheets, 3 failed, 4.1 a second, about 20 s left`."""
+    parts = [f"{grouped(progress.done)} of {counted(progress.total, 'sheet')}"]
+    if progress.failed:
+        parts.append(f"{grouped(progress.failed)} failed")
+    if progress.sheets_per_s is not None:
+        parts.append(f"{progress.sheets_per_s:g} a second")
+    if progress.remaining_s is not None and progress.done < progress.total:
+        parts.append(f"about {duration_words(progress.remaining_s)} left")
+    return ", ".join(parts)
+
+
+MOST_SENTENCES = 8
+
+
+@dataclass(frozen=True)
+class RunStep:
+    """A step of a run."""
+
+    key: RunAction
+    button: str
+    title: str
+    meaning: str
+    done: str
+    take: Callable[..., RescoringRun]
+    command: str
+    is_main: bool = False
+    is_grave: bool = False
+    needs_preview: bool = False
+    is_flip: bool = False
+    """Moves the pointer to what readers see."""
+
+
+RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
+    {
+        step.key: step
+        for step in (
+            RunStep(
+                RunAction.START,
+                "Start scoring",
+                "Start scoring",
+                "Workers score in the background, behind fresh submissions. "
+                "The public board does not change.",
+                "run_started",
+                runs.start_run,
+                "begin",
+                is_main=True,
+            ),
+            RunStep(
+                RunAction.PAUSE,
+                "Pause",
+                "Pause the run",
+                "No further sheet begins; those that run are finished.",
+                "run_paused",
+                runs.pause_run,
+                "pause",
+            ),
+            RunStep(
+                RunAction.RESUME,
+                "Resume",
+                "Resume the run",
+                "Scoring goes on, and sheets that failed are tried again.",
+                "run_resumed",
+                runs.resume_run,
+                "resume",
+                is_main=True,
+            ),
+            RunStep(
+                RunAction.APPLY,
+                "Apply",
+                "Apply the run",
+                "One transaction shows the new board to every reader, and tells the teams whose "
+                "numbers change. It can be rolled back until you close the run.",
+                "run_applied",
+                flip.apply_run,
+                "apply",
+                is_main=True,
+                is_grave=True,
+                needs_preview=True,
+                is_flip=True,
+            ),
+            RunStep(
+                RunAction.ROLLBACK,
+                "Roll back",
+                "Roll back",
+                "Readers see the board under the earlier protocol again, and the teams are told.",
+                "run_rolled_back",
+                flip.rollback_run,
+                "rollback",
+                is_grave=True,
+                is_flip=True,
+            ),
+            RunStep(
+                RunAction.CLOSE,
+                "Close",
+                "Close the run",
+                "The new protocol stays: fresh submissions are scored under it alone, and the run "
+                "can no longer be rolled back.",
+                "run_closed",
+                runs.close_run,
+                "close",
+                is_grave=True,
+            ),
+            RunStep(
+                RunAction.CANCEL,
+                "Cancel",
+                "Cancel the run",
+                "It ends here. The public board never changed, and sheets that were made are kept.",
+                "run_cancelled",
+                runs.cancel_run,
+                "cancel",
+                is_grave=True,
+            ),
+        )
+    }
+)
+
+
+def offered(run: RunView) -> tuple[RunStep, ...]:
+    """Return the steps that a run offers as it is now: those of its actions that change something."""
+    steps = []
+    for action in run.actions:
+        step = RUN_STEPS[action]
+        if action is RunAction.RESUME and run.state is not RunState.PAUSED:
+            if not run.progress.failed:
+                continue
+            step = replace(step, button="Try failed sheets again", is_main=False)
+        steps.append(step)
+    return tuple(steps)
+
+
+def take_step(
+    session: Session, step: RunStep, run_id: str, *, reason: str, preview: str, actor: str
+) -> None:
+    """Take a step, as the API takes it.
+
+    Raises:
+        RecordsError: It is refused; the sentence says why.
+    """
+    if step.needs_preview:
+        step.take(session, run_id, preview=preview, reason=reason, actor=actor)
+        return
+    step.take(session, run_id, reason=reason, actor=actor)
+
+
+def page_of_step(
+    step: RunStep, run: RunView, preview: str, comparison: Comparison | None = None
+) -> Step:
+    """Return the page that asks for a step.
+
+    Args:
+        step: The step.
+        run: The run.
+        preview: Digest of the preview that was looked at; empty where none is needed.
+        comparison: What readers would see change, for a step that moves the pointer.
+    """
+    here = f"/organize/rescoring/{run.id}"
+    with_preview = f" --preview {preview}" if preview else ""
+    return Step(
+        section="rescoring",
+        title=step.title,
+        meaning=step.meaning,
+        button=step.button,
+        back=f"{here}/preview" if step.needs_preview else here,
+        back_words="The preview" if step.needs_preview else "The run",
+        fields=(REASON,),
+        facts=tuple(_facts(run, preview, comparison)),
+        command=f"exceptiondrive organizer rescore {step.command} {run.id}{with_preview} "
+        '--reason "…"',
+        is_grave=step.is_grave,
+        hidden=(("preview", preview),) if step.needs_preview else (),
+        blockers=_blockers(step, run, preview),
+    )
+
+
+def _facts(
+    run: RunView, preview: str, comparison: Comparison | None
+) -> Iterator[tuple[str, str | tuple[str, ...]]]:
+    sentences = run.difference.sentences
+    shown = sentences[:MOST_SENTENCES]
+    left_out = len(sentences) - len(shown)
+    yield "Run", change_words(run)
+    yield "Phase", run.phase
+    if shown:
+        yield "Changes", (*shown, f"and {left_out} more") if left_out else shown
+    yield "Sheets", progress_words(run.progress)
+    if comparison is not None:
+        yield "Readers see", _seen_words(comparison)
+    if preview:
+        yield "Preview", preview
+
+
+def _seen_words(comparison: Comparison) -> str:
+    """Say what readers would see: `14 of 15 entries get other numbers, 7 other ranks`."""
+    of_all = (
+        f"{comparison.n_numbers_changed:,} of {counted(comparison.n_entries, 'entry', 'entries')}"
+    )
+    words = f"{of_all} with other numbers, {comparison.n_ranks_changed:,} with another rank"
+    failing = comparison.n_newly_failing
+    return f"{words}, {failing:,} no longer ranked" if failing else words
+
+
+def _blockers(step: RunStep, run: RunView, preview: str) -> tuple[str, ...]:
+    """Why a step that readers see would be refused now."""
+    if not step.is_flip:
+        return ()
+    if step.needs_preview and not run.blockers and preview != run.preview:
+        return ("The preview is stale: something came in since. Look at the new one.",)
+    return run.blockers

@@ -1,0 +1,50 @@
+"""Development splits: the whole file, regions included. Hidden splits are not found here."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.problems import problem_responses
+
+router = APIRouter(prefix="/splits", tags=["splits"])
+MAX_SPLIT_BYTES = 64 * 1024 * 1024
+GZIP_MAGIC = b"\x1f\x8b"
+
+
+@router.get(
+    "/{name}",
+    operation_id="downloadSplit",
+    response_class=Response,
+    responses={
+        200: {"model": Split, "description": "The split file."},
+        304: {"description": "The asker's copy is the current one."},
+        **problem_responses(ProblemCode.NOT_FOUND),
+    },
+)
+def download_split(
+    request: Request,
+    services: ServicesOf,
+    name: Annotated[str, Path(max_length=64, description="name of a split")],
+) -> Response:
+    """Download a development split with its regions, for `exceptiondrive evaluate`."""
+    with services.database.read() as session:
+        digest = find_split(session, name).public_file_digest
+    if digest is None:
+        raise NotFound("split", name)
+    answer = conditional(
+        request,
+        lambda: services.files.read(digest, limit_bytes=MAX_SPLIT_BYTES),
+        "application/json",
+        etag=digest,
+        headers={"Cache-Control": "public, max-age=3600"},
+    )
+    if bytes(answer.body[:2]) == GZIP_MAGIC:
+        answer.headers["Content-Encoding"] = "gzip"
+    return answer

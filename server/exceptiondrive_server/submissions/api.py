@@ -1,0 +1,168 @@
+"""Submissions: accept an upload, show where it stands, withdraw it."""
+
+from collections.abc import Callable
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import Response
+
+from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.entries.selection import choose, publish, unpublish
+from exceptiondrive_records.submissions.submissions import (
+    find_submission,
+    list_submissions,
+    withdraw,
+)
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import view, views
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
+from exceptiondrive_server.submissions.accepting import arrival_now, take_upload
+from exceptiondrive_server.submissions.upload_form import received_upload, upload_body
+from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
+from exceptiondrive_server.web.problems import problem_responses, rate_limit_headers
+from exceptiondrive_server.web.services import Services
+
+router = APIRouter(prefix="/submissions", tags=["submissions"])
+SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
+_SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
+
+
+@router.post(
+    "",
+    operation_id="submit",
+    status_code=202,
+    openapi_extra=upload_body(),
+    responses={
+        200: {"model": SubmissionView, "description": "The same bytes were there before."},
+        **problem_responses(
+            *_SIGNED_IN,
+            ProblemCode.PHASE_CLOSED,
+            ProblemCode.NOT_FOUND,
+            ProblemCode.CONFLICT,
+            ProblemCode.UPLOAD_EMPTY,
+            ProblemCode.UPLOAD_TOO_LARGE,
+            ProblemCode.UNSUPPORTED_MEDIA_TYPE,
+            ProblemCode.QUOTA_EXCEEDED,
+            ProblemCode.REJECTED_CAP_EXCEEDED,
+            ProblemCode.TOO_MANY_REQUESTS,
+        ),
+    },
+)
+async def submit(
+    request: Request, response: Response, services: ServicesOf, principal: Submitter
+) -> SubmissionView:
+    """Take an upload. It is kept before the answer is sent; workers read and score it later.
+
+    The same bytes again give the first submission (200) and cost no quota.
+    """
+    team_id = team_of(principal)
+    arrived_at = await run_in_threadpool(arrival_now, services)
+    async with received_upload(request) as upload:
+        taken, quota = await run_in_threadpool(take_upload, services, team_id, upload, arrived_at)
+    response.status_code = 200 if taken.is_duplicate else 202
+    response.headers["Location"] = f"/api/v1/submissions/{taken.id}"
+    response.headers.update(
+        rate_limit_headers(quota.per_day, quota.remaining_today, quota.resets_at)
+    )
+    return taken
+
+
+@router.get("", operation_id="listSubmissions", responses=problem_responses(*_SIGNED_IN))
+def get_submissions(
+    services: ServicesOf,
+    principal: Reader,
+    phase: Annotated[str | None, Query(max_length=64)] = None,
+    status: SubmissionStatus | None = None,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    after: Annotated[str | None, Query(max_length=64, description="`next` of a page")] = None,
+) -> SubmissionPage:
+    """List the team's submissions, newest first; organizers see every team's."""
+    with services.database.read() as session:
+        found = list_submissions(
+            session,
+            team_id=own_team(principal),
+            phase_id=phase,
+            status=status,
+            limit=limit + 1,
+            after=after,
+        )
+        following = found[limit - 1].id if len(found) > limit else None
+        return SubmissionPage(submissions=views(session, found[:limit]), next=following)
+
+
+@router.get(
+    "/{submission_id}",
+    operation_id="showSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
+)
+def get_submission(
+    services: ServicesOf, principal: Reader, submission_id: SubmissionId
+) -> SubmissionView:
+    """Show where a submission stands; another team's is not found."""
+    with services.database.read() as session:
+        found = find_submission(session, submission_id, team_id=own_team(principal))
+        return view(session, found)
+
+
+@router.post(
+    "/{submission_id}/withdraw",
+    operation_id="withdrawSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def withdraw_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Take a submission off the board; withdrawing twice is one."""
+    return _decide(services, principal, submission_id, withdraw)
+
+
+@router.post(
+    "/{submission_id}/choose",
+    operation_id="chooseSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def choose_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Let a submission stand for its team, in a phase that shows one of each; the last counts."""
+    return _decide(services, principal, submission_id, choose)
+
+
+@router.post(
+    "/{submission_id}/publish",
+    operation_id="publishSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def publish_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Put an entry on the board, in a phase that keeps entries private until then."""
+    return _decide(services, principal, submission_id, publish)
+
+
+@router.post(
+    "/{submission_id}/unpublish",
+    operation_id="unpublishSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def unpublish_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Take an entry off the board again; earlier boards keep what they showed."""
+    return _decide(services, principal, submission_id, unpublish)
+
+
+def _decide(
+    services: Services,
+    principal: Principal,
+    submission_id: str,
+    what: Callable[..., Submission],
+) -> SubmissionView:
+    """Let a team decide about a submission of its own."""
+    with services.database.write() as session:
+        find_submission(session, submission_id, team_id=own_team(principal))
+        what(session, submission_id, actor=principal.actor)
+    with services.database.read() as session:
+        return view(session, find_submission(session, submission_id))

@@ -1,0 +1,84 @@
+"""Live status of a submission as server-sent events; polling the submission gives the same."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+
+from fastapi import APIRouter
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import StreamingResponse
+from fastapi.sse import format_sse_event
+from sqlalchemy.exc import SQLAlchemyError
+
+from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.submission import SubmissionView
+from exceptiondrive_server.submissions.api import SubmissionId
+from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
+from exceptiondrive_server.web.problems import problem_responses
+from exceptiondrive_server.web.services import Services
+
+router = APIRouter(prefix="/submissions", tags=["submissions"])
+KEEP_ALIVE_S = 15.0
+RETRY_MS = 2000
+
+
+@router.get(
+    "/{submission_id}/events",
+    operation_id="followSubmission",
+    response_class=StreamingResponse,
+    responses={
+        200: {
+            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "description": "One event `submission` per change, its data a SubmissionView.",
+        },
+        **problem_responses(
+            ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED, ProblemCode.NOT_FOUND
+        ),
+    },
+)
+async def follow_submission(
+    services: ServicesOf, principal: Reader, submission_id: SubmissionId
+) -> StreamingResponse:
+    """Send the submission now and at each change, until it has ended."""
+    first = await run_in_threadpool(_look, services, principal, submission_id)
+    events = _events(services, principal, first)
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(events, media_type="text/event-stream", headers=headers)
+
+
+async def _events(
+    services: Services, principal: Principal, now: SubmissionView
+) -> AsyncIterator[bytes]:
+    """Look again and again; no thread is held in between, and the stream ends in time."""
+    settings = services.settings
+    ends_at = time.monotonic() + settings.events_longest_s
+    sent_at = time.monotonic()
+    yield _event(now)
+    while not now.status.is_terminal and time.monotonic() < ends_at:
+        await asyncio.sleep(settings.events_every_s)
+        seen = now
+        try:
+            now = await run_in_threadpool(_look, services, principal, now.id)
+        except SQLAlchemyError:
+            return  # the client connects again, and is told 503 as long as it lasts
+        if now != seen:
+            sent_at = time.monotonic()
+            yield _event(now)
+        elif time.monotonic() - sent_at > KEEP_ALIVE_S:
+            sent_at = time.monotonic()
+            yield format_sse_event(comment="still here")
+
+
+def _look(services: Services, principal: Principal, submission_id: str) -> SubmissionView:
+    with services.database.read() as session:
+        found = find_submission(session, submission_id, team_id=own_team(principal))
+        return view(session, found)
+
+
+def _event(submission: SubmissionView) -> bytes:
+    return format_sse_event(
+        data_str=submission.model_dump_json(), event="submission", retry=RETRY_MS
+    )

@@ -1,0 +1,99 @@
+"""Receipts of scored submissions, and the public keys that check them."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.policy import is_anonymous
+from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
+from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, ReceiptStatement
+from exceptiondrive_server.entries.api import get_entry
+from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
+from exceptiondrive_server.web.problems import problem_responses
+from exceptiondrive_server.web.services import Services
+
+router = APIRouter(tags=["receipts"])
+SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
+
+
+@router.get("/receipt-keys", operation_id="listReceiptKeys", responses=problem_responses())
+def get_receipt_keys(services: ServicesOf) -> ReceiptKeys:
+    """List the public keys of receipts; those no longer used stay, for older receipts."""
+    return ReceiptKeys(keys=services.signer.keys())
+
+
+@router.get(
+    "/submissions/{submission_id}/receipt",
+    operation_id="showReceipt",
+    responses=problem_responses(
+        ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED, ProblemCode.NOT_FOUND
+    ),
+)
+def get_receipt(services: ServicesOf, principal: Reader, submission_id: SubmissionId) -> Receipt:
+    """Give the signed receipt of a scored submission of one's own team."""
+    with services.database.read() as session:
+        found = find_submission(session, submission_id, team_id=own_team(principal))
+        statement = _statement(session, found)
+    return services.signer.sign(statement)
+
+
+@router.get(
+    "/entries/{submission_id}/receipt",
+    operation_id="showEntryReceipt",
+    responses=problem_responses(ProblemCode.NOT_FOUND),
+)
+def get_entry_receipt(services: ServicesOf, submission_id: SubmissionId) -> Receipt:
+    """Give the signed receipt of an entry of a current board, to anyone."""
+    return entry_receipt(services, submission_id)
+
+
+def entry_receipt(services: Services, submission_id: str) -> Receipt:
+    """Return the receipt of what stands on a current board.
+
+    Raises:
+        NotFound: It stands on none, or its phase is anonymous: a receipt names team and file.
+    """
+    get_entry(services, submission_id)
+    with services.database.read() as session:
+        submission = find_submission(session, submission_id)
+        if is_anonymous(find_phase(session, submission.phase_id)):
+            raise NotFound("public receipt, before names are revealed, of entry", submission_id)
+        statement = _statement(session, submission)
+    return services.signer.sign(statement)
+
+
+def _statement(session: Session, submission: Submission) -> ReceiptStatement:
+    """The published score under the protocol and split revision that the phase shows."""
+    phase = find_phase(session, submission.phase_id)
+    key = (submission.id, phase.protocol_digest, phase.split_revision)
+    row = session.get(ScoreSheetRow, key)
+    if row is None or score_kept_back_since(session, phase, submission) is not None:
+        raise NotFound("receipt of a score for submission", submission.id)
+    sheet = shown_sheet(session, phase, row)
+    return ReceiptStatement(
+        submission_id=submission.id,
+        file_digest=submission.file_digest,
+        size_bytes=submission.size_bytes,
+        phase=phase.id,
+        challenge=sheet.challenge,
+        team=session.get_one(Team, submission.team_id).name,
+        method=submission.method,
+        protocol=sheet.protocol,
+        split=sheet.split,
+        scorer_version=sheet.scorer_version,
+        n=sheet.n,
+        micro=sheet.micro,
+        macro_family=sheet.macro_family,
+        families=sheet.families,
+        sheet_digest=content_digest(sheet),
+        received_at=submission.received_at,
+        scored_at=row.created_at,
+    )

@@ -1,0 +1,114 @@
+"""The form of an upload: read only after the sender is known, kept on disk, never parsed here."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Annotated, Any, BinaryIO
+
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.datastructures import FormData, UploadFile
+
+from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+
+MAX_FIELD_BYTES = 16 * 1024
+MAX_FIELDS = 8
+FORM_TOKEN = "form_token"
+Link = Annotated[str, Field(max_length=500, description="an https:// address")]
+
+
+class UploadFields(BaseModel):
+    """What travels beside the file."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    phase: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,63}$", description="id of a phase")]
+    method: Annotated[str, Field(min_length=1, max_length=80, description="shown on the board")]
+    description: Annotated[str, Field(max_length=2000)] = ""
+    paper_url: Link = ""
+    code_url: Link = ""
+    linked_to: Annotated[
+        str, Field(max_length=64, description="your submission of the same agent without reminder")
+    ] = ""
+
+    @property
+    def links(self) -> Links:
+        """Where the method is described."""
+        return Links(paper=self.paper_url or None, code=self.code_url or None)
+
+
+@dataclass(frozen=True)
+class Upload:
+    """Fields and bytes of one upload. The file's own name is never looked at."""
+
+    fields: UploadFields
+    file: BinaryIO
+    form_token: str = ""
+    """What the form of a page carries against forgery; the API takes none."""
+
+
+def upload_body() -> dict[str, Any]:
+    """Describe the form in OpenAPI."""
+    schema = UploadFields.model_json_schema()
+    schema["properties"]["file"] = {
+        "type": "string",
+        "contentMediaType": "application/octet-stream",
+        "format": "binary",
+        "description": "the submission file, JSON or gzip",
+    }
+    schema["required"].append("file")
+    content = {"multipart/form-data": {"schema": schema}}
+    return {"requestBody": {"required": True, "content": content}}
+
+
+@asynccontextmanager
+async def received_upload(
+    request: Request, *, has_form_token: bool = False
+) -> AsyncIterator[Upload]:
+    """Read the form; its file lies in memory up to 1 MiB, then in a temporary file.
+
+    Raises:
+        ApiProblem: Not a form, or it is encoded.
+        RequestValidationError: A field is missing, unknown, repeated or wrong.
+    """
+    _require_form(request)
+    form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
+    async with form as received:
+        yield _upload_of(received, has_form_token=has_form_token)
+
+
+def _require_form(request: Request) -> None:
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if media_type != "multipart/form-data":
+        detail = "Send a form (multipart/form-data) with the fields phase, method and file."
+        raise ApiProblem(ProblemCode.UNSUPPORTED_MEDIA_TYPE, detail)
+    if request.headers.get("content-encoding", "identity").strip().lower() != "identity":
+        detail = "Send the form without Content-Encoding; the file in it may be gzip."
+        raise ApiProblem(ProblemCode.UNSUPPORTED_MEDIA_TYPE, detail)
+
+
+def _upload_of(form: FormData, *, has_form_token: bool) -> Upload:
+    values, faults = dict(form.items()), list(_shape_faults(form))
+    file = values.pop("file", None)
+    form_token = values.pop(FORM_TOKEN, "") if has_form_token else ""
+    try:
+        fields = UploadFields.model_validate(values)
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_input=False, include_context=False)
+        faults += [dict(fault) for fault in found]
+    if faults or not isinstance(file, UploadFile):
+        raise RequestValidationError(faults)
+    return Upload(fields, file.file, str(form_token))
+
+
+def _shape_faults(form: FormData) -> list[dict[str, Any]]:
+    """What a model of the fields cannot see: no file, a field twice."""
+    faults = []
+    if not isinstance(form.get("file"), UploadFile):
+        faults.append({"type": "missing", "loc": ("file",), "msg": "Send the file in this field."})
+    if len(form.multi_items()) != len(form):
+        faults.append({"type": "repeated", "loc": ("form",), "msg": "Send each field once."})
+    return faults

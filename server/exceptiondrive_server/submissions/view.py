@@ -1,0 +1,222 @@
+"""What the page of a submission shows: its way, its faults, its score, its rank."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
+from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.web.numbers import Digits, minute, unit_of
+
+# Where a submission stands, in words.
+
+
+_MEANING = {
+    SubmissionStatus.RECEIVED: "Kept. It cannot be lost any more.",
+    SubmissionStatus.QUEUED: "A worker has been called.",
+    SubmissionStatus.SCORING: "A worker is scoring it.",
+    SubmissionStatus.SCORED: "Every sample has been scored.",
+    SubmissionStatus.REJECTED: "The file is wrong. It cost no quota; all faults are listed below.",
+    SubmissionStatus.FAILED: "We could not score it. It cost no quota; organizers have been told.",
+    SubmissionStatus.WITHDRAWN: "Withdrawn. It stands on no board.",
+}
+STEPS = (
+    SubmissionStatus.RECEIVED,
+    SubmissionStatus.QUEUED,
+    SubmissionStatus.SCORING,
+    SubmissionStatus.SCORED,
+)
+
+
+@dataclass(frozen=True)
+class Status:
+    """A status with its meaning and, while it waits, its place."""
+
+    word: str
+    meaning: str
+    place: str | None
+    is_final: bool
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step on the way to a score; `state` is done, now or ahead."""
+
+    word: str
+    state: str
+
+
+def status_of(submission: SubmissionView) -> Status:
+    """Return the status in words."""
+    return Status(
+        word=submission.status.value,
+        meaning=_MEANING[submission.status],
+        place=place_words(submission.queue) if submission.queue else None,
+        is_final=submission.status.is_terminal,
+    )
+
+
+def place_words(queue: QueuePlace) -> str:
+    """Say how many stand ahead and how long that may take."""
+    if queue.workers_alive == 0:
+        return f"{_ahead(queue.position)}; no worker is running right now, it starts when one does"
+    if queue.expected_wait_s is None:
+        return _ahead(queue.position)
+    return f"{_ahead(queue.position)}, {_wait(queue.expected_wait_s)}"
+
+
+def steps_of(submission: SubmissionView) -> tuple[Step, ...]:
+    """Return the way to the end: a file that was not scored ends with what happened to it."""
+    status = submission.status
+    if status in STEPS:
+        now = STEPS.index(status)
+        states = ["done" if at < now else "ahead" for at in range(len(STEPS))]
+        states[now] = "done" if status.is_terminal else "now"
+        return tuple(Step(s.value, state) for s, state in zip(STEPS, states, strict=True))
+    return (Step(SubmissionStatus.RECEIVED.value, "done"), Step(status.value, "ended"))
+
+
+def _ahead(position: int) -> str:
+    return "next in line" if position == 0 else f"{counted(position, 'submission')} ahead"
+
+
+def _wait(seconds: float) -> str:
+    if seconds < 1:
+        return "no wait expected"
+    if seconds < 90:
+        return f"about {math.ceil(seconds)} s to wait"
+    return f"about {counted(math.ceil(seconds / 60), 'minute')} to wait"
+
+
+BOARD_SOON = timedelta(minutes=2)
+"""After a score the next board is awaited this long."""
+
+
+@dataclass(frozen=True)
+class ScoreLine:
+    """A metric of the sheet, under both averages."""
+
+    label: str
+    title: str
+    unit: str
+    headline: str | None
+    other: str | None
+
+
+@dataclass(frozen=True)
+class SubmissionContent:
+    """Everything that `submission.html` needs."""
+
+    submission: SubmissionView
+    phase_title: str
+    status: Status
+    steps: tuple[Step, ...]
+    scores: tuple[ScoreLine, ...]
+    headline_title: str
+    other_title: str
+    n_faults: int
+    awaits_rank: bool
+    form_token: str | None
+    can_withdraw: bool
+    is_again: bool
+    sentences: tuple[str, ...]
+    """How it stands in the policy of its phase."""
+    actions: tuple[tuple[str, str], ...]
+    """What the team may say of it: end of the address, and words."""
+
+
+def submission_view(
+    seen: SubmissionView,
+    *,
+    phase_title: str,
+    protocol: Protocol,
+    form_token: str | None,
+    is_again: bool = False,
+    policy: PhasePolicy = PhasePolicy(),  # noqa: B008 - immutable
+    has_closed: bool = False,
+    now: datetime | None = None,
+) -> SubmissionContent:
+    """Set the page of a submission; without `form_token` it can only be read."""
+    headline = protocol.grading.headline
+    age = (now or datetime.now(UTC)) - seen.status_at
+    is_scored = seen.status is SubmissionStatus.SCORED
+    ended_without = seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
+    return SubmissionContent(
+        submission=seen,
+        phase_title=phase_title,
+        status=status_of(seen),
+        steps=steps_of(seen),
+        scores=_scores(seen, protocol) if seen.sheet else (),
+        headline_title=AVERAGE_TITLES[headline],
+        other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
+        n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
+        awaits_rank=is_scored and seen.rank is None and age < BOARD_SOON,
+        form_token=form_token,
+        can_withdraw=not ended_without and seen.status is not SubmissionStatus.WITHDRAWN,
+        is_again=is_again,
+        sentences=tuple(_sentences(seen)),
+        actions=actions_of(seen, policy, has_closed=has_closed),
+    )
+
+
+def _sentences(seen: SubmissionView) -> Iterator[str]:
+    if seen.known_as is not None:
+        yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
+    if seen.is_late:
+        yield "It came after the deadline: it stands on the late view alone."
+    if seen.score_kept_back_since is not None:
+        since = minute(seen.score_kept_back_since)
+        yield f"The board is frozen since {since}; the score is shown when it is revealed."
+    if seen.is_chosen:
+        yield "The team chose it: it stands for the team on the board."
+    if not seen.is_published:
+        yield "It is private: the team alone sees it, and it does not rank."
+
+
+def actions_of(
+    seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool
+) -> tuple[tuple[str, str], ...]:
+    """Return what the team may say of a submission now: end of the address, and words."""
+    is_scored = seen.status is SubmissionStatus.SCORED
+    return tuple(_actions(seen, policy, has_closed)) if is_scored else ()
+
+
+def _actions(
+    seen: SubmissionView, policy: PhasePolicy, has_closed: bool
+) -> Iterator[tuple[str, str]]:
+    can_choose = policy.entries_shown == "chosen" and not has_closed
+    if can_choose and not seen.is_chosen and not seen.is_late:
+        yield "choose", "Choose it for the board"
+    if policy.entries_private:
+        yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
+
+
+def _scores(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]:
+    assert seen.sheet is not None
+    challenge: Challenge = CHALLENGES[ChallengeId(seen.challenge)]
+    digits = Digits.of(protocol.publication)
+    headline, other = _averages(seen.sheet, protocol)
+    return tuple(
+        ScoreLine(
+            label=metric.label,
+            title=metric.title,
+            unit=unit_of(metric),
+            headline=digits.text(metric, headline.get(metric.key)),
+            other=digits.text(metric, other.get(metric.key)),
+        )
+        for metric in challenge.metrics
+    )
+
+
+def _averages(
+    sheet: ScoreSheet, protocol: Protocol
+) -> tuple[dict[str, float | None], dict[str, float | None]]:
+    if protocol.grading.headline == "micro":
+        return sheet.micro, sheet.macro_family
+    return sheet.macro_family, sheet.micro

@@ -1,0 +1,1 @@
+"""Teams and how they come to be."""

@@ -1,0 +1,144 @@
+"""Teams and their tokens, as organizers manage them."""
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import BaseModel, Field, StrictBool
+
+from exceptiondrive_records.accounts.tokens import (
+    TEAM_SCOPES,
+    Scope,
+    issue_token,
+    list_tokens,
+    revoke_token,
+)
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import (
+    approve_team,
+    create_team,
+    find_team,
+    list_teams,
+    refuse_team,
+)
+from exceptiondrive_schemas.datetimes import Time
+from exceptiondrive_server.accounts.api import IssuedToken, TokenView, token_view
+from exceptiondrive_server.web.auth import Organizer, ServicesOf
+from exceptiondrive_server.web.organizer_form import Form
+
+router = APIRouter()
+Slug = Annotated[str, Path(max_length=64, description="id of a team")]
+
+
+class NewTeam(Form):
+    """A team to be made."""
+
+    id: Annotated[str, Field(max_length=64)]
+    name: Annotated[str, Field(max_length=400)]
+    is_reference: StrictBool = False
+
+
+class Refusal(Form):
+    """Why a registration is refused."""
+
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class TeamView(BaseModel):
+    """A team as organizers see it."""
+
+    id: str
+    name: str
+    is_reference: bool
+    created_at: datetime
+    pending_since: datetime | None
+    """Registered itself then, and waits for approval."""
+    registration_note: str | None
+
+
+class NewToken(Form):
+    """A token to be issued."""
+
+    name: Annotated[str, Field(max_length=400)]
+    scopes: tuple[Scope, ...] = TEAM_SCOPES
+    expires_at: Time | None = None
+
+
+@router.get("/teams", operation_id="listTeams")
+def get_teams(services: ServicesOf) -> list[TeamView]:
+    """List all teams."""
+    with services.database.read() as session:
+        return [_team(team) for team in list_teams(session)]
+
+
+@router.post("/teams", operation_id="createTeam", status_code=201)
+def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> TeamView:
+    """Make a team."""
+    with services.database.write() as session:
+        made = create_team(
+            session, team.id, team.name, is_reference=team.is_reference, actor=organizer.actor
+        )
+        return _team(made)
+
+
+@router.post("/teams/{team_id}/approve", operation_id="approveTeam")
+def post_approval(services: ServicesOf, organizer: Organizer, team_id: Slug) -> TeamView:
+    """Let a team that registered itself submit."""
+    with services.database.write() as session:
+        return _team(approve_team(session, team_id, actor=organizer.actor))
+
+
+@router.post("/teams/{team_id}/refuse", operation_id="refuseTeam")
+def post_refusal(
+    services: ServicesOf, organizer: Organizer, team_id: Slug, refusal: Refusal
+) -> TeamView:
+    """Refuse a registration: the team and its tokens go, the reason stays in the audit log."""
+    with services.database.write() as session:
+        refused = _team(find_team(session, team_id))
+        refuse_team(session, team_id, reason=refusal.reason, actor=organizer.actor)
+    return refused
+
+
+@router.get("/teams/{team_id}/tokens", operation_id="listTokens")
+def get_tokens(services: ServicesOf, team_id: Slug) -> list[TokenView]:
+    """List a team's tokens, without their secrets."""
+    with services.database.read() as session:
+        team = find_team(session, team_id)
+        return [token_view(token) for token in list_tokens(session, team.id)]
+
+
+@router.post("/teams/{team_id}/tokens", operation_id="issueToken", status_code=201)
+def post_token(
+    services: ServicesOf, organizer: Organizer, team_id: Slug, token: NewToken
+) -> IssuedToken:
+    """Issue a token for a team; its text is answered once."""
+    with services.database.write() as session:
+        text, made = issue_token(
+            session,
+            find_team(session, team_id).id,
+            token.name,
+            tuple(token.scopes),
+            token.expires_at,
+            actor=organizer.actor,
+        )
+        return IssuedToken(token=text, view=token_view(made))
+
+
+@router.post("/tokens/{token_id}/revoke", operation_id="revokeToken")
+def post_revocation(
+    services: ServicesOf, organizer: Organizer, token_id: Annotated[str, Path(max_length=64)]
+) -> TokenView:
+    """Revoke a token for good."""
+    with services.database.write() as session:
+        return token_view(revoke_token(session, token_id, actor=organizer.actor))
+
+
+def _team(team: Team) -> TeamView:
+    return TeamView(
+        id=team.slug,
+        name=team.name,
+        is_reference=team.is_reference,
+        created_at=team.created_at,
+        pending_since=team.pending_since,
+        registration_note=team.registration_note,
+    )

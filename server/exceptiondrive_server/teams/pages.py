@@ -1,0 +1,298 @@
+"""The team's people: members, invitations, and the choice of a team to act for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.accounts.people import (
+    accept_invitation,
+    add_member,
+    find_invitation,
+    find_person,
+    invite,
+    members_of,
+    open_invitations,
+    remove_member,
+    teams_of,
+    withdraw_invitation,
+)
+from exceptiondrive_records.accounts.sessions import act_for
+from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
+from exceptiondrive_records.accounts.tables import Invitation, Membership, Person
+from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import make_pending_team, self_registration_is_on
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.accounts.browser_session import (
+    Browser,
+    MaybeSignedIn,
+    PostedForm,
+    SignedIn,
+    note_organizer,
+    require_scope,
+)
+from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+from exceptiondrive_server.web.responses import private_page
+from exceptiondrive_server.web.services import Services
+
+# What the page of a team's people shows.
+
+
+@dataclass(frozen=True)
+class MemberLine:
+    """One member."""
+
+    id: str
+    name: str
+    email: str | None
+    joined_at: datetime
+    is_you: bool
+
+
+@dataclass(frozen=True)
+class InvitationLine:
+    """One invitation that may still be used."""
+
+    id: str
+    invited_by: str
+    created_at: datetime
+    expires_at: datetime
+
+
+@dataclass(frozen=True)
+class Role:
+    """For whom a person may act: a team, or the organizers."""
+
+    team_id: int | None
+    title: str
+    is_current: bool
+
+
+@dataclass(frozen=True)
+class TeamPage:
+    """Everything that `team.html` needs."""
+
+    team: str | None
+    is_pending: bool
+    members: tuple[MemberLine, ...]
+    invitations: tuple[InvitationLine, ...]
+    roles: tuple[Role, ...]
+    link: str | None
+    """Of the invitation that was made just now."""
+    person: str | None
+    may_register: bool
+    provider: str | None
+    form_token: str
+
+
+def team_view(
+    who: Principal,
+    team: Team | None,
+    members: Sequence[tuple[Person, Membership]],
+    invitations: Sequence[Invitation],
+    teams: Sequence[Team],
+    *,
+    is_organizer: bool,
+    may_register: bool,
+    provider: str | None,
+    link: str | None,
+    form_token: str,
+) -> TeamPage:
+    """Set the page."""
+    return TeamPage(
+        team=None if team is None else team.name,
+        is_pending=team is not None and team.pending_since is not None,
+        members=tuple(_member(person, joined, who) for person, joined in members),
+        invitations=tuple(
+            InvitationLine(one.id, one.invited_by, one.created_at, one.expires_at)
+            for one in invitations
+        ),
+        roles=_roles(who, teams, is_organizer),
+        link=link,
+        person=who.person_name if who.person_id is not None else None,
+        may_register=may_register,
+        provider=provider,
+        form_token=form_token,
+    )
+
+
+def _member(person: Person, joined: Membership, who: Principal) -> MemberLine:
+    is_you = person.id == who.person_id
+    return MemberLine(person.id, person.name, person.email, joined.joined_at, is_you)
+
+
+def _roles(who: Principal, teams: Sequence[Team], is_organizer: bool) -> tuple[Role, ...]:
+    """Return the choices, if there is more than one."""
+    roles = [Role(team.id, team.name, team.id == who.team_id) for team in teams]
+    if is_organizer:
+        roles.insert(0, Role(None, "Organizer", who.team_id is None))
+    return tuple(roles) if len(roles) > 1 or (roles and not roles[0].is_current) else ()
+
+
+router = APIRouter(include_in_schema=False)
+Id = Annotated[str, Path(max_length=64)]
+LinkText = Annotated[str, Path(max_length=200)]
+_BACK = "/my/team"
+
+
+@router.get("/my/team")
+def show_team(request: Request, services: ServicesOf, browser: Browser) -> Response:
+    """Show who belongs to the team; to somebody without one, how to get one."""
+    return _page(request, services, browser)
+
+
+@router.post("/my/team/act-for")
+def choose_team(
+    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
+) -> Response:
+    """Let the signed-in person act for another of their teams, or as an organizer."""
+    person_id = _person_of(browser)
+    text = str(form.get("team", ""))
+    if text and not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise InvalidRecord("There is no such team to act for.")
+    with services.database.write() as session:
+        act_for(session, browser.secret, person_id, int(text) if text else None)
+        is_organizer = not text and find_person(session, person_id).is_organizer
+    answer = RedirectResponse("/organize" if is_organizer else "/my", status_code=303)
+    note_organizer(request, answer, is_organizer=is_organizer)
+    return answer
+
+
+@router.post("/my/team/invitations")
+def make_invitation(
+    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
+) -> Response:
+    """Make an invitation and show its link, once."""
+    who = browser.principal
+    require_scope(browser, Scope.TOKENS)
+    team_id = team_of(who)
+    invited_by = who.person_name or f"token {who.token_name}"
+    with services.database.write() as session:
+        text, _ = invite(session, team_id, invited_by, actor=who.actor)
+    return _page(request, services, browser, link=_link(request, services, text))
+
+
+@router.post("/my/team/invitations/{invitation_id}/withdraw")
+def withdraw(
+    services: ServicesOf, browser: Browser, form: PostedForm, invitation_id: Id
+) -> Response:
+    """Make an invitation useless."""
+    require_scope(browser, Scope.TOKENS)
+    who = browser.principal
+    with services.database.write() as session:
+        withdraw_invitation(session, team_of(who), invitation_id, actor=who.actor)
+    return RedirectResponse(_BACK, status_code=303)
+
+
+@router.post("/my/team/members/{person_id}/remove")
+def remove(services: ServicesOf, browser: Browser, form: PostedForm, person_id: Id) -> Response:
+    """Take somebody out of the team, oneself included."""
+    require_scope(browser, Scope.TOKENS)
+    who = browser.principal
+    with services.database.write() as session:
+        remove_member(session, team_of(who), person_id, actor=who.actor)
+    return RedirectResponse(_BACK, status_code=303)
+
+
+@router.post("/my/team/register")
+def register(
+    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
+) -> Response:
+    """Register a team for the signed-in person; it submits when an organizer approves."""
+    person_id, actor = _person_of(browser), browser.principal.actor
+    if not _may_register(services):
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, "Teams do not register themselves here.")
+    address = request.client.host if request.client else "unknown"
+    with services.database.write() as session:
+        count_attempt(session, registration_keys_of(address))
+    texts = (str(form.get(field, "")) for field in ("id", "name", "note"))
+    with services.database.write() as session:
+        team = make_pending_team(session, *texts, actor=actor)
+        add_member(session, team, person_id, actor=actor)
+        act_for(session, browser.secret, person_id, team.id)
+    return RedirectResponse(_BACK, status_code=303)
+
+
+@router.get("/join/{text}")
+def show_invitation(
+    request: Request, services: ServicesOf, browser: MaybeSignedIn, text: LinkText
+) -> Response:
+    """Show who invites; nothing happens before somebody signed in says yes."""
+    with services.database.read() as session:
+        invitation, team = find_invitation(session, text)
+        return private_page(
+            request,
+            "teams/join.html",
+            "my",
+            team=team.name,
+            invited_by=invitation.invited_by,
+            expires_at=invitation.expires_at,
+            text=text,
+            person=_person_name(browser),
+            provider=None if services.provider is None else services.provider.name,
+            form_token=browser.form_token if browser is not None else "",
+        )
+
+
+@router.post("/join/{text}")
+def join(services: ServicesOf, browser: Browser, form: PostedForm, text: LinkText) -> Response:
+    """Join the team of an invitation, and act for it."""
+    person_id = _person_of(browser)
+    with services.database.write() as session:
+        team = accept_invitation(session, text, person_id, actor=f"person:{person_id}")
+        act_for(session, browser.secret, person_id, team.id)
+    return RedirectResponse(_BACK, status_code=303)
+
+
+def _page(
+    request: Request, services: Services, browser: SignedIn, link: str | None = None
+) -> Response:
+    who = browser.principal
+    if who.person_id is None:
+        require_scope(browser, Scope.TOKENS)
+        team_of(who)
+    may_register = who.person_id is not None and _may_register(services)
+    with services.database.read() as session:
+        team = None if who.team_id is None else session.get_one(Team, who.team_id)
+        person = None if who.person_id is None else find_person(session, who.person_id)
+        content = team_view(
+            who,
+            team,
+            [] if team is None else members_of(session, team.id),
+            [] if team is None else open_invitations(session, team.id),
+            [] if person is None else teams_of(session, person.id),
+            is_organizer=person is not None and person.is_organizer,
+            may_register=may_register and team is None,
+            provider=None if services.provider is None else services.provider.name,
+            link=link,
+            form_token=browser.form_token,
+        )
+    return private_page(request, "teams/team.html", "my", page=content)
+
+
+def _may_register(services: Services) -> bool:
+    with services.database.read() as session:
+        return self_registration_is_on(session, services.settings.self_registration)
+
+
+def _person_name(browser: SignedIn | None) -> str | None:
+    is_person = browser is not None and browser.principal.person_id is not None
+    return browser.principal.person_name if browser is not None and is_person else None
+
+
+def _person_of(browser: SignedIn) -> str:
+    if browser.principal.person_id is None:
+        detail = "You signed in with a token. Sign out, and sign in as a person to do this."
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+    return browser.principal.person_id
+
+
+def _link(request: Request, services: Services, text: str) -> str:
+    base = services.settings.public_url or f"{request.url.scheme}://{request.url.netloc}"
+    return f"{base.rstrip('/')}/join/{text}"

@@ -1,0 +1,80 @@
+"""Who asks: bearer tokens to principals, and what a route demands of them."""
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from fastapi import Depends, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from exceptiondrive_records.accounts.tokens import Principal, Scope, note_use, verify_token
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+from exceptiondrive_server.web.services import Services, services_of
+
+_bearer = HTTPBearer(
+    auto_error=False,
+    scheme_name="token",
+    description="`Authorization: Bearer edk_...`, a token of your team or of an organizer.",
+)
+
+ServicesOf = Annotated[Services, Depends(services_of)]
+Credentials = Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]
+
+
+def principal_or_none(services: ServicesOf, credentials: Credentials) -> Principal | None:
+    """Return who asks, or None without a token.
+
+    Raises:
+        ApiProblem: A token was sent that is wrong, expired or revoked: always the same words.
+    """
+    if credentials is None:
+        return None
+    with services.database.read() as session:
+        principal = verify_token(session, credentials.credentials)
+    if principal is None:
+        raise ApiProblem(
+            ProblemCode.NOT_SIGNED_IN, "The token is not valid: unknown, expired or revoked."
+        )
+    note_use(services.database, principal)
+    return principal
+
+
+TOKEN_IS_OPTIONAL: dict[str, Any] = {"security": [{}]}
+"""For `openapi_extra`: FastAPI adds it to the schemes, as the choice to send none."""
+MaybePrincipal = Annotated[Principal | None, Depends(principal_or_none)]
+
+
+def require(scope: Scope) -> Callable[[Principal | None], Principal]:
+    """Return a dependency that demands a token with this scope."""
+
+    def demand(principal: MaybePrincipal) -> Principal:
+        if principal is None:
+            raise ApiProblem(ProblemCode.NOT_SIGNED_IN, "Send a token: Authorization: Bearer ...")
+        if scope not in principal.scopes:
+            detail = f"This needs a token with the scope {scope.value!r}."
+            raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+        return principal
+
+    return demand
+
+
+Submitter = Annotated[Principal, Depends(require(Scope.SUBMIT))]
+Reader = Annotated[Principal, Depends(require(Scope.READ_OWN))]
+TokenKeeper = Annotated[Principal, Depends(require(Scope.TOKENS))]
+Organizer = Annotated[Principal, Depends(require(Scope.ORGANIZE))]
+
+
+def team_of(principal: Principal) -> int:
+    """Return the team that a principal acts for.
+
+    Raises:
+        ApiProblem: The token belongs to no team.
+    """
+    if principal.team_id is None:
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, "This token belongs to no team; use a team's.")
+    return principal.team_id
+
+
+def own_team(principal: Principal) -> int | None:
+    """Return the team that a principal is confined to; None for an organizer."""
+    return None if principal.is_organizer else team_of(principal)

@@ -1,0 +1,134 @@
+"""Small forms made from data: each field is one line, for the page and for reading it back."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from starlette.datastructures import FormData
+
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_schemas.datetimes import in_utc
+from exceptiondrive_schemas.form_fields import FormField, Kind, document_of
+
+MAX_DIGITS = 9
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Filled:
+    """A field with what stands in it; `text` is what the browser shows."""
+
+    field: FormField
+    text: str
+
+    @property
+    def is_ticked(self) -> bool:
+        """Whether a tick is set."""
+        return self.text == "yes"
+
+
+REASON = FormField(
+    "reason",
+    "Reason",
+    "lines",
+    "stands in the audit log, with your name",
+    is_required=True,
+    max_length=1000,
+)
+
+
+def filled(fields: Sequence[FormField], texts: Mapping[str, str]) -> tuple[Filled, ...]:
+    """Return the fields with these texts; a missing one is empty."""
+    return tuple(Filled(field, texts.get(field.name, "")) for field in fields)
+
+
+def typed(form: FormData) -> dict[str, str]:
+    """Return what was typed, to be shown again."""
+    return {name: value for name, value in form.items() if isinstance(value, str)}
+
+
+def read(fields: Sequence[FormField], form: FormData) -> dict[str, Any]:
+    """Return the values of the fields; an empty one that may be empty is None.
+
+    Raises:
+        InvalidRecord: Something is missing or wrong; every field that is so is named.
+    """
+    values: dict[str, Any] = {}
+    faults = []
+    for field in fields:
+        text = str(form.get(field.name, "")).strip()
+        try:
+            values[field.name] = _value(field, text)
+        except ValueError as error:
+            faults.append(f"{field.label}: {error}.")
+    if faults:
+        raise InvalidRecord(" ".join(faults))
+    return values
+
+
+def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, Any]) -> Model:
+    """Return a document made of the values of some of its fields.
+
+    Raises:
+        InvalidRecord: A value cannot be used.
+    """
+    try:
+        return model.model_validate(document_of(fields, values))
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_input=False)
+        words = [f"{'.'.join(map(str, item['loc']))}: {item['msg']}." for item in found]
+        raise InvalidRecord(" ".join(words)) from None
+
+
+def text_of(value: object) -> str:
+    """Return a value as its field shows it."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else ""
+    if isinstance(value, datetime):
+        return value.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    return str(value)
+
+
+def _value(field: FormField, text: str) -> Any:
+    if field.kind == "yes":
+        return text == "yes"
+    if not text:
+        if field.is_required:
+            raise ValueError("must not be empty")
+        return "" if field.kind in ("text", "lines") else None
+    if len(text) > field.max_length:
+        raise ValueError(f"is longer than {field.max_length} characters")
+    return _READERS[field.kind](field, text)
+
+
+def _whole(field: FormField, text: str) -> int:
+    is_plain = text.isascii() and text.isdigit() and len(text) <= MAX_DIGITS
+    if not (is_plain and field.lowest <= int(text) <= field.highest):
+        raise ValueError(f"must be a whole number from {field.lowest} to {field.highest:,}")
+    return int(text)
+
+
+def _moment(field: FormField, text: str) -> datetime:
+    try:
+        return in_utc(datetime.fromisoformat(text))
+    except ValueError:
+        raise ValueError("must be a time in UTC such as 2026-11-21T12:00") from None
+
+
+def _choice(field: FormField, text: str) -> str:
+    if text not in [value for value, _ in field.options]:
+        raise ValueError("must be one of those offered")
+    return text
+
+
+_READERS: Mapping[Kind, Callable[[FormField, str], Any]] = {
+    "text": lambda field, text: text,
+    "lines": lambda field, text: text.replace("\r\n", "\n"),
+    "whole": _whole,
+    "moment": _moment,
+    "choice": _choice,
+}

@@ -1,0 +1,97 @@
+"""Health: alive, ready, and the metrics of both."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends
+from fastapi.responses import JSONResponse, Response
+from kombu import Connection
+from kombu.exceptions import KombuError
+from pydantic import BaseModel
+from sqlalchemy import text
+from sqlalchemy.exc import SQLAlchemyError
+
+from exceptiondrive_records.migrations import is_usable
+from exceptiondrive_records.work.dispatch import transport_options
+from exceptiondrive_records.work.heartbeats import live_workers
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_server.web.metrics import exposition
+from exceptiondrive_server.web.services import Services, services_of
+
+router = APIRouter(tags=["health"])
+ServicesOf = Annotated[Services, Depends(services_of)]
+PROBE_TIMEOUT_S = 1
+
+
+class Health(BaseModel):
+    """The process answers."""
+
+    status: str = "alive"
+
+
+class Readiness(BaseModel):
+    """What the server needs, part by part, and whether workers are alive."""
+
+    is_ready: bool
+    database: bool
+    file_store: bool
+    broker: bool
+    live_workers: int
+    note: str
+
+
+@router.get("/healthz", operation_id="health")
+def healthz() -> Health:
+    """Tell that the process answers."""
+    return Health()
+
+
+@router.get("/readyz", operation_id="readiness", response_model=Readiness)
+def readyz(services: ServicesOf) -> Response:
+    """Tell whether uploads can be accepted; 503 if not.
+
+    A broker or worker that is away delays scoring but loses nothing: uploads are still accepted.
+    """
+    workers = _workers(services)
+    database, store = workers is not None, services.files.takes_files()
+    broker = _broker_answers(services.settings.broker_url)
+    note = "" if broker and workers else "Scoring is delayed: no broker or no worker is alive."
+    readiness = Readiness(
+        is_ready=database and store,
+        database=database,
+        file_store=store,
+        broker=broker,
+        live_workers=workers or 0,
+        note=note,
+    )
+    return JSONResponse(readiness.model_dump(), status_code=200 if readiness.is_ready else 503)
+
+
+@router.get("/metrics", operation_id="metrics", response_class=Response)
+def metrics(services: ServicesOf) -> Response:
+    """Metrics for Prometheus; a reverse proxy keeps them inside."""
+    return Response(
+        exposition(services.metrics, services.database), media_type="text/plain; version=0.0.4"
+    )
+
+
+def _workers(services: Services) -> int | None:
+    """Live workers, or None when the records do not answer or have an older schema."""
+    try:
+        if not is_usable(services.database):
+            return None
+        with services.database.read() as session:
+            session.execute(text("SELECT 1"))
+            ttl_s = services.settings.heartbeat_ttl_s
+            return live_workers(session, Lane.LIVE, ttl_s=ttl_s).workers
+    except SQLAlchemyError:
+        return None
+
+
+def _broker_answers(broker_url: str) -> bool:
+    options = transport_options(socket_timeout_s=PROBE_TIMEOUT_S)
+    with Connection(broker_url, transport_options=options) as connection:
+        try:
+            connection.ensure_connection(max_retries=1, interval_start=0, timeout=PROBE_TIMEOUT_S)
+        except (KombuError, OSError, ConnectionError):
+            return False
+    return True

@@ -1,0 +1,121 @@
+"""Prometheus metrics: requests as they happen, the queue as the records tell it when asked."""
+
+from collections.abc import Iterable
+
+from prometheus_client import CollectorRegistry, Histogram, generate_latest
+from prometheus_client.metrics_core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+from sqlalchemy import case, func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import recent_scoring_s
+from exceptiondrive_records.work.tables import WorkerHeartbeat
+from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+
+
+class RequestMetrics:
+    """Durations of the requests of one application."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        self._seconds = Histogram(
+            "exceptiondrive_request_seconds",
+            "Duration of requests.",
+            ["method", "route", "status"],
+            registry=self.registry,
+            buckets=(0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 10),
+        )
+
+    def observe(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count one request."""
+        self._seconds.labels(method, route, str(status)).observe(seconds)
+
+
+class RecordsCollector(Collector):
+    """Reads queue, submissions and workers from the records at each scrape."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def collect(self) -> Iterable[Metric]:
+        """Return the gauges."""
+        with self._database.read() as session:
+            yield from _queue(session)
+            yield _submissions(session)
+            yield _heartbeats(session)
+            yield from _durations(session)
+
+
+def exposition(requests: RequestMetrics, database: Database) -> bytes:
+    """Return all metrics in Prometheus's text format."""
+    registry = CollectorRegistry()
+    registry.register(RecordsCollector(database))
+    return generate_latest(requests.registry) + generate_latest(registry)
+
+
+def _queue(session: Session) -> Iterable[Metric]:
+    depth = GaugeMetricFamily(
+        "exceptiondrive_jobs", "Scoring jobs by lane and state.", labels=["lane", "state"]
+    )
+    oldest = GaugeMetricFamily(
+        "exceptiondrive_oldest_queued_seconds", "Age of the oldest waiting job.", labels=["lane"]
+    )
+    rows = session.execute(
+        select(Job.lane, Job.state, func.count(), func.min(Job.created_at)).group_by(
+            Job.lane, Job.state
+        )
+    )
+    now = database_now(session)
+    for lane, state, count, created_at in rows:
+        depth.add_metric([str(lane), state], count)
+        if state is WorkState.QUEUED:
+            oldest.add_metric([str(lane)], (now - created_at).total_seconds())
+    return depth, oldest
+
+
+def _submissions(session: Session) -> Metric:
+    gauge = GaugeMetricFamily(
+        "exceptiondrive_submissions", "Submissions by status.", labels=["status"]
+    )
+    for status, count in session.execute(
+        select(Submission.status, func.count()).group_by(Submission.status)
+    ):
+        gauge.add_metric([status], count)
+    return gauge
+
+
+def _heartbeats(session: Session) -> Metric:
+    gauge = GaugeMetricFamily(
+        "exceptiondrive_worker_heartbeat_age_seconds",
+        "Since a worker's last sign of life.",
+        labels=["worker"],
+    )
+    now = database_now(session)
+    for worker_id, at in session.execute(select(WorkerHeartbeat.worker_id, WorkerHeartbeat.at)):
+        gauge.add_metric([worker_id], (now - at).total_seconds())
+    return gauge
+
+
+def _durations(session: Session) -> Iterable[Metric]:
+    scoring = GaugeMetricFamily(
+        "exceptiondrive_scoring_seconds", "Median of the last live scoring runs."
+    )
+    recent_s = recent_scoring_s(session)
+    if recent_s is not None:
+        scoring.add_metric([], recent_s)
+    building = GaugeMetricFamily(
+        "exceptiondrive_board_build_seconds", "Longest last build of a board.", labels=["phase"]
+    )
+    late = GaugeMetricFamily(
+        "exceptiondrive_boards_wanted", "Boards that lag behind a score.", labels=["phase"]
+    )
+    is_wanted = case((BoardRequest.state.in_(OPEN_STATES), 1), else_=0)
+    query = select(BoardRequest.phase_id, func.max(BoardRequest.took_s), func.sum(is_wanted))
+    for phase, build_s, n_wanted in session.execute(query.group_by(BoardRequest.phase_id)):
+        late.add_metric([phase], n_wanted)
+        if build_s is not None:
+            building.add_metric([phase], build_s)
+    return scoring, building, late

@@ -1,0 +1,210 @@
+"""Every error as an RFC 9457 problem: one vocabulary, one form, nothing of the request echoed."""
+
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from http import HTTPStatus
+from typing import Any
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import Response
+from sqlalchemy.exc import DataError, DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
+from starlette.exceptions import HTTPException
+
+from exceptiondrive_records.db.errors import (
+    ConcurrentQuotaExceeded,
+    InvalidRecord,
+    QuotaExceeded,
+    RecordsError,
+    RejectedCapExceeded,
+    TooManyAttempts,
+)
+from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
+from exceptiondrive_server.web import public_pages as pages
+from exceptiondrive_server.web.middleware import HEADERS
+from exceptiondrive_server.web.problem_vocabulary import (
+    CODE_OF_STATUS,
+    STATUS_OF,
+    TITLE_OF,
+    ApiProblem,
+)
+
+_log = structlog.get_logger("exceptiondrive.server")
+
+MAX_FIELDS = 20
+TOO_LARGE = "The request is larger than the server takes; gzip the file, or see the phase's limit."
+RETRY_AFTER_S = 5
+
+
+def problem_responses(*codes: ProblemCode) -> dict[int | str, dict[str, Any]]:
+    """Describe in OpenAPI which problems a route may answer with."""
+    by_status: dict[int | str, list[ProblemCode]] = {}
+    for code in (*codes, ProblemCode.BAD_REQUEST, ProblemCode.STORE_UNAVAILABLE):
+        by_status.setdefault(STATUS_OF[code], []).append(code)
+    return {
+        status: {
+            "description": "; ".join(f"`{code.value}`: {TITLE_OF[code]}" for code in of_status),
+            "content": {PROBLEM_MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+        }
+        for status, of_status in by_status.items()
+    }
+
+
+def problem_response(request: Request, problem: ApiProblem) -> Response:
+    """Return the answer that states a problem."""
+    status = STATUS_OF[problem.code]
+    if wants_page(request):
+        fields = (f"{name}: {words}." for name, words in problem.fields.items())
+        detail = " ".join([problem.detail, *fields])
+        answer = pages.problem_page(request, status, problem.code, detail)
+        if problem.retry_after_s is not None:
+            answer.headers["Retry-After"] = str(problem.retry_after_s)
+        return answer
+    document = Problem(
+        type=f"/problems/{problem.code.value}",
+        title=TITLE_OF[problem.code],
+        status=status,
+        code=problem.code,
+        detail=problem.detail,
+        instance=request.url.path[:200],
+        request_id=getattr(request.state, "request_id", None),
+        retry_after_s=problem.retry_after_s,
+        resets_at=problem.resets_at,
+        fields=problem.fields,
+    )
+    headers = {"Cache-Control": "no-store", **problem.headers}
+    if problem.retry_after_s is not None:
+        headers["Retry-After"] = str(problem.retry_after_s)
+    if status == HTTPStatus.UNAUTHORIZED:
+        headers["WWW-Authenticate"] = 'Bearer realm="exceptiondrive"'
+    body = document.model_dump_json(exclude_none=True)
+    return Response(body, status_code=status, headers=headers, media_type=PROBLEM_MEDIA_TYPE)
+
+
+def wants_page(request: Request) -> bool:
+    """Whether a browser asks for a page, and not a program for the API."""
+    is_api = request.url.path.startswith(("/api/", "/healthz", "/readyz", "/metrics"))
+    return not is_api and "text/html" in request.headers.get("accept", "")
+
+
+def install_problem_handlers(app: FastAPI) -> None:
+    """Answer every error of the application with a problem."""
+    app.add_exception_handler(ApiProblem, _api_problem)
+    app.add_exception_handler(RecordsError, _records_error)
+    app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(HTTPException, _http_exception)
+    app.add_exception_handler(SQLAlchemyError, _database_error)
+    app.add_exception_handler(DataError, _unstorable)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+async def _api_problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, ApiProblem)
+    return problem_response(request, error)
+
+
+async def _records_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RecordsError)
+    return problem_response(request, problem_of_records(error))
+
+
+def problem_of_records(error: RecordsError) -> ApiProblem:
+    """Return what the records refused, as a problem."""
+    fields = error.fields if isinstance(error, InvalidRecord) else None
+    problem = ApiProblem(error.code, str(error), fields=fields)
+    if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
+        problem.retry_after_s = RETRY_AFTER_S
+    if isinstance(error, TooManyAttempts):
+        problem.resets_at = error.resets_at
+        problem.retry_after_s = seconds_until(error.resets_at)
+    if isinstance(error, QuotaExceeded | RejectedCapExceeded):
+        problem.resets_at = error.resets_at
+        problem.retry_after_s = seconds_until(error.resets_at)
+        problem.headers = rate_limit_headers(error.limit, 0, error.resets_at)
+    return problem
+
+
+def seconds_until(moment: datetime | None) -> int | None:
+    """Return whole seconds from now, at least one; None for never."""
+    if moment is None:
+        return None
+    return max(1, math.ceil((moment - datetime.now(UTC)).total_seconds()))
+
+
+def rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -> dict[str, str]:
+    """Return what the team may still submit, as headers; the reset is in seconds."""
+    headers = {"RateLimit-Limit": str(limit), "RateLimit-Remaining": str(remaining)}
+    wait_s = seconds_until(resets_at)
+    return headers if wait_s is None else {**headers, "RateLimit-Reset": str(wait_s)}
+
+
+async def _invalid_request(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    return problem_response(request, problem_of_fields(error))
+
+
+def problem_of_fields(error: RequestValidationError) -> ApiProblem:
+    """Name the wrong fields and say why; never repeat what was sent."""
+    found = error.errors()
+    fields = dict(_field(item) for item in found[:MAX_FIELDS])
+    more = "" if len(found) <= MAX_FIELDS else f" (and {len(found) - MAX_FIELDS} more)"
+    detail = f"These parts of the request are missing or wrong: {', '.join(fields)}{more}."
+    return ApiProblem(ProblemCode.BAD_REQUEST, detail, fields=fields)
+
+
+def _field(item: Mapping[str, Any]) -> tuple[str, str]:
+    """Return name and fault of a field; a name that we do not know is the sender's, so not ours."""
+    place = [str(part) for part in item["loc"] if part not in ("body", "query", "path")]
+    if item["type"] == "extra_forbidden":
+        return ".".join([*place[:-1], "(unknown field)"]), "There is no such field; leave it out."
+    if item["type"] == "json_invalid":
+        return "body", "This is not JSON."
+    return ".".join(place)[:100] or "body", str(item["msg"]).removeprefix("Value error, ")[:200]
+
+
+async def _http_exception(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    code = CODE_OF_STATUS.get(error.status_code, ProblemCode.BAD_REQUEST)
+    details = {
+        ProblemCode.NOT_FOUND: "There is nothing at this address.",
+        ProblemCode.METHOD_NOT_ALLOWED: "This address does not take that method.",
+        ProblemCode.UPLOAD_TOO_LARGE: TOO_LARGE,
+    }
+    detail = details.get(code, "The request cannot be read.")
+    headers = {key: value for key, value in (error.headers or {}).items() if key == "Allow"}
+    return problem_response(request, ApiProblem(code, detail, headers=headers))
+
+
+async def _unstorable(request: Request, error: Exception) -> Response:
+    """A value that no column can hold, such as a NUL in a text."""
+    detail = "The request holds a character or number that cannot be used."
+    return problem_response(request, ApiProblem(ProblemCode.BAD_REQUEST, detail))
+
+
+async def _database_error(request: Request, error: Exception) -> Response:
+    is_outage = isinstance(error, DBAPIError | PoolTimeout)
+    _log.error("database error", kind=type(error).__name__, is_outage=is_outage)
+    if not is_outage:
+        return problem_response(request, _internal(request))
+    detail = "The records cannot be reached right now. Nothing was changed; try again shortly."
+    problem = ApiProblem(ProblemCode.STORE_UNAVAILABLE, detail, retry_after_s=RETRY_AFTER_S)
+    return problem_response(request, problem)
+
+
+async def _unexpected(request: Request, error: Exception) -> Response:
+    """Answer last of all, outside the middleware: so the headers are put here."""
+    _log.error("unexpected error", kind=type(error).__name__)
+    response = problem_response(request, _internal(request))
+    response.headers["X-Request-ID"] = getattr(request.state, "request_id", "unknown")
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value)
+    return response
+
+
+def _internal(request: Request) -> ApiProblem:
+    request_id = getattr(request.state, "request_id", "unknown")
+    detail = f"Something went wrong on our side; tell the organizers the request id {request_id}."
+    return ApiProblem(ProblemCode.INTERNAL, detail)

@@ -1,0 +1,246 @@
+"""HTML answers: headers, ETag and 304, problems as pages."""
+
+import hashlib
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, FastAPI, Form, Request
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from jinja2 import Environment, FileSystemLoader, PrefixLoader, StrictUndefined
+from markupsafe import Markup, escape
+from starlette.responses import Response as Response_of_static_files
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.boards.scales import px
+from exceptiondrive_server.entries.facts import board_name
+from exceptiondrive_server.web import numbers
+from exceptiondrive_server.web.condense import Condensed
+from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.middleware import HEADERS
+from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
+from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.services import services_of
+
+# Theme and frame: what a request says about how pages should look.
+
+
+THEME_COOKIE = "theme"
+SESSION_COOKIES = ("__Host-session", "session")
+"""Secure, on https; plain, on this machine alone."""
+ORGANIZER_COOKIE = "organizer"
+"""Shows the link to the organizers' pages; it opens nothing."""
+YEAR_S = 365 * 24 * 3600
+
+
+def theme_of(text: str | None) -> Theme:
+    """Return the theme that a cookie names, or the system's."""
+    return next((theme for theme in THEMES if theme == text), "auto")
+
+
+def origin_of(request: Request) -> str:
+    """Return the address of this site: as the operator set it, else as the request names it."""
+    public_url = services_of(request).settings.public_url
+    return (public_url or str(request.base_url)).rstrip("/")
+
+
+def site_of(request: Request, current: str) -> Site:
+    """Return the frame of a page."""
+    cookies, query = request.cookies, request.url.query
+    here = request.url.path + (f"?{query}" if query else "")
+    has_session = any(name in cookies for name in SESSION_COOKIES)
+    is_organizer = has_session and cookies.get(ORGANIZER_COOKIE) == "yes"
+    theme = theme_of(cookies.get(THEME_COOKIE))
+    return Site(theme, here, current, has_session, origin_of(request), is_organizer)
+
+
+def safe_back(path: str) -> str:
+    """Return a path of this site to go back to; anything else leads to the board."""
+    is_local = path.startswith("/") and not path.startswith(("//", "/\\"))
+    is_plain = path.isascii() and path.isprintable() and "\\" not in path
+    return path if is_local and is_plain and len(path) <= 2000 else "/"
+
+
+# Jinja2 set up once: autoescape, strict, with addresses of static files that may be cached.
+
+
+FOLDER = Path(__file__).parent
+STATIC = FOLDER / "static"
+
+
+@cache
+def asset(name: str) -> str:
+    """Return the address of a static file; it changes whenever the content does."""
+    digest = hashlib.sha256((STATIC / name).read_bytes()).hexdigest()[:10]
+    return f"/static/{name}?v={digest}"
+
+
+def ticks(text: str) -> Markup:
+    """Set what stands between back-ticks as code; everything is escaped."""
+    parts = str(escape(text)).split("`")
+    return Markup(
+        "".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts))
+    )
+
+
+def stars(text: str) -> Markup:
+    """Set what stands between double stars bold; everything is escaped."""
+    parts = str(escape(text)).split("**")
+    return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
+
+
+def shown(value: object) -> object:
+    """Clean a text of what turns, hides or steers, whatever was let into the records."""
+    return printable(value) if type(value) is str else value
+
+
+def https_only(url: str | None) -> str:
+    """Return a link that readers may follow; anything but an https address is left out."""
+    return url if url is not None and url.startswith("https://") else ""
+
+
+def with_article(noun: str) -> str:
+    """Return `a planner`, `an agent`."""
+    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
+@cache
+def environment() -> Environment:
+    """Return the template environment of the site."""
+    made = Environment(
+        loader=PrefixLoader(
+            {
+                folder.parent.name: FileSystemLoader(folder)
+                for folder in sorted(FOLDER.parent.glob("*/templates"))
+            }
+        ),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=shown,
+        extensions=[Condensed],
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
+    made.filters.update(
+        day=numbers.day,
+        minute=numbers.minute,
+        iso=numbers.iso,
+        short=numbers.short_digest,
+        grouped=numbers.grouped,
+        px=px,
+        size=numbers.size_text,
+        slug=numbers.slug,
+        https=https_only,
+        ticks=ticks,
+        stars=stars,
+        a=with_article,
+        board_name=board_name,
+    )
+    return made
+
+
+def render(template: str, **values: object) -> str:
+    """Fill a template."""
+    return environment().get_template(template).render(**values)
+
+
+SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
+PROXY_KEEPS_S = 5
+"""How long the proxy may show a public page to everybody; no browser sees this header."""
+_STATUS = {ProblemCode.NOT_FOUND: 404, ProblemCode.CONFLICT: 409, ProblemCode.BAD_REQUEST: 400}
+
+
+def private_page(
+    request: Request, template: str, current: str, *, status: int = 200, **values: Any
+) -> Response:
+    """Fill a template for one team's eyes; nothing between us and the browser may keep it."""
+    site = site_of(request, current)
+    headers = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+    return HTMLResponse(render(template, site=site, **values), status_code=status, headers=headers)
+
+
+def page(
+    request: Request, template: str, current: str, *, status: int = 200, **values: Any
+) -> Response:
+    """Fill a template and answer; an unchanged page is answered by 304.
+
+    What a signed-in browser gets is its own: no cache that others share may keep it. Everybody else's
+    page is the same for all, and our proxy shows it for some seconds (deploy/nginx.conf).
+    """
+    site = site_of(request, current)
+    body = render(template, site=site, **values).encode()
+    kept = "private, no-cache" if site.has_session else "no-cache"
+    is_public = status == 200 and not site.has_session
+    by_proxy = {"X-Accel-Expires": str(PROXY_KEEPS_S)} if is_public else {}
+    # nginx before 1.23 obeys the first of two headers that say how long
+    headers = {**by_proxy, **SECURITY_HEADERS, "Cache-Control": kept, "Vary": "Cookie"}
+    if status != 200:
+        return HTMLResponse(body, status_code=status, headers=headers)
+    return conditional(request, body, "text/html", headers=headers)
+
+
+def problem_page(request: Request, status: int, code: ProblemCode, detail: str) -> Response:
+    """Answer a browser with a problem as a page, in the same words as the API."""
+    return page(
+        request,
+        "web/problem_now.html",
+        "",
+        status=status,
+        code=code,
+        detail=detail,
+        help=PROBLEM_HELP[code],
+        steps=steps_in_browser(code),
+    )
+
+
+def refused(request: Request, error: RecordsError) -> Response:
+    """Answer a browser with what the records refused."""
+    return problem_page(request, _STATUS.get(error.code, 400), error.code, str(error))
+
+
+# Static files: cached for ever where the address names the content, revalidated otherwise.
+
+
+class CachedStaticFiles(StaticFiles):
+    """Static files with `Cache-Control`."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response_of_static_files:
+        """Answer with a file, and say how long it may be kept."""
+        answer = await super().get_response(path, scope)
+        is_named_by_content = b"v=" in scope.get("query_string", b"")
+        lasting = "public, max-age=31536000, immutable"
+        answer.headers["Cache-Control"] = lasting if is_named_by_content else "no-cache"
+        answer.headers["X-Content-Type-Options"] = "nosniff"
+        return answer
+
+
+def mount_static(app: FastAPI) -> None:
+    """Serve the site's own style, script, fonts and icon under `/static`."""
+    app.mount("/static", CachedStaticFiles(directory=STATIC), name="static")
+
+
+# The colour theme: a form with three buttons, a cookie, and back to the same page.
+
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.post("/theme")
+def choose_theme(
+    request: Request, choice: Annotated[str, Form()] = "auto", back: Annotated[str, Form()] = "/"
+) -> Response:
+    """Keep the choice for a year, and go back."""
+    answer = RedirectResponse(safe_back(back), status_code=303)
+    answer.set_cookie(
+        THEME_COOKIE,
+        theme_of(choice),
+        max_age=YEAR_S,
+        samesite="lax",
+        secure=request.url.scheme == "https",
+    )
+    return answer

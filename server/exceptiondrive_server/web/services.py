@@ -1,0 +1,69 @@
+"""What routes work with: made once per application, closed with it."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from fastapi import Request
+
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_server.accounts.oidc import CALLBACK
+from exceptiondrive_server.submissions.receipts import ReceiptSigner
+from exceptiondrive_server.web.metrics import RequestMetrics
+from exceptiondrive_server.web.settings import ServerSettings
+
+if TYPE_CHECKING:
+    from exceptiondrive_server.accounts.oidc import Provider
+
+
+@dataclass(frozen=True)
+class Services:
+    """Records, uploads, dispatcher, settings and metrics."""
+
+    database: Database
+    files: FileStore
+    dispatcher: Dispatcher
+    settings: ServerSettings
+    signer: ReceiptSigner
+    provider: "Provider | None" = None
+    """Through whom people sign in, where the settings name somebody."""
+    metrics: RequestMetrics = field(default_factory=RequestMetrics)
+
+    @classmethod
+    def open(cls, settings: ServerSettings) -> "Services":
+        """Connect to what the settings name."""
+        database = Database(settings.database_url)
+        return cls(
+            database=database,
+            files=FileStore(settings.file_store_url),
+            dispatcher=Dispatcher(settings.broker_url),
+            settings=settings,
+            signer=ReceiptSigner(settings.receipt_key_file, database),
+            provider=_provider(settings),
+        )
+
+    def close(self) -> None:
+        """Let all connections go."""
+        self.dispatcher.close()
+        self.database.dispose()
+
+
+def _provider(settings: ServerSettings) -> "Provider | None":
+    if not settings.oidc_issuer:
+        return None
+    from exceptiondrive_server.accounts.oidc import Provider
+
+    return Provider(
+        issuer=settings.oidc_issuer,
+        client_id=settings.oidc_client_id,
+        client_secret=settings.oidc_client_secret.get_secret_value(),
+        redirect_uri=settings.public_url.rstrip("/") + CALLBACK,
+        name=settings.oidc_name,
+    )
+
+
+def services_of(request: Request) -> Services:
+    """Return the services of the application that answers."""
+    services: Services = request.app.state.services
+    return services

@@ -1,0 +1,53 @@
+"""Settings of the server: those of the records, and what only the server needs."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, SecretStr, model_validator
+
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_server.accounts.oidc import is_private_url
+
+MEBIBYTE = 1024 * 1024
+
+
+class ServerSettings(RecordsSettings):
+    """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
+
+    public_url: Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")] = ""
+    """What people type; by default what each request names. `https://` makes cookies Secure."""
+    self_registration: bool | None = None
+    """False forces self-registration off; True has it on until organizers switch it; by default it is
+    theirs to switch, off at first."""
+    trusted_proxies: str = "127.0.0.1"
+    """Addresses or networks, with commas, whose `X-Forwarded-For` names the sender."""
+    oidc_issuer: str = ""
+    """Address of the OpenID provider through which people sign in; by default there is none."""
+    oidc_client_id: str = ""
+    oidc_client_secret: SecretStr = SecretStr("")
+    oidc_name: Annotated[str, Field(max_length=40)] = "single sign-on"
+    """How the button of the sign-in page calls the provider."""
+    max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
+    uploads_at_once: Annotated[int, Field(ge=1, le=10_000)] = 32
+    """Uploads that one process takes at a time; more are told to come again (503)."""
+    receipt_key_file: Path = Path("data/receipt-key.pem")
+    """Private key that signs receipts; made (0600) when it is needed and not there."""
+    board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10
+    """How long a cache may serve a board without asking again."""
+    events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5
+    """How often a followed submission is looked at."""
+    webhooks_may_be_private: bool = False
+    """Takes webhooks to this very machine, over http: for tests alone."""
+    events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
+    """After this a follower connects again."""
+
+    @model_validator(mode="after")
+    def _provider_is_complete(self) -> "ServerSettings":
+        if self.oidc_issuer and not is_private_url(self.oidc_issuer):
+            raise ValueError("EXCEPTIONDRIVE_OIDC_ISSUER must start with https://")
+        if self.oidc_issuer and not (self.oidc_client_id and self.public_url):
+            raise ValueError(
+                "EXCEPTIONDRIVE_OIDC_ISSUER needs EXCEPTIONDRIVE_OIDC_CLIENT_ID, and "
+                "EXCEPTIONDRIVE_PUBLIC_URL for the address that the provider sends people back to"
+            )
+        return self
