@@ -42,7 +42,7 @@ from exceptiondrive_records.operations.invariants import unfinished, violations
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.tables_of_work import BoardRequest, Job
+from exceptiondrive_records.work.tables import BoardRequest, Job
 
 _CLIENTS = 12
 _TIMES = {

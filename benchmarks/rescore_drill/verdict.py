@@ -12,7 +12,7 @@ from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.invariants import unfinished, violations
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -7,7 +7,7 @@ from sqlalchemy import select
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 
 ALLOWED_RATIO = 2.0
 """A run may double the waiting time of fresh submissions, and no more (issue 4)."""

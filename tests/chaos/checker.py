@@ -22,7 +22,7 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.quotas import COSTS_NOTHING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 _LIMIT_BYTES = 2**26

@@ -24,9 +24,9 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work import scoring_jobs as jobs
-from exceptiondrive_records.work.scoring_jobs import Finish
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.jobs import Finish
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase

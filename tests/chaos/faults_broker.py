@@ -11,7 +11,7 @@ from tests.chaos.junk import JUNK
 from tests.chaos.run import Run, percentile, slowest_s
 
 from exceptiondrive_records.work.dispatch import KEY_PREFIX, Dispatcher
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus as Status
 

@@ -9,7 +9,7 @@ import time
 
 from tests.chaos.run import Run
 
-from exceptiondrive_records.work.tables_of_work import WorkState
+from exceptiondrive_records.work.tables import WorkState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 

@@ -11,7 +11,7 @@ from tests.chaos.saboteur import VISIBILITY_S
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS
 
 from exceptiondrive_records.operations.dashboard import attention
-from exceptiondrive_records.work.tables_of_work import WorkState
+from exceptiondrive_records.work.tables import WorkState
 
 _DRAINS_WITHIN_S = 10.0
 

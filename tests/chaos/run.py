@@ -23,8 +23,7 @@ from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.reconciler import LEADERSHIP
-from exceptiondrive_records.work.tables import WorkerHeartbeat
-from exceptiondrive_records.work.tables_of_work import Job, Leader, WorkState
+from exceptiondrive_records.work.tables import Job, Leader, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionStatus

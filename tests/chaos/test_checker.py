@@ -15,7 +15,7 @@ from tests.chaos.history import BoardSeen, Call, Sighting
 
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 
 if TYPE_CHECKING:
     from tests.chaos.conftest import Story

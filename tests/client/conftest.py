@@ -252,7 +252,7 @@ def _work(context: "WorkerContext", stop: threading.Event) -> None:
     from sqlalchemy import select
     from tests.support.worker import build_board_of, score_submission
 
-    from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+    from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 
     queued = select(Job.id).where(Job.state == WorkState.QUEUED)
     wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))

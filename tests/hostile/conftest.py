@@ -18,7 +18,7 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml

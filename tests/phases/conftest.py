@@ -24,7 +24,7 @@ from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.app import create_app

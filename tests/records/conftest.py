@@ -14,8 +14,8 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.submissions import Accepted, accept
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.scoring_jobs import Finish, finish_scored
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.jobs import Finish, finish_scored
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml

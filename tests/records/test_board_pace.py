@@ -14,7 +14,7 @@ from exceptiondrive_records.work.board_requests import (
     is_due,
     pause_after,
 )
-from exceptiondrive_records.work.tables_of_work import BoardRequest
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ProtocolRef

@@ -21,7 +21,7 @@ from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
-from exceptiondrive_records.work.tables_of_work import BoardRequest
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.score_sheet import ProtocolRef

@@ -12,7 +12,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import dispatch
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -17,10 +17,10 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.fair_share import fair_order, jobs_ahead, waits
 from exceptiondrive_records.work.lease import new_item
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 World = Any

@@ -7,9 +7,9 @@ from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work import scoring_jobs as jobs
-from exceptiondrive_records.work.scoring_jobs import Finish
-from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkState
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.jobs import Finish
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -29,12 +29,12 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.reconciler import reconcile_once
-from exceptiondrive_records.work.scoring_jobs import Finish
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus

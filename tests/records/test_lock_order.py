@@ -14,11 +14,11 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import claim_board, is_due, want_board
+from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.phase_boards import want_boards
-from exceptiondrive_records.work.scoring_jobs import Finish
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.phase_settings import NewPhase

@@ -21,7 +21,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.submissions import accept, withdraw
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 

@@ -16,7 +16,7 @@ from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
 from exceptiondrive_records.work.reconciler import Pass, reconcile_once, run_reconciler
-from exceptiondrive_records.work.tables_of_work import Job, Leader, WorkState
+from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -9,6 +9,7 @@ from sqlalchemy import update
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import (
     accept,
     find_submission,
@@ -17,10 +18,9 @@ from exceptiondrive_records.submissions.submissions import (
 )
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work import scoring_jobs as jobs
-from exceptiondrive_records.work.jobs import retry_submission
-from exceptiondrive_records.work.scoring_jobs import Finish
-from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkState
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.jobs import Finish
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.submission import SubmissionStatus
 

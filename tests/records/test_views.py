@@ -10,10 +10,9 @@ from tests.records.test_boards import board, publish
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import recent_scoring_s, view, views
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.heartbeats import beat, forget_worker, live_workers
-from exceptiondrive_records.work.tables import WorkerHeartbeat
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView

@@ -26,7 +26,7 @@ from exceptiondrive_records.rescoring.tables import VerificationItem
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
-from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml

@@ -11,8 +11,8 @@ from tests.support.work import claim_this
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases.changes import freeze_phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.work.scoring_jobs import finish_failed
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.jobs import finish_failed
+from exceptiondrive_records.work.tables import Job, WorkState
 
 Stage = Any
 Make = Callable[..., str]

@@ -17,11 +17,11 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring import flip
 from exceptiondrive_records.rescoring.comparison import _compared
 from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.jobs import retry_submission
-from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker import work
 

@@ -13,7 +13,7 @@ from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 

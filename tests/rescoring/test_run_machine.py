@@ -36,11 +36,11 @@ from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.keys import OPEN, UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work import scoring_jobs as jobs
-from exceptiondrive_records.work.jobs import retry_submission
-from exceptiondrive_records.work.tables_of_work import BoardRequest, Job
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.rescoring import RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 

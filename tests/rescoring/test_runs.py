@@ -18,7 +18,7 @@ from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")

@@ -30,9 +30,9 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml

@@ -11,9 +11,9 @@ from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.teams.teams import register_team
-from exceptiondrive_records.work import scoring_jobs as jobs
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_server.audit import organizer_pages as audit_routes
 from exceptiondrive_server.operations import organizer_pages as overview_routes
 from exceptiondrive_server.phases import organizer_pages as phase_routes

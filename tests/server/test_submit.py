@@ -12,8 +12,8 @@ from sqlalchemy import func, select
 from tests.support.work import claim_this
 
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work import scoring_jobs as jobs
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import SubmissionView
 

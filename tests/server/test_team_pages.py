@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.support.work import claim_this
 
-from exceptiondrive_records.work import scoring_jobs as jobs
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work import jobs
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 
 if TYPE_CHECKING:

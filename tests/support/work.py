@@ -7,8 +7,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.work.board_requests import claim_board
-from exceptiondrive_records.work.scoring_jobs import claim_job
-from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkItem
+from exceptiondrive_records.work.jobs import claim_job
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkItem
 
 
 def claim_this(

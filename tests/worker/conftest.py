@@ -29,7 +29,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.reconciler import run_reconciler as reconcile
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split

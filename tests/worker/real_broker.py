@@ -8,7 +8,7 @@ from sqlalchemy import func, select
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.heartbeats import live_workers
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus

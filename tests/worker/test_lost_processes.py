@@ -8,7 +8,7 @@ from sqlalchemy import select
 from tests.worker.real_broker import assert_all_scored_once, count_leased, count_scored, submit_many
 
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.split import Split
 
 World = Any

@@ -12,8 +12,8 @@ from tests.support.worker import score_submission
 
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_records.work.scoring_jobs import new_job
-from exceptiondrive_records.work.tables_of_work import BoardRequest, Job, WorkState
+from exceptiondrive_records.work.jobs import new_job
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split

@@ -19,7 +19,7 @@ from tests.worker.real_broker import (
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split

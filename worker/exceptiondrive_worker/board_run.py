@@ -13,7 +13,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.work.board_requests import claim_board, is_due
-from exceptiondrive_records.work.tables_of_work import BoardRequest
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
 from exceptiondrive_schemas.jobs import Lane

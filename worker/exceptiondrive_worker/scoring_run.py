@@ -10,13 +10,13 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.keys import accepted_under
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.fair_share import waits
-from exceptiondrive_records.work.scoring_jobs import (
+from exceptiondrive_records.work.jobs import (
     claim_job,
     finish_failed,
     finish_rejected,
     finish_scored,
 )
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import Protocol

@@ -18,7 +18,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import finish_board
-from exceptiondrive_records.work.tables_of_work import BoardRequest
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.phase_settings import BoardView

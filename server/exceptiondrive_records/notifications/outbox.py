@@ -18,7 +18,7 @@ from exceptiondrive_records.notifications.tables import (
     Notification,
 )
 from exceptiondrive_records.work.lease import claim, finish, is_claimable, try_later
-from exceptiondrive_records.work.tables_of_work import WorkState
+from exceptiondrive_records.work.tables import WorkState
 from exceptiondrive_schemas.rescoring import NotificationView
 
 _log = structlog.get_logger("exceptiondrive.notices")

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import enum_text
-from exceptiondrive_records.work.tables_of_work import WorkItem, WorkState
+from exceptiondrive_records.work.tables import WorkItem, WorkState
 
 
 class Channel(StrEnum):

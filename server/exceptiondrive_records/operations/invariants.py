@@ -22,7 +22,7 @@ from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolError

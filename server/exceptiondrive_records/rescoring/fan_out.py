@@ -19,8 +19,8 @@ from exceptiondrive_records.rescoring.pairs import (
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.scoring_jobs import new_job
-from exceptiondrive_records.work.tables_of_work import WAITING_STATES, Job, WorkState
+from exceptiondrive_records.work.jobs import new_job
+from exceptiondrive_records.work.tables import WAITING_STATES, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import RunState
 

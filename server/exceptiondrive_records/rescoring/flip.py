@@ -35,7 +35,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.tables_of_work import WAITING_STATES, Job
+from exceptiondrive_records.work.tables import WAITING_STATES, Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import Comparison, NotificationKind, RunAction, RunState
 

@@ -14,7 +14,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables_of_work import OPEN_STATES, Job
+from exceptiondrive_records.work.tables import OPEN_STATES, Job
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol
 from exceptiondrive_schemas.rescoring import Progress, RunState

@@ -28,7 +28,7 @@ from exceptiondrive_records.rescoring.keys import (
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, require_readable
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunState, next_states
 
 _DONE = {

@@ -19,8 +19,8 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.scoring_jobs import cancel_jobs_of, new_job
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.jobs import cancel_jobs_of, new_job
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_schemas.jobs import Lane

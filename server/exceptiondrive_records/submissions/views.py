@@ -16,7 +16,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.fair_share import jobs_ahead
 from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet

@@ -12,7 +12,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.work.fair_share import is_live_job_waiting
 from exceptiondrive_records.work.lease import ask, claim, finish, is_free
-from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
 
 PAUSE_FACTOR = 4

@@ -26,7 +26,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import is_due
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.lease import is_claimable
-from exceptiondrive_records.work.tables_of_work import BoardRequest, WorkItem
+from exceptiondrive_records.work.tables import BoardRequest, WorkItem
 from exceptiondrive_schemas.jobs import JobName, Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.work.lease import is_claimable
-from exceptiondrive_records.work.tables_of_work import Job, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 

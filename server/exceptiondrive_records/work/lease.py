@@ -14,7 +14,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.upserts import insert_if_absent, upsert
-from exceptiondrive_records.work.tables_of_work import Leader, WorkItem, WorkState
+from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 Item = TypeVar("Item", bound=WorkItem)

@@ -18,9 +18,9 @@ from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.verification import due_items, mark_items_rung
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
+from exceptiondrive_records.work.jobs import give_up_exhausted
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
 from exceptiondrive_records.work.phase_boards import tend_phases
-from exceptiondrive_records.work.scoring_jobs import give_up_exhausted
 
 _log = structlog.get_logger("exceptiondrive.reconciler")
 

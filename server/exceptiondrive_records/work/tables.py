@@ -1,10 +1,125 @@
-"""The tables of work."""
+"""The table of work: a row for each thing to do, with the lease on it; and who is there to do it."""
 
 from datetime import datetime
+from enum import StrEnum
 
+from sqlalchemy import ForeignKey, Index, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import enum_text
+from exceptiondrive_schemas.jobs import Lane
+
+
+class WorkState(StrEnum):
+    """Where a work item stands. The last four are final."""
+
+    QUEUED = "queued"
+    HELD = "held"
+    """It waits for its rescoring run to go on."""
+    LEASED = "leased"
+    DONE = "done"
+    FAILED = "failed"
+    DEAD = "dead"
+    """Every attempt ended without an answer."""
+    CANCELLED = "cancelled"
+    """The submission was withdrawn first."""
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the item has ended."""
+        return self not in OPEN_STATES
+
+
+WAITING_STATES = (WorkState.QUEUED, WorkState.HELD)
+OPEN_STATES = (*WAITING_STATES, WorkState.LEASED)
+
+
+class WorkItem(Base):
+    """Something to do. Each kind is a class of its own; all of them share this lease.
+
+    A claim raises `fence`: whoever comes with an older one has lost the lease and changes nothing.
+    """
+
+    __tablename__ = "work"
+    __table_args__ = (
+        UniqueConstraint("kind", "key"),
+        Index("ix_work_queue", "state", "lane", "created_at"),
+        Index("ix_work_finished", "kind", "finished_at"),
+    )
+    __mapper_args__ = {"polymorphic_on": "kind"}  # noqa: RUF012 - SQLAlchemy reads it once
+    id: Mapped[str] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    key: Mapped[str]
+    """Names what is to be done: asked for twice, it is one item."""
+    lane: Mapped[Lane | None] = mapped_column(enum_text(Lane))
+    """Which workers are woken for it; None: it needs none."""
+    state: Mapped[WorkState] = mapped_column(enum_text(WorkState))
+    asked: Mapped[int]
+    """How often it was asked for: what is asked for while it is done is done once more."""
+    attempts: Mapped[int]
+    fence: Mapped[int]
+    created_at: Mapped[datetime]
+    available_at: Mapped[datetime]
+    leased_at: Mapped[datetime | None]
+    lease_until: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+    took_s: Mapped[float | None]
+    """From the last claim to its end, by the database's clock."""
+    note: Mapped[str | None]
+    """Why the last attempt came to nothing."""
+
+    @property
+    def subject(self) -> str:
+        """What the audit log calls it."""
+        return f"{self.kind}:{self.key}"
+
+
+class Job(WorkItem):
+    """One scoring run to be done: submission x protocol x split revision."""
+
+    __mapper_args__ = {"polymorphic_identity": "score"}  # noqa: RUF012
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), nullable=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), nullable=True)
+    """Whose share of the workers it takes."""
+    protocol_digest: Mapped[str] = mapped_column(
+        ForeignKey("protocols.digest"), nullable=True, use_existing_column=True
+    )
+    split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
+    is_first: Mapped[bool] = mapped_column(nullable=True)
+    """The submission shows the fate of this job; a rescoring job leaves it untouched."""
+
+    @property
+    def subject(self) -> str:
+        """The submission."""
+        return self.submission_id
+
+
+class BoardRequest(WorkItem):
+    """A board to be built: phase x protocol x split revision."""
+
+    __mapper_args__ = {"polymorphic_identity": "board"}  # noqa: RUF012
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), nullable=True)
+    protocol_digest: Mapped[str] = mapped_column(
+        ForeignKey("protocols.digest"), nullable=True, use_existing_column=True
+    )
+    split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
+
+    @property
+    def subject(self) -> str:
+        """The phase."""
+        return f"board:{self.phase_id}"
+
+
+class Leader(WorkItem):
+    """What one process at a time may do; `key` names it."""
+
+    __mapper_args__ = {"polymorphic_identity": "lead"}  # noqa: RUF012
+    holder: Mapped[str] = mapped_column(nullable=True)
+
+
+Index("ix_work_submission", Job.submission_id)
+Index("ix_work_share", Job.team_id, Job.lane, Job.leased_at)
 
 
 class WorkerHeartbeat(Base):

@@ -28,7 +28,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.heartbeats import live_workers, scorers_at_work
 from exceptiondrive_records.work.reconciler import LEADERSHIP
-from exceptiondrive_records.work.tables_of_work import Job, Leader, WorkState
+from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 _CLOCK_SKEW_S = 2.0

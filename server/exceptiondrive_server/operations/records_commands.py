@@ -24,9 +24,9 @@ from exceptiondrive_records.phases import phases
 from exceptiondrive_records.protocols import protocols
 from exceptiondrive_records.splits import splits
 from exceptiondrive_records.submissions import submissions
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.teams import teams
 from exceptiondrive_records.teams.teams import switch_self_registration
-from exceptiondrive_records.work.jobs import retry_submission
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_server.launcher.errors import LaunchError

@@ -15,15 +15,15 @@ from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.protocols.protocols import list_protocols
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
-from exceptiondrive_records.work.jobs import retry_submission
-from exceptiondrive_records.work.scoring_jobs import jobs_of
-from exceptiondrive_records.work.tables_of_work import Job
+from exceptiondrive_records.work.jobs import jobs_of
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.accounts.browser_session import PostedForm
 from exceptiondrive_server.audit.organizer_pages import HistoryLine, history_lines

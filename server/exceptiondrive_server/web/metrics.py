@@ -12,8 +12,13 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
-from exceptiondrive_records.work.tables import WorkerHeartbeat
-from exceptiondrive_records.work.tables_of_work import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import (
+    OPEN_STATES,
+    BoardRequest,
+    Job,
+    WorkerHeartbeat,
+    WorkState,
+)
 
 
 class RequestMetrics:
