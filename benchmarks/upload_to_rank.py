@@ -21,6 +21,13 @@ from typing import Any
 import httpx2
 from rich.console import Console
 
+from exceptiondrive_records.accounts.tokens import issue_token
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.phase_settings import NewPhase
+
 N_SAMPLES = 3181
 N_UPLOADS = 10
 BIN = Path(sys.executable).parent
@@ -140,20 +147,28 @@ def _environment(base: Path) -> dict[str, str]:
 
 def _open_phase(base: Path, environment: dict[str, str]) -> str:
     """Register the split, open a phase, make a team; return its token."""
-    records = {"EXCEPTIONDRIVE_DATABASE_URL": f"sqlite:///{base}/data/records.sqlite3"}
-    for command in (
-        ("exceptiondrive-worker", "register-splits"),
-        ("exceptiondrive-server", "create-phase", "bench", "--split", "bench", "--per-day", "50"),
-        ("exceptiondrive-server", "create-team", "bench", "Bench", "--with-token"),
-    ):
-        done = subprocess.run(
-            [BIN / command[0], *command[1:]],
-            env=environment | records,
-            capture_output=True,
-            text=True,
-            check=True,
+    url = f"sqlite:///{base}/data/records.sqlite3"
+    subprocess.run(
+        [BIN / "exceptiondrive-worker", "register-splits"],
+        env=environment | {"EXCEPTIONDRIVE_DATABASE_URL": url},
+        capture_output=True,
+        check=True,
+    )
+    database = Database(url)
+    with database.write() as session:
+        new = NewPhase(
+            id="bench",
+            challenge=ChallengeId.PLANNING,
+            title="Bench",
+            split="bench",
+            protocol="1.0",
+            quota_per_day=50,
         )
-    return next(word for word in done.stdout.split() if word.startswith("edk_"))
+        create_phase(session, new, actor="bench")
+        team = create_team(session, "bench", "Bench", actor="bench")
+        token, _ = issue_token(session, team.id, "bench", actor="bench")
+    database.dispose()
+    return token
 
 
 def _wait_until_ready(http: httpx2.Client, timeout_s: float = 90.0) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.rescore_drill.uploads import SPLIT_FILE
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept

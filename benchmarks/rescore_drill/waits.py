@@ -10,7 +10,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.tables import Job
 
 ALLOWED_RATIO = 2.0
-"""A run may double the waiting time of fresh submissions, and no more (issue 4)."""
+"""A run may double the waiting time of fresh submissions, and no more."""
 
 
 @dataclass(frozen=True)

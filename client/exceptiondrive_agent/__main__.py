@@ -5,7 +5,9 @@ import typer
 from exceptiondrive.cli import Commands
 from exceptiondrive_agent.cli import register
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(
+    cls=Commands, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False
+)
 register(app)
 
 if __name__ == "__main__":

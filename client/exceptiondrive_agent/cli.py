@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from exceptiondrive_agent.report import RunReport
     from exceptiondrive_agent.run import RunSettings
 
-_ENDPOINT, _MODEL, _INPUT = "Endpoint", "Model", "Input and output"
-
 Images = Annotated[
     Path,
     typer.Argument(
@@ -31,76 +29,42 @@ BaseUrl = Annotated[
     str,
     typer.Option(
         help="OpenAI-compatible endpoint, such as http://localhost:8000/v1. The key comes "
-        "from EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY.",
-        rich_help_panel=_ENDPOINT,
+        "from EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY."
     ),
 ]
-Model = Annotated[
-    str, typer.Option(help="The endpoint's name of the model.", rich_help_panel=_MODEL)
-]
-ManifestFile = Annotated[
-    Path, typer.Option("--manifest", help="The split's public manifest.", rich_help_panel=_INPUT)
-]
+Model = Annotated[str, typer.Option(help="The endpoint's name of the model.")]
+ManifestFile = Annotated[Path, typer.Option("--manifest", help="The split's public manifest.")]
 OptionalManifest = Annotated[
-    Path | None,
-    typer.Option(
-        "--manifest", help="Ask for the samples of this manifest only.", rich_help_panel=_INPUT
-    ),
+    Path | None, typer.Option("--manifest", help="Ask for the samples of this manifest only.")
 ]
 ProtocolFile = Annotated[
     Path | None,
     typer.Option(
-        "--protocol",
-        help="Protocol (TOML) with the taxonomy; by default the one that ships.",
-        rich_help_panel=_INPUT,
+        "--protocol", help="Protocol (TOML) with the taxonomy; by default the one that ships."
     ),
 ]
 Views = Annotated[
     str | None,
-    typer.Option(
-        help='Names of the views in image order, such as "front left,front,front right".',
-        rich_help_panel=_INPUT,
-    ),
+    typer.Option(help='Names of the views in image order, such as "front left,front,front right".'),
 ]
 Limit = Annotated[
-    int | None,
-    typer.Option(min=1, help="Ask at most so many samples, to try it out.", rich_help_panel=_INPUT),
+    int | None, typer.Option(min=1, help="Ask at most so many samples, to try it out.")
 ]
-Concurrency = Annotated[
-    int, typer.Option(min=1, max=256, help="Samples in flight.", rich_help_panel=_ENDPOINT)
-]
+Concurrency = Annotated[int, typer.Option(min=1, max=256, help="Samples in flight.")]
 RequestsPerMinute = Annotated[
-    float | None,
-    typer.Option(min=0.01, help="Upper bound, retries included.", rich_help_panel=_ENDPOINT),
+    float | None, typer.Option(min=0.01, help="Upper bound, retries included.")
 ]
-TimeoutS = Annotated[
-    float, typer.Option(min=0.1, help="Seconds without a byte.", rich_help_panel=_ENDPOINT)
-]
+TimeoutS = Annotated[float, typer.Option(min=0.1, help="Seconds without a byte.")]
 MaxRetries = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        max=100,
-        help="After 429, 5xx and timeouts, with back-off.",
-        rich_help_panel=_ENDPOINT,
-    ),
+    int, typer.Option(min=0, max=100, help="After 429, 5xx and timeouts, with back-off.")
 ]
-Temperature = Annotated[float, typer.Option(min=0, max=2, rich_help_panel=_MODEL)]
-MaxTokens = Annotated[
-    int, typer.Option(min=1, help="Longest answer; a longer one is null.", rich_help_panel=_MODEL)
-]
+Temperature = Annotated[float, typer.Option(min=0, max=2)]
+MaxTokens = Annotated[int, typer.Option(min=1, help="Longest answer; a longer one is null.")]
 ExtraBody = Annotated[
-    str | None,
-    typer.Option(help='More request fields as JSON, such as {"seed": 1}.', rich_help_panel=_MODEL),
+    str | None, typer.Option(help='More request fields as JSON, such as {"seed": 1}.')
 ]
-PriceIn = Annotated[
-    float | None,
-    typer.Option(min=0, help="Price of a million prompt tokens.", rich_help_panel=_MODEL),
-]
-PriceOut = Annotated[
-    float | None,
-    typer.Option(min=0, help="Price of a million answer tokens.", rich_help_panel=_MODEL),
-]
+PriceIn = Annotated[float | None, typer.Option(min=0, help="Price of a million prompt tokens.")]
+PriceOut = Annotated[float | None, typer.Option(min=0, help="Price of a million answer tokens.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -111,9 +75,7 @@ def register(app: typer.Typer) -> None:
 
 def remind(
     images: Images,
-    out: Annotated[
-        Path, typer.Option(help="Journal of the reminder records.", rich_help_panel=_INPUT)
-    ],
+    out: Annotated[Path, typer.Option(help="Journal of the reminder records.")],
     base_url: BaseUrl,
     model: Model,
     manifest: OptionalManifest = None,
@@ -149,24 +111,20 @@ def remind(
 def decide(
     images: Images,
     manifest: ManifestFile,
-    out: Annotated[Path, typer.Option(help="The submission file.", rich_help_panel=_INPUT)],
+    out: Annotated[Path, typer.Option(help="The submission file.")],
     base_url: BaseUrl,
     model: Model,
     reminders: Annotated[
         Path | None,
-        typer.Option(
-            help="Journal of `remind`; without it the baseline is asked.", rich_help_panel=_INPUT
-        ),
+        typer.Option(help="Journal of `remind`; without it the baseline is asked."),
     ] = None,
     attach_reminders: Annotated[
         bool,
-        typer.Option(
-            "--attach-reminders", help="Put the records into the file.", rich_help_panel=_INPUT
-        ),
+        typer.Option("--attach-reminders", help="Put the records into the file."),
     ] = False,
     journal: Annotated[
         Path | None,
-        typer.Option(help="Journal; by default OUT.journal.jsonl.", rich_help_panel=_INPUT),
+        typer.Option(help="Journal; by default OUT.journal.jsonl."),
     ] = None,
     protocol: ProtocolFile = None,
     views: Views = None,

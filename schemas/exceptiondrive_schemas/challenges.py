@@ -9,6 +9,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Literal
 
+from exceptiondrive_schemas import formulas
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenge_words import (
     PLANNING_WORDS,
@@ -34,6 +35,8 @@ class Metric(Document):
     better: Literal["higher", "lower"] | None
     role: Literal["primary", "diagnostic"]
     meaning: str
+    formula: str = ""
+    """Its equation as MathML; empty where words are enough."""
 
 
 class RankKey(Document):
@@ -104,6 +107,7 @@ PLANNING = Challenge(
             role="primary",
             meaning="Zero inside the hazard, then grows with clearance until the required "
             "clearance is met.",
+            formula=formulas.HCC,
         ),
         Metric(
             key="ur",
@@ -113,6 +117,7 @@ PLANNING = Challenge(
             better="lower",
             role="primary",
             meaning="Share of samples in which the collision tube touches the hazard region.",
+            formula=formulas.UR,
         ),
         Metric(
             key="hpr",
@@ -123,6 +128,7 @@ PLANNING = Challenge(
             role="diagnostic",
             meaning="Peaks where clearance equals the required clearance; too close and too far "
             "both cost. Not a safety score.",
+            formula=formulas.HPR,
         ),
         Metric(
             key="cts",
@@ -133,6 +139,7 @@ PLANNING = Challenge(
             role="diagnostic",
             meaning="How far the trajectory moved once the hazard appeared. Moving is not the "
             "same as avoiding.",
+            formula=formulas.CTS,
         ),
         Metric(
             key="cts_x",
@@ -171,6 +178,7 @@ STRATEGY = Challenge(
             better="higher",
             role="primary",
             meaning="Share of samples whose strategy is in the acceptable set.",
+            formula=formulas.ACCURACY,
         ),
         Metric(
             key="under_warning",
@@ -180,6 +188,7 @@ STRATEGY = Challenge(
             better="lower",
             role="primary",
             meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
+            formula=formulas.UNDER_WARNING,
         ),
         Metric(
             key="over_warning",

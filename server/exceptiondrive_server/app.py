@@ -3,29 +3,24 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 
 from exceptiondrive_records.db.settings import load_settings
+from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards.reader import BoardReader
-from exceptiondrive_server.web import health, organizer_pages, team_pages
-from exceptiondrive_server.web import public_api as api
-from exceptiondrive_server.web import public_pages as pages
+from exceptiondrive_server.routes import ROUTES
 from exceptiondrive_server.web.body_limit import BodyLimit, Overload
 from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe
 from exceptiondrive_server.web.problems import install_problem_handlers
+from exceptiondrive_server.web.responses import mount_static
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.settings import ServerSettings
 
 API_VERSION = "1.0"
 MULTIPART_OVERHEAD_BYTES = 64 * 1024
 """Form fields and boundaries around the file of an upload."""
-_ROUTES = APIRouter()
-"""All routes. FastAPI works out what a route takes and gives when one is asked for first: with one
-router that is once per process, not once per application."""
-for _part in (api, health, pages, team_pages, organizer_pages):
-    _ROUTES.include_router(_part.router)
 
 
 def create_app(settings: ServerSettings) -> FastAPI:
@@ -44,14 +39,16 @@ def create_app(settings: ServerSettings) -> FastAPI:
     services = Services.open(settings)
     app.state.services = services
     limit_bytes = settings.max_upload_bytes + MULTIPART_OVERHEAD_BYTES
+    if services.provider is not None:
+        services.provider.keep_flows(app)
     app.add_middleware(BodyLimit, upload_limit_bytes=limit_bytes)
     app.add_middleware(Overload, at_once=settings.uploads_at_once)
     app.add_middleware(RequestContext, metrics=services.metrics)
     app.add_middleware(HeadRequests)  # added last: the outermost
     install_problem_handlers(app)
-    app.router.routes.extend(_ROUTES.routes)
-    team_pages.lead_to_sign_in(app)
-    pages.mount_static(app)
+    app.router.routes.extend(ROUTES.routes)
+    lead_to_sign_in(app)
+    mount_static(app)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app
 

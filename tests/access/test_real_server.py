@@ -13,12 +13,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from sqlalchemy import func, select
-from tests.access.conftest import free_port
-from tests.conftest import as_role
-from tests.sample_documents import make_manifest
+from tests.support.databases import as_role
+from tests.support.documents import make_manifest
+from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
@@ -44,8 +44,8 @@ class Server:
     database: Database
     token: str
 
-    def submit(self, content: bytes) -> httpx.Response:
-        return httpx.post(
+    def submit(self, content: bytes) -> httpx2.Response:
+        return httpx2.post(
             f"{self.url}/api/v1/submissions",
             headers={"Authorization": f"Bearer {self.token}"},
             data={"phase": "dev", "method": "Planner"},
@@ -53,7 +53,7 @@ class Server:
             timeout=120,
         )
 
-    def at_once(self, contents: list[bytes]) -> list[httpx.Response]:
+    def at_once(self, contents: list[bytes]) -> list[httpx2.Response]:
         with ThreadPoolExecutor(len(contents)) as pool:
             return list(pool.map(self.submit, contents))
 
@@ -123,9 +123,9 @@ def _wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:
     deadline = time.monotonic() + 180
     while True:
         try:
-            httpx.get(f"{url}/healthz").raise_for_status()
+            httpx2.get(f"{url}/healthz").raise_for_status()
             return
-        except httpx.TransportError:
+        except httpx2.TransportError:
             assert process.poll() is None, "the server did not start"
             assert time.monotonic() < deadline
             time.sleep(0.05)
@@ -175,7 +175,7 @@ def test_the_same_bytes_in_parallel_are_one_submission_and_cost_one(
 def _register(server: Server, sender: str, n: int) -> int:
     wanted = {"id": f"team-{n}", "name": f"Team {n}", "note": "x"}
     headers = {"X-Forwarded-For": sender}
-    return httpx.post(
+    return httpx2.post(
         f"{server.url}/api/v1/registrations", json=wanted, headers=headers
     ).status_code
 

@@ -16,7 +16,7 @@ from exceptiondrive_records.accounts.people import (
     set_organizer,
     welcome_person,
 )
-from exceptiondrive_records.accounts.tables import Invitation, Person, PersonSession
+from exceptiondrive_records.accounts.tables import BrowserSession, Invitation, Person
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.teams.teams import switch_self_registration
@@ -258,5 +258,5 @@ def test_a_session_of_a_person_ends_with_its_time(small_site: "Api", person: Ope
     ada.sign_in()
     with small_site.database.write() as session:
         past = datetime.now(UTC) - timedelta(seconds=1)
-        session.execute(update(PersonSession).values(expires_at=past))
+        session.execute(update(BrowserSession).values(expires_at=past))
     assert ada.get("/my/team").headers["location"].startswith("/sign-in")

@@ -38,6 +38,14 @@ def test_a_team_gets_a_token_that_works_until_it_is_revoked(running: "Running") 
     assert organize(running, "teams", "list", token=token).exit_code == 4
 
 
+def test_a_team_is_made_with_its_first_token(running: "Running") -> None:
+    made = organize(running, "teams", "create", "gamma", "Gamma", "--with-token")
+    token = made.stdout.strip()
+    assert "shown this once" in made.stderr
+    with Client(running.url, token) as client:
+        assert client.me().team == "Gamma"
+
+
 def test_what_is_made_twice_is_a_conflict(running: "Running") -> None:
     done = organize(running, "teams", "create", "alpha", "Again")
     assert done.exit_code == 4

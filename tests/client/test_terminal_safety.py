@@ -5,12 +5,16 @@ from datetime import UTC, datetime
 
 import pytest
 from rich.progress import Progress
-from tests.sample_documents import make_sheet
 from tests.server.nasty_strings import ALL, steering_in
+from tests.support.documents import make_sheet
 
 from exceptiondrive.cli.output import console, say, show, show_json
-from exceptiondrive.cli.records_table import show_records
-from exceptiondrive.cli.tables import board_view, submission_view, submissions_table
+from exceptiondrive.cli.tables import (
+    board_view,
+    records_table,
+    submission_view,
+    submissions_table,
+)
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import ProtocolRef
@@ -81,7 +85,7 @@ def test_tables_and_sentences_hold_nothing_that_steers(capsys: pytest.CaptureFix
     for view in views:
         show(*submission_view(view, f"http://server/{view.id}", view.method))
         say(f"error: {view.method}")
-    show_records([{"a": text, "b": [text]} for text in ALL.values()], ("a", "b"), json=False)
+    show(records_table([{"a": text, "b": [text]} for text in ALL.values()], ("a", "b")))
     shown = capsys.readouterr()
     for text in (shown.out, shown.err):
         assert len(text) > 200

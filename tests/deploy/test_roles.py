@@ -9,8 +9,7 @@ import psycopg
 import pytest
 from psycopg import errors
 from sqlalchemy import make_url
-from tests.conftest import as_role
-from tests.postgres_server import Postgres
+from tests.support.databases import Postgres, as_role
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -67,8 +66,8 @@ REFUSED = [
         ("DROP TABLE", ""), ("ALTER TABLE", " DISABLE TRIGGER ALL"),
     )),
     *((role, f"SELECT * FROM {table}") for role in (Role.WORKER, Role.RECONCILER) for table in (
-        "tokens", "page_sessions", "person_sessions", "people", "invitations", "memberships",
-        "sign_in_flows", "sign_in_attempts", "site_settings",
+        "tokens", "sessions", "people", "invitations", "memberships",
+        "sign_in_attempts", "site_settings",
     )),
     *((role, f"{change} {table}{rest}") for role in (Role.API, Role.RECONCILER)
       for table in ("score_sheets", "boards", "entry_drawings") for change, rest in (
@@ -130,8 +129,8 @@ def test_the_owner_and_strangers_are_no_roles(
 @pytest.mark.parametrize(
     ("program", "command"),
     [
-        ("exceptiondrive_worker", "register-splits"),
-        ("exceptiondrive_server", "list-teams"),
+        ("exceptiondrive_worker.operator_cli", "register-splits"),
+        ("exceptiondrive_server.operations.cli", "list-tokens"),
     ],
 )
 def test_a_service_without_its_rights_is_told_who_gives_them(
@@ -150,7 +149,7 @@ def test_a_service_without_its_rights_is_told_who_gives_them(
     monkeypatch.setenv("EXCEPTIONDRIVE_SPLITS_DIR", str(tmp_path))
     monkeypatch.setattr("sys.argv", [program, command])
     monkeypatch.setattr("exceptiondrive_worker.operator_cli.configure_logging", lambda: None)
-    main = importlib.import_module(f"{program}.operator_cli").main
+    main = importlib.import_module(program).main
     with pytest.raises(SystemExit) as ended:
         main()
     said = capsys.readouterr().err

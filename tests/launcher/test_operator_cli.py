@@ -30,41 +30,41 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
-def test_a_team_and_its_token_are_made_in_one_command(
-    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code = command(
-        monkeypatch, "create-team", "mine", "My team", "--with-token", "--data", str(data)
-    )
-    told = capsys.readouterr()
-    assert code == 0
-    token = told.out.strip()
-    assert is_well_formed(token)
-    assert token not in told.err
-    database = Database(f"sqlite:///{data}/records.sqlite3")
-    with database.read() as session:
-        principal = verify_token(session, token)
-    database.dispose()
-    assert principal is not None
-    assert principal.team_slug == "mine"
-
-
 def test_an_organizer_gets_a_token_of_its_own(
     data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command(monkeypatch, "create-organizer", "Ann", "--data", str(data)) == 0
-    assert capsys.readouterr().out.startswith("edk_o_")
+    told = capsys.readouterr()
+    token = told.out.strip()
+    assert token.startswith("edk_o_")
+    assert is_well_formed(token)
+    assert token not in told.err
+    database = Database(f"sqlite:///{data}/records.sqlite3")
+    with database.read() as session:
+        assert verify_token(session, token) is not None
+    database.dispose()
+
+
+def test_a_lost_token_is_found_and_revoked(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command(monkeypatch, "create-organizer", "Ann", "--days", "3", "--data", str(data))
+    token = capsys.readouterr().out.strip()
     assert command(monkeypatch, "list-tokens", "--data", str(data)) == 0
-    assert "Ann\torganizer" in capsys.readouterr().out
+    token_id, *rest = capsys.readouterr().out.strip().split("\t")
+    assert (rest[0], rest[-1]) == ("Ann", "live")
+    assert command(monkeypatch, "revoke-token", token_id, "--data", str(data)) == 0
+    database = Database(f"sqlite:///{data}/records.sqlite3")
+    with database.read() as session:
+        assert verify_token(session, token) is None
+    database.dispose()
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["create-token", "nobody"], "There is no team 'nobody'."),
-        (["create-phase", "dev", "--split", "nope"], "There is no split 'nope'."),
         (["revoke-token", "00000000"], "There is no token '00000000'."),
-        (["retry", "0"], "There is no submission '0'."),
+        (["set-organizer", "nobody"], "There is no person 'nobody'."),
     ],
 )
 def test_what_is_not_there_is_one_sentence_and_exit_code_2(
@@ -81,7 +81,7 @@ def test_what_is_not_there_is_one_sentence_and_exit_code_2(
 def test_a_folder_without_records_is_refused_and_stays_empty(
     data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command(monkeypatch, "list-teams", "--data", str(data / "other")) == 2
+    assert command(monkeypatch, "list-tokens", "--data", str(data / "other")) == 2
     assert "exceptiondrive-server migrate" in capsys.readouterr().err
     assert not (data / "other").exists()
 
@@ -89,9 +89,10 @@ def test_a_folder_without_records_is_refused_and_stays_empty(
 def test_the_audit_chain_is_verified(
     data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command(monkeypatch, "create-team", "mine", "My team", "--data", str(data))
-    assert command(monkeypatch, "verify-audit", "--data", str(data)) == 0
-    assert capsys.readouterr().out.startswith("1 lines, whole; head ")
+    command(monkeypatch, "create-organizer", "Ann", "--data", str(data))
+    capsys.readouterr()
+    assert command(monkeypatch, "verify", "--no-uploads", "--data", str(data)) == 0
+    assert "every invariant holds; 1 audit lines, head " in capsys.readouterr().err
 
 
 def test_the_server_is_served_with_an_end_to_waiting(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,7 +57,15 @@ def test_every_command_and_option_that_is_named_is_there(document: str) -> None:
 def test_the_runbook_is_read_at_all() -> None:
     text = (ROOT / "docs/operating.md").read_text("utf-8")
     named = {command for _, command, _ in calls(text)}
-    assert {"backup", "restore", "verify", "doctor", "migrate", "sweep", "retry"} <= named
+    assert {
+        "backup",
+        "restore",
+        "verify",
+        "doctor",
+        "migrate",
+        "sweep",
+        "create-organizer",
+    } <= named
 
 
 def test_every_setting_that_is_named_is_there(document: str) -> None:

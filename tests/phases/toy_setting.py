@@ -32,10 +32,10 @@ def add_the_field() -> Any:
 
 
 def kept_value(model: Any, database_url: str) -> int:
-    from tests.sample_documents import make_manifest
+    from tests.support.documents import make_manifest
 
     from exceptiondrive_records.db.database import Database
-    from exceptiondrive_records.db.setup import prepare
+    from exceptiondrive_records.operations.setup import prepare
     from exceptiondrive_records.phases.phases import create_phase, find_phase
     from exceptiondrive_records.protocols.protocols import add_protocol
     from exceptiondrive_records.splits.splits import register_split

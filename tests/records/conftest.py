@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from tests.sample_documents import make_manifest, make_sheet
+from tests.support.documents import make_manifest, make_sheet
 from tests.support.work import claim_this
 
 from exceptiondrive_records.db.database import Database

@@ -8,18 +8,14 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
-from exceptiondrive_records.accounts.sessions import (
-    end_page_session,
-    find_page_session,
-    open_page_session,
-)
+from exceptiondrive_records.accounts.sessions import end_session, find_session, open_token_session
 from exceptiondrive_records.accounts.sign_in import (
     PER_TOKEN_ID,
     count_attempt,
     give_attempt_back,
     keys_of,
 )
-from exceptiondrive_records.accounts.tables import PageSession, SignInAttempts, Token
+from exceptiondrive_records.accounts.tables import BrowserSession, SignInAttempts, Token
 from exceptiondrive_records.accounts.tokens import (
     ORGANIZER_SCOPES,
     TEAM_SCOPES,
@@ -53,12 +49,12 @@ def principal(world: World, team_id: int | None = None, **more: Any) -> Principa
 
 def sign_in(world: World, who: Principal) -> str:
     with world.database.write() as session:
-        return open_page_session(session, who)
+        return open_token_session(session, who)
 
 
 def signed_in(world: World, secret: str) -> Principal | None:
     with world.database.read() as session:
-        return find_page_session(session, secret)
+        return find_session(session, secret)
 
 
 def test_a_session_has_the_rights_of_its_token(world: World) -> None:
@@ -71,7 +67,7 @@ def test_a_session_has_the_rights_of_its_token(world: World) -> None:
 def test_only_the_digest_of_a_session_is_kept(world: World) -> None:
     secret = sign_in(world, principal(world))
     with world.database.read() as session:
-        row = session.scalars(select(PageSession)).one()
+        row = session.scalars(select(BrowserSession)).one()
     assert secret not in repr(vars(row))
 
 
@@ -84,8 +80,8 @@ def test_a_session_ends_with_sign_out_with_its_time_and_with_its_token(world: Wo
     who = principal(world)
     left, late, lost = (sign_in(world, who) for _ in range(3))
     with world.database.write() as session:
-        end_page_session(session, left)
-        end_page_session(session, left)
+        end_session(session, left)
+        end_session(session, left)
     assert signed_in(world, left) is None
     assert signed_in(world, lost) is not None
     with world.database.write() as session:
@@ -94,11 +90,11 @@ def test_a_session_ends_with_sign_out_with_its_time_and_with_its_token(world: Wo
     other = sign_in(world, principal(world))
     with world.database.write() as session:
         past = datetime.now(UTC) - timedelta(seconds=1)
-        session.execute(update(PageSession).values(expires_at=past))
+        session.execute(update(BrowserSession).values(expires_at=past))
     assert signed_in(world, other) is None
     sign_in(world, principal(world))
     with world.database.read() as session:
-        assert len(session.scalars(select(PageSession)).all()) == 1, late
+        assert len(session.scalars(select(BrowserSession)).all()) == 1, late
 
 
 def attempt(world: World, text: str, address: str = "192.0.2.1") -> bool:

@@ -5,7 +5,7 @@ from importlib import resources
 from sqlalchemy import func, select
 
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.protocols.tables import ProtocolRow
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import select
-from tests.conftest import as_role
 from tests.rescoring.documents import planning_file, split_document
+from tests.support.databases import as_role
 from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.boards.boards import current_board

@@ -17,8 +17,8 @@ import pytest
 import structlog
 from fastapi import FastAPI
 from starlette.testclient import TestClient
-from tests.conftest import as_role
-from tests.sample_documents import REVISION, make_manifest, make_sheet
+from tests.support.databases import as_role
+from tests.support.documents import REVISION, make_manifest, make_sheet
 from tests.support.work import claim_board_of, claim_this
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token

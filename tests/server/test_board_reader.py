@@ -4,8 +4,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from exceptiondrive_records.boards import boards
 from exceptiondrive_schemas.board import BoardEntry
-from exceptiondrive_server.boards import queries as readings
 from exceptiondrive_server.boards.reader import BoardReader
 
 MakeEntry = Callable[..., BoardEntry]
@@ -26,9 +26,9 @@ def test_each_current_board_is_read_once_and_a_new_one_when_it_comes(
 def test_a_page_takes_the_board_that_was_read_ahead(api: Any, make_entry: MakeEntry) -> None:
     row = api.publish(make_entry("Read ahead of all others"))
     BoardReader(api.database).read_new()
-    hits = readings._parsed.cache_info().hits
-    readings.parsed_board(row)
-    assert readings._parsed.cache_info().hits == hits + 1
+    hits = boards._parsed.cache_info().hits
+    boards.parsed_board(row)
+    assert boards._parsed.cache_info().hits == hits + 1
 
 
 def test_it_reads_in_a_thread_of_its_own_and_ends_when_told(

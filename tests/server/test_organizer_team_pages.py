@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from sqlalchemy import select
 
-from exceptiondrive_records.accounts.tables import PageSession, Token
+from exceptiondrive_records.accounts.tables import BrowserSession, Token
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.teams.tables import Team
@@ -104,7 +104,7 @@ def test_a_registration_is_approved_or_refused(
         assert session.scalars(select(Team).where(Team.slug == "delta")).first() is None
         kept = {token.id for token in session.scalars(select(Token))}
         assert text.split("_")[2] not in kept
-        assert {one.token_id for one in session.scalars(select(PageSession))} <= kept
+        assert {one.token_id for one in session.scalars(select(BrowserSession))} <= kept
     with api.database.write() as session:
         register_team(session, "delta", "Delta", "Once more.")
     approve = f"{TEAMS}/epsilon/approve"

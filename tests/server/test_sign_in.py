@@ -10,7 +10,7 @@ from sqlalchemy import select, update
 from starlette.testclient import TestClient
 
 from exceptiondrive_records.accounts.sign_in import PER_TOKEN_ID
-from exceptiondrive_records.accounts.tables import PageSession
+from exceptiondrive_records.accounts.tables import BrowserSession
 from exceptiondrive_records.audit.tables import AuditLine
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def test_a_team_signs_in_and_stays_so_until_it_signs_out(api_on_both: "Api", bro
     assert (answer.status_code, answer.headers["location"]) == (303, "/")
     assert browser.get("/my").headers["location"] == "/sign-in?back=%2Fmy"
     with api_on_both.database.read() as session:
-        assert session.scalars(select(PageSession)).all() == []
+        assert session.scalars(select(BrowserSession)).all() == []
 
 
 def test_the_cookie_is_bound_to_this_host_and_hidden_from_scripts(api: "Api", browse: Open) -> None:
@@ -54,9 +54,8 @@ def test_behind_a_proxy_the_public_address_decides(
 ) -> None:
     api = make_api(sqlite_url, public_url="https://board.example")
     browser = browse(api, "http://inside.test", origin="https://board.example")
-    browser.client.cookies.set("__Host-visitor", "v")
     answer = browser.client.get("/sign-in", headers={"Accept": "text/html"})
-    assert answer.headers.get_list("set-cookie")[0].startswith("__Host-visitor=")
+    assert answer.headers.get_list("set-cookie")[0].startswith("__Host-session=v.")
 
 
 def test_a_plain_cookie_counts_for_nothing_where_https_is_spoken(api: "Api", browse: Open) -> None:
@@ -81,9 +80,11 @@ def test_the_token_stands_in_no_cookie_no_page_and_no_log(
 def test_every_wrong_token_is_told_the_same_and_gets_no_session(api: "Api", browse: Open) -> None:
     told = set()
     for token in ("", "x", "edk_s_00000000_" + "A" * 32 + "_AAAAAA", api.tokens["alpha"][:-1]):
-        answer = browse(api).sign_in_with(token)
+        browser = browse(api)
+        answer = browser.sign_in_with(token)
         assert answer.status_code == 401
-        assert "session" not in answer.headers.get("set-cookie", "").replace("-visitor", "")
+        assert "session" not in answer.headers.get("set-cookie", "")
+        assert browser.client.cookies["__Host-session"].startswith("v.")
         told.add(re.search(r'role="alert"[^>]*>([^<]*)<', answer.text).group(1))  # type: ignore[union-attr]
     assert told == {"The token is not valid: unknown, expired or revoked."}
 
@@ -143,7 +144,7 @@ def test_a_session_ends_with_its_time_and_with_its_token(api: "Api", browse: Ope
     browser.sign_in("alpha")
     with api.database.write() as session:
         past = datetime.now(UTC) - timedelta(seconds=1)
-        session.execute(update(PageSession).values(expires_at=past))
+        session.execute(update(BrowserSession).values(expires_at=past))
     assert browser.get("/my").status_code == 303
     browser.sign_in("alpha")
     assert browser.get("/my").status_code == 200

@@ -122,14 +122,20 @@ class System:
         return found
 
     def make_team(self, slug: str) -> str:
-        """Make a team as an operator does; return its token."""
-        printed = self.operate("exceptiondrive-server", "create-team", slug, slug, "--with-token")
-        return next(word for word in printed.split() if word.startswith("edk_"))
+        """Make a team as an organizer does; return its token."""
+        return self.organize("teams", "create", slug, slug, "--with-token").strip()
 
     def open_phase(self, phase: str, split: str, *options: str) -> None:
         """Open a phase on a registered split."""
-        options = ("--split", split, "--per-day", "50", *options)
-        self.operate("exceptiondrive-server", "create-phase", phase, *options)
+        options = ("--split", split, "--title", phase, "--quota-per-day", "50", *options)
+        self.organize("phases", "create", phase, *options)
+
+    def organize(self, *arguments: str) -> str:
+        """Run a command of organizers, with a token that an operator issues for it."""
+        token = self.operate("exceptiondrive-server", "create-organizer", "test").split()[-1]
+        done = self.client("organizer", *arguments, token=token)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
     def kill_workers(self) -> None:
         """SIGKILL to the worker and to every process that scores; the launcher starts another."""

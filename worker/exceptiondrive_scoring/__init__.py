@@ -2,7 +2,7 @@
 
 Data flows one way: answers --measure--> measurements --grade--> sample scores --aggregate-->
 breakdown --rank--> board. `challenge.SCORING` gives the measure and grade of each challenge.
-Every constant comes from the protocol document; every formula names its place in PROTOCOL.md.
+Every constant comes from the protocol document; every formula names its place in docs/protocol.md.
 """
 
 SCORER_VERSION = "1"

@@ -1,7 +1,7 @@
 """Bootstrap over scenes: how far a score would move on another draw of scenes.
 
-One scene carries up to 21 samples, so scenes are drawn, not samples (PROTOCOL.md section 4). Draws
-come from the protocol's seed alone and are the same for every entry: comparisons are paired.
+One scene carries up to 21 samples, so scenes are drawn, not samples (docs/protocol.md section 4).
+Draws come from the protocol's seed alone and are the same for every entry: comparisons are paired.
 
 Entries are resampled in blocks, so memory does not grow with them. Sums are exact (`scene_sums`), so
 an entry's intervals do not depend, not even in the last bit, on the others of its block.

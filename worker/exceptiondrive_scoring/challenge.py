@@ -98,7 +98,7 @@ class PlanningScoring:
         }
 
     def plausibility(self, measurements: Columns, protocol: ScoringProtocol) -> Plausibility:
-        """Shares of PROTOCOL.md section 5."""
+        """Shares of docs/protocol.md section 5."""
         return plausibility(Measurements.from_columns(measurements), protocol.plausibility)
 
     def extra(

@@ -1,4 +1,4 @@
-"""Clearance: Euclidean distance of collision tube and hazard region (PROTOCOL.md section 2).
+"""Clearance: Euclidean distance of collision tube and hazard region (docs/protocol.md section 2).
 
 The tube is a union of convex pieces and the region of one or two, so the clearance is the least
 distance over all pairs of pieces. Most pairs cannot be the nearest; two bounds, both cheap in the

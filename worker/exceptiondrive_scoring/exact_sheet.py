@@ -24,7 +24,7 @@ def exact_sheet(
     split_ref: SplitRef,
     protocol: Protocol,
 ) -> ScoreSheet:
-    """Grade and aggregate measurements (PROTOCOL.md section 3); nothing is rounded."""
+    """Grade and aggregate measurements (docs/protocol.md section 3); nothing is rounded."""
     scores = scoring.grade(measured, split, protocol)
     breakdown = aggregate(scores, split, protocol.taxonomy)
     coverage = scoring.coverage(measured)

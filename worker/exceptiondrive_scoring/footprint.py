@@ -1,4 +1,4 @@
-"""The footprint: the oriented vehicle rectangle at one time step (PROTOCOL.md section 2)."""
+"""The footprint: the oriented vehicle rectangle at one time step (docs/protocol.md section 2)."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

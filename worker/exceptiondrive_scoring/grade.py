@@ -45,7 +45,7 @@ def proximity_response(
 
 
 def grade(measurements: Measurements, split: SplitArrays, protocol: Protocol) -> SampleScores:
-    """Grade measurements of the planning challenge (PROTOCOL.md section 3).
+    """Grade measurements of the planning challenge (docs/protocol.md section 3).
 
     A missing edited trajectory is an intrusion; a missing source leaves the shift undefined.
     """

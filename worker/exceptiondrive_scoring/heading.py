@@ -1,4 +1,4 @@
-"""Heading of the vehicle at every time step (PROTOCOL.md section 2).
+"""Heading of the vehicle at every time step (docs/protocol.md section 2).
 
 A heading is held as its unit vector: the rules need only dot products, and no angle is ever
 wrapped.

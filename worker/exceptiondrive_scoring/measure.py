@@ -62,7 +62,7 @@ class Measurements:
 def measure(
     pairs: TrajectoryPairs, regions_m: FloatArray | PreparedRegions, geometry: GeometrySection
 ) -> Measurements:
-    """Measure every sample (PROTOCOL.md section 2; the paper's d_i, ur_i and CTS terms).
+    """Measure every sample (docs/protocol.md section 2; the paper's d_i, ur_i and CTS terms).
 
     Args:
         pairs: Submitted waypoints of N samples.
@@ -112,7 +112,7 @@ def _let_the_allocator_keep_memory() -> None:
     """Free one large block that nobody has touched.
 
     glibc hands freed memory back to the system above a threshold, and pays for every page again at
-    the next temporary; the threshold follows the largest block that was freed. Measured: without
-    this line a fresh process takes up to twice as long. Elsewhere it costs nothing.
+    the next temporary; the threshold follows the largest block that was freed. Otherwise a
+    fresh process takes up to twice as long (docs/performance.md). Elsewhere it costs nothing.
     """
     np.empty(KEEP_BYTES, dtype=np.uint8)

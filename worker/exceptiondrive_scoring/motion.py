@@ -1,4 +1,4 @@
-"""How a planner's trajectories move: what plausibility looks at (PROTOCOL.md section 5)."""
+"""How a planner's trajectories move: what plausibility looks at (docs/protocol.md section 5)."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Plausibility: shares published beside the score, never folded into it (PROTOCOL.md section 5)."""
+"""Plausibility: shares published beside the score, never in it (docs/protocol.md section 5)."""
 
 from dataclasses import dataclass
 

@@ -10,7 +10,7 @@ def ranks(
     coverage_suffices: Sequence[bool],
     order: Sequence[RankKey],
 ) -> list[int | None]:
-    """Rank entries (PROTOCOL.md section 4).
+    """Rank entries (docs/protocol.md section 4).
 
     Args:
         values: Metric key to the value of each of K entries, rounded to the published precision.

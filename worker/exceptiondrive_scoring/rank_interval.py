@@ -12,7 +12,7 @@ from exceptiondrive_scoring.bootstrap import Uncertainty
 def rank_intervals(
     entries: Sequence[Uncertainty], order: Literal["descending", "ascending"]
 ) -> IntArray:
-    """Best and worst rank of each entry that the draws leave open (PROTOCOL.md section 4).
+    """Best and worst rank of each entry that the draws leave open (docs/protocol.md section 4).
 
     Entry i is surely better than j if the interval of their paired difference lies wholly above
     zero, that is if it is better in all draws but those that the interval cuts off. The range is

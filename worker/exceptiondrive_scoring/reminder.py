@@ -1,4 +1,4 @@
-"""Reminder records: hazard presence, hazard type, recommended strategy (PROTOCOL.md section 6)."""
+"""Reminder records: hazard presence and type, recommended strategy (docs/protocol.md section 6)."""
 
 import numpy as np
 

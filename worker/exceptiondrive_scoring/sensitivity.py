@@ -12,7 +12,7 @@ ROW_PREFIX = "d_safe_x"
 def clearance_sensitivity(
     measurements: Measurements, split: SplitArrays, protocol: Protocol
 ) -> dict[str, dict[str, float | None]]:
-    """Score HCC with every required clearance multiplied (PROTOCOL.md section 3).
+    """Score HCC with every required clearance multiplied (docs/protocol.md section 3).
 
     Returns:
         A row for each of `grading.sensitivity_factors`, such as `d_safe_x0.5`, with `hcc_micro` and

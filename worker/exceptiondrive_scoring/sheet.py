@@ -48,7 +48,7 @@ class Breakdown:
 
 
 def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> Breakdown:
-    """Totals, families and tasks of one submission (PROTOCOL.md section 3).
+    """Totals, families and tasks of one submission (docs/protocol.md section 3).
 
     Samples are summed once, by task; families and the total are sums of those. The macro average of
     a metric is taken over the families that define it.

@@ -1,4 +1,4 @@
-"""Counterfactual trajectory shift of a pair (PROTOCOL.md section 2; the paper's CTS)."""
+"""Counterfactual trajectory shift of a pair (docs/protocol.md section 2; the paper's CTS)."""
 
 from typing import NamedTuple
 

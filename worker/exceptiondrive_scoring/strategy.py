@@ -1,4 +1,4 @@
-"""The strategy challenge: answers A to E, graded against acceptable sets (PROTOCOL.md section 6)."""
+"""The strategy challenge: answers against acceptable sets (docs/protocol.md section 6)."""
 
 from dataclasses import dataclass, fields
 from typing import Any

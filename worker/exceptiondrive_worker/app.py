@@ -5,7 +5,7 @@ ends the whole worker over one message that is not JSON, and starts the connecti
 without an envelope; the supervisor would start the worker again within seconds, for each piece of
 junk. Anything else than a message of ours (another program's data, a slip at the broker's prompt, a
 message damaged on its way) is taken out of the queue and named in the log. What a queue loses is
-never lost. The fields are those of Celery's message protocol 2 in kombu's envelope.
+never lost. docs/decisions/0003-sql-is-the-queue.md gives the reason of each setting. The fields are those of Celery's message protocol 2 in kombu's envelope.
 
 Only documented points of extension: `Celery(amqp=...)`, `AMQP.Connection`, `Transport.Channel`, and
 the client of a channel, which is redis-py's `Redis`.

@@ -1,4 +1,4 @@
-"""From scored entries to the rows of a board (PROTOCOL.md section 4). Pure: no door is opened."""
+"""From scored entries to the rows of a board (docs/protocol.md section 4). Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

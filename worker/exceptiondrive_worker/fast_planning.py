@@ -113,7 +113,7 @@ def _is_within_bounds(points_m: FloatArray, geometry: GeometrySection) -> bool:
 
 
 def is_surely_in_frame(ends_m: FloatArray, rules: PlausibilitySection) -> bool:
-    """Whether the frame check of PROTOCOL.md section 5 certainly passes.
+    """Whether the frame check of docs/protocol.md section 5 certainly passes.
 
     More than half of the moving trajectories within the cone around +x, and so is their median.
 

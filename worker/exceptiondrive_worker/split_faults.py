@@ -1,4 +1,4 @@
-"""What makes a split unusable (PROTOCOL.md section 2), found for all samples in one pass.
+"""What makes a split unusable (docs/protocol.md section 2), found for all samples in one pass.
 
 The findings name sample ids and say nothing else that is withheld; they are for the operator's
 terminal and the worker's own log.

@@ -7,13 +7,13 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import can_ask, say, show, show_document, show_json
-from exceptiondrive.cli.records_table import show_records
+from exceptiondrive.cli.output import can_ask, say, show, show_result
 from exceptiondrive.cli.session import open_client, prepare
+from exceptiondrive.cli.tables import records_table
 from exceptiondrive.client import Client
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
 from exceptiondrive.errors import NotSignedInError, utc_text
-from exceptiondrive.team_tokens import Record, TeamTokens
+from exceptiondrive.team_tokens import TeamTokens
 
 
 def login(server: options.Server = None) -> None:
@@ -44,12 +44,9 @@ def whoami(server: options.Server = None, json: options.Json = False) -> None:
     with open_client(server) as client:
         me = client.me()
         address = client.server
-    if json:
-        show_document(me)
-        return
     until = "" if me.expires_at is None else f", valid until {utc_text(me.expires_at)}"
-    show(f"{_name(me.team)} at {address}")
-    show(f"token {me.token_name!r}, scopes: {', '.join(me.scopes)}{until}")
+    token = f"token {me.token_name!r}, scopes: {', '.join(me.scopes)}{until}"
+    show_result(me, json, f"{_name(me.team)} at {address}", token)
 
 
 def _token(server: str) -> str:
@@ -75,7 +72,8 @@ COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "la
 def list_tokens(server: options.Server = None, json: options.Json = False) -> None:
     """List the team's tokens, without their secrets."""
     with _tokens(server) as tokens:
-        show_records(tokens.all(), COLUMNS, json)
+        found = tokens.all()
+    show_result(found, json, records_table(found, COLUMNS))
 
 
 def create_token(
@@ -92,7 +90,8 @@ def create_token(
 ) -> None:
     """Issue a token of your team; it is shown this once."""
     with _tokens(server) as tokens:
-        _show_issued(tokens.create(name, scope, expires_at), json)
+        issued = tokens.create(name, scope, expires_at)
+    show_result(issued, json, issued["token"])
 
 
 def rotate_token(
@@ -106,7 +105,7 @@ def rotate_token(
     """Issue the successor of a token; it is shown this once."""
     with _tokens(server) as tokens:
         issued = tokens.rotate(token_id, keep_days=keep_days)
-    _show_issued(issued, json)
+    show_result(issued, json, issued["token"])
     if not json:
         until = "ends now" if keep_days == 0 else f"works for {keep_days} more days at most"
         say(f"the old token {token_id} {until}")
@@ -118,17 +117,7 @@ def revoke_token(
     """Revoke a token of your team for good."""
     with _tokens(server) as tokens:
         token = tokens.revoke(token_id)
-    if json:
-        show_json(token)
-    else:
-        show(f"token {token['id']} revoked")
-
-
-def _show_issued(issued: Record, json: bool) -> None:
-    if json:
-        show_json(issued)
-    else:
-        show(issued["token"])
+    show_result(token, json, f"token {token['id']} revoked")
 
 
 def _tokens(server: str | None) -> TeamTokens:

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import show, show_document, show_json
+from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view, plain_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
@@ -59,10 +59,7 @@ def leaderboard(
             typer.echo(printable(text), nl=False)
             return
         board = client.leaderboard(**asked)
-    if json:
-        show_document(board)
-    else:
-        show(*board_view(board))
+    show_result(board, json, *board_view(board))
 
 
 def phases(server: options.Server = None, json: options.Json = False) -> None:

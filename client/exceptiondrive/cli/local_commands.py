@@ -7,10 +7,9 @@ from typing import Annotated, cast, get_args
 import typer
 from pydantic import ValidationError
 
-from exceptiondrive.checking import check_file, manifest_of, read_file
+from exceptiondrive.checking import check_file, chosen_protocol, manifest_of, read_file
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import say, show, show_document, show_json
-from exceptiondrive.cli.protocol_choice import chosen_protocol
+from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import report_view, sheet_view
 from exceptiondrive.conversion import ConversionPlan, FollowedPoint, read_pairs, write_submission
@@ -19,6 +18,7 @@ from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.evaluation import evaluate_file, read_split
 from exceptiondrive.plot import plot_file
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.split import Manifest
 
@@ -48,12 +48,9 @@ def check(
     The checker is the server's own. Without --split, --manifest or --phase only the form is checked, not the sample ids.
     """
     report = _report(file, split, manifest, phase, protocol, server)
-    if json:
-        show_document(report)
-    else:
-        show(*report_view(report, file.name))
-        if report.is_valid and split is None and manifest is None and phase is None:
-            say("Only the form was checked; add --phase, --manifest or --split for the sample ids.")
+    show_result(report, json, *report_view(report, file.name))
+    if report.is_valid and not json and split is None and manifest is None and phase is None:
+        say("Only the form was checked; add --phase, --manifest or --split for the sample ids.")
     if not report.is_valid:
         raise typer.Exit(InvalidFileError.exit_code)
 
@@ -111,10 +108,7 @@ def evaluate(
     """
     rules = chosen_protocol(protocol)
     sheet = evaluate_file(file, split=split, protocol=rules)
-    if json:
-        show_document(sheet)
-    else:
-        show(*sheet_view(sheet, rules))
+    show_result(sheet, json, *sheet_view(sheet, rules))
 
 
 def plot(
@@ -142,10 +136,8 @@ def plot(
     """
     rules = chosen_protocol(protocol)
     drawn = plot_file(file, output, split=split, sample_ids=samples, worst=worst, protocol=rules)
-    if json:
-        show_json({"output": str(output), "sample_ids": list(drawn)})
-    else:
-        show(f"{len(drawn)} sample{'' if len(drawn) == 1 else 's'} in {output}")
+    facts = {"output": str(output), "sample_ids": list(drawn)}
+    show_result(facts, json, f"{counted(len(drawn), 'sample')} in {output}")
 
 
 def convert(
@@ -223,13 +215,10 @@ def convert(
         raise InvalidArgumentError(
             "unwritable_file", f"{output} cannot be written: {error.strerror}."
         ) from None
-    if json:
-        facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
-        show_json({**facts, "size_bytes": size_bytes, "done": list(outcome.done)})
-        return
-    for sentence in outcome.done or ("nothing had to be changed",):
-        show(f"- {sentence}")
-    show(f"{len(outcome.pairs)} predictions in {output}")
+    facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
+    facts |= {"size_bytes": size_bytes, "done": list(outcome.done)}
+    done = [f"- {sentence}" for sentence in outcome.done or ("nothing had to be changed",)]
+    show_result(facts, json, *done, f"{len(outcome.pairs)} predictions in {output}")
 
 
 def version() -> None:

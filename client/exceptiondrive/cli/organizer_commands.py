@@ -2,28 +2,94 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, phase_commands, protocol_commands, rescore_commands
-from exceptiondrive.cli.output import show, show_json
-from exceptiondrive.cli.records_table import show_records
-from exceptiondrive.cli.similarity_commands import similar
+from exceptiondrive.checking import chosen_protocol, read_file
+from exceptiondrive.cli import options, phase_commands, rescore_commands
+from exceptiondrive.cli.output import say, show_result
+from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import ExceptionDriveError
 
-if TYPE_CHECKING:
-    from exceptiondrive.organizer import Organizer
-
 TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
+FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
+
+
+def check_protocol(file: FileArgument, json: options.Json = False) -> None:
+    """Check a protocol document on this machine; every problem is listed."""
+    protocol = chosen_protocol(str(file))
+    facts = {"version": protocol.version, "digest": protocol.digest}
+    show_result(facts, json, f"protocol {protocol.version} is valid, {protocol.digest}")
+
+
+def diff_protocol(
+    file: FileArgument,
+    phase: Annotated[
+        str | None,
+        typer.Option("--phase", metavar="ID", help="Against the protocol this phase shows."),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Say in plain words what a document would change, and what would be repeated."""
+    chosen_protocol(str(file))
+    toml = read_file(file).decode("utf-8-sig")
+    with open_organizer(server) as organizer:
+        found = organizer.rescoring.check_protocol(toml, phase)
+    changes = [f"- {change['sentence']} ({change['stage']})" for change in found["changes"]]
+    lines = [*(changes or ["nothing that scores is changed"]), found["sentence"]]
+    lines += [f"note: {found['remark']}"] if found.get("remark") else []
+    show_result(found, json, *lines)
+
+
+def similar(
+    phase: Annotated[str, typer.Option("--phase", metavar="PHASE", help="Id of the phase.")],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show teams with equal or near-equal submissions, and teams that may be probing.
+
+    Reasons to ask a team, not proof: planners that both stand still are alike, too.
+    """
+    with open_organizer(server) as organizer:
+        report = organizer.similar(phase)
+    rows = [
+        {
+            "alike": pair["kind"].replace("_", " "),
+            "first": _named(pair["first"]),
+            "second": _named(pair["second"]),
+            "samples alike": f"{100 * pair['equal_share']:.2f} %",
+            "mean distance": f"{pair['mean_distance'] or 0:.2f}",
+            "samples that differ": pair["n_different"],
+        }
+        for pair in report["pairs"]
+    ]
+    probing = (
+        f"{found['team']}: {found['n_submissions']} submissions that change at most 1 % of the "
+        f"samples of another, {found['first_at']} to {found['last_at']}"
+        for found in report["probing"]
+    )
+    show_result(
+        report,
+        json,
+        records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike",
+        *probing,
+        f"{report['n_compared']} submissions compared, {report['n_waiting']} waiting for a worker",
+    )
+
+
+def _named(submission: dict[str, Any]) -> str:
+    return f"{submission['team']}: {submission['method']} ({submission['id']})"
 
 
 def list_teams(server: options.Server = None, json: options.Json = False) -> None:
     """List all teams."""
-    with _organizer(server) as organizer:
-        show_records(
-            organizer.teams(), ("id", "name", "is_reference", "created_at", "pending_since"), json
-        )
+    columns = ("id", "name", "is_reference", "created_at", "pending_since")
+    with open_organizer(server) as organizer:
+        found = organizer.teams()
+    show_result(found, json, records_table(found, columns))
 
 
 def create_team(
@@ -32,22 +98,28 @@ def create_team(
     reference: Annotated[
         bool, typer.Option("--reference", help="Its entries are shown and never ranked.")
     ] = False,
+    with_token: Annotated[
+        bool, typer.Option("--with-token", help="Issue its first token too; shown this once.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Make a team."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         team = organizer.create_team(team_id, name, is_reference=reference)
-    _show_record(team, f"team {team['id']} made", json)
+        if with_token:
+            team["token"] = organizer.issue_token(team_id, "first token")["token"]
+            say(f"team {team['id']} made; its token, shown this once:")
+    show_result(team, json, team.get("token") or f"team {team['id']} made")
 
 
 def approve_team(
     team_id: TeamId, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Let a team that registered itself submit."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         team = organizer.approve_team(team_id)
-    _show_record(team, f"team {team['id']} approved", json)
+    show_result(team, json, f"team {team['id']} approved")
 
 
 def refuse_team(
@@ -57,9 +129,9 @@ def refuse_team(
     json: options.Json = False,
 ) -> None:
     """Refuse a team that registered itself: it goes, with its tokens."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         team = organizer.refuse_team(team_id, reason)
-    _show_record(team, f"team {team['id']} refused", json)
+    show_result(team, json, f"team {team['id']} refused")
 
 
 def retry_submission(
@@ -69,16 +141,17 @@ def retry_submission(
     json: options.Json = False,
 ) -> None:
     """Queue a failed submission again, with all its attempts."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         submission = organizer.retry_submission(submission_id, reason)
-    _show_record(submission, f"submission {submission['id']} queued again", json)
+    show_result(submission, json, f"submission {submission['id']} queued again")
 
 
 def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
     """List a team's tokens, without their secrets."""
     columns = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
-    with _organizer(server) as organizer:
-        show_records(organizer.tokens(team_id), columns, json)
+    with open_organizer(server) as organizer:
+        found = organizer.tokens(team_id)
+    show_result(found, json, records_table(found, columns))
 
 
 def issue_token(
@@ -91,9 +164,9 @@ def issue_token(
     json: options.Json = False,
 ) -> None:
     """Issue a token for a team; it is shown this once."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         issued = organizer.issue_token(team_id, name, expires_at)
-    _show_record(issued, issued["token"], json)
+    show_result(issued, json, issued["token"])
 
 
 def revoke_token(
@@ -102,15 +175,16 @@ def revoke_token(
     json: options.Json = False,
 ) -> None:
     """Revoke a token for good."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         token = organizer.revoke_token(token_id)
-    _show_record(token, f"token {token['id']} revoked", json)
+    show_result(token, json, f"token {token['id']} revoked")
 
 
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
     """List all protocols, oldest first."""
-    with _organizer(server) as organizer:
-        show_records(organizer.protocols(), ("version", "title", "digest"), json)
+    with open_organizer(server) as organizer:
+        found = organizer.protocols()
+    show_result(found, json, records_table(found, ("version", "title", "digest")))
 
 
 def add_protocol(
@@ -119,25 +193,23 @@ def add_protocol(
     json: options.Json = False,
 ) -> None:
     """Add a protocol document; it is immutable from then on."""
-    from exceptiondrive.checking import read_file
-    from exceptiondrive.cli.protocol_choice import chosen_protocol
-
     chosen_protocol(str(file))
     toml = read_file(file).decode("utf-8-sig")
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         known = {one["digest"] for one in organizer.protocols()}
         added = organizer.add_protocol(toml)
     what = "is there already, nothing was added" if added["digest"] in known else "added"
-    _show_record(added, f"protocol {added['version']} {what}, {added['digest']}", json)
+    show_result(added, json, f"protocol {added['version']} {what}, {added['digest']}")
 
 
 def list_splits(server: options.Server = None, json: options.Json = False) -> None:
     """List the registered split revisions: what a phase may use."""
-    with _organizer(server) as organizer:
-        show_records(organizer.splits(), ("name", "n_samples", "is_public", "revision"), json)
+    with open_organizer(server) as organizer:
+        found = organizer.splits()
+    show_result(found, json, records_table(found, ("name", "n_samples", "is_public", "revision")))
 
 
-def verify(
+def verify_audit(
     head: Annotated[
         str | None,
         typer.Option(
@@ -148,10 +220,10 @@ def verify(
     json: options.Json = False,
 ) -> None:
     """Recompute the chain of the audit log; exit code 1 if it is broken or was cut off."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         verdict = organizer.verify_audit(head)
     is_cut = verdict.get("holds_kept_head") is False
-    _show_record(verdict, _verdict_words(verdict, is_cut), json)
+    show_result(verdict, json, _verdict_words(verdict, is_cut))
     if is_cut or not verdict["is_whole"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
@@ -179,22 +251,9 @@ def read_audit(
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
-    with _organizer(server) as organizer:
-        show_records(organizer.audit(limit), ("id", "at", "actor", "action", "subject"), json)
-
-
-def _organizer(server: str | None) -> "Organizer":
-    from exceptiondrive.cli.session import prepare
-    from exceptiondrive.organizer import Organizer
-
-    return Organizer(prepare(server))
-
-
-def _show_record(record: dict[str, Any], words: str, json: bool) -> None:
-    if json:
-        show_json(record)
-    else:
-        show(words)
+    with open_organizer(server) as organizer:
+        found = organizer.audit(limit)
+    show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 
 
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
@@ -216,7 +275,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "protocols": (
         "Protocol documents.",
-        {"list": list_protocols, "add": add_protocol, **protocol_commands.COMMANDS},
+        {
+            "list": list_protocols,
+            "add": add_protocol,
+            "check": check_protocol,
+            "diff": diff_protocol,
+        },
     ),
     "rescore": (
         "Protocol updates: score in the background, compare, apply.",
@@ -224,7 +288,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
     "splits": ("Registered splits.", {"list": list_splits}),
-    "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify}),
+    "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }
 
 

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from exceptiondrive.errors import ExceptionDriveError, InvalidFileError
+from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.printable import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
-
-    from exceptiondrive.errors import ExceptionDriveError
-    from exceptiondrive_schemas.base import Document
 
 PIPED_WIDTH = 200
 """Columns where no terminal says how many: tables are not cut for `grep`."""
@@ -51,9 +50,19 @@ def show_json(value: Any) -> None:
     typer.echo(_UNSHOWN.sub(lambda found: json.dumps(found[0])[1:-1], text))
 
 
-def show_document(document: "Document") -> None:
+def show_document(document: Document) -> None:
     """Write a document as JSON on stdout."""
     show_json(document.model_dump(mode="json", by_alias=True))
+
+
+def show_result(result: Any, as_json: bool, *words: "RenderableType") -> None:
+    """Write a result: a document or record as JSON where `--json` asks for it, else in words."""
+    if not as_json:
+        show(*words)
+    elif isinstance(result, Document):
+        show_document(result)
+    else:
+        show_json(result)
 
 
 def say(text: str) -> None:
@@ -71,10 +80,8 @@ def can_ask() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def report_error(error: "ExceptionDriveError", context: typer.Context) -> None:
+def report_error(error: ExceptionDriveError, context: typer.Context) -> None:
     """Say what is wrong and what to do: words on stderr, and with `--json` a document on stdout."""
-    from exceptiondrive.errors import InvalidFileError
-
     if context.meta.get(_JSON):
         show_json({"error": error.document()})
     elif isinstance(error, InvalidFileError):

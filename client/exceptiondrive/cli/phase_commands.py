@@ -6,19 +6,17 @@ The options of the settings are made from `PhaseSettings`: a further field is a 
 from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import show, show_json
+from exceptiondrive.cli.output import show, show_result
+from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
-
-if TYPE_CHECKING:
-    from exceptiondrive.organizer import Organizer
 
 PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
 ReasonOption = Annotated[
@@ -31,7 +29,7 @@ def show_phase(
     phase_id: PhaseArgument, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Show the settings of a phase and where it stands."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         phase = organizer.phase(phase_id)
     _show(phase, json)
 
@@ -64,12 +62,9 @@ def create(
         "protocol": protocol,
         **_document(settings),
     }
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         phase = organizer.create_phase(wanted)
-    if json:
-        show_json(phase)
-    else:
-        show(f"phase {phase['id']} made, {phase['n_samples']} samples")
+    show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples")
 
 
 def update(
@@ -84,7 +79,7 @@ def update(
         raise InvalidArgumentError(
             "nothing_to_set", "Say what to change: `--help` lists the settings."
         )
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         phase = organizer.change_phase(phase_id, changes)
     _show(phase, json)
 
@@ -96,7 +91,7 @@ def freeze(
     json: options.Json = False,
 ) -> None:
     """Freeze the public board now; scoring goes on."""
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         phase = organizer.freeze_phase(phase_id, reason)
     _show(phase, json)
 
@@ -113,7 +108,7 @@ def reveal(
     """Show the board behind a freeze, the names, or begin to score the other part of the split."""
     if what not in WHAT:
         raise InvalidArgumentError("wrong_what", f"--what is {', '.join(WHAT)}, not {what!r}.")
-    with _organizer(server) as organizer:
+    with open_organizer(server) as organizer:
         phase = organizer.reveal_phase(phase_id, what, reason)
     if what == "split" and not json:
         show(
@@ -183,22 +178,12 @@ def _value(field: FormField, given: Any) -> Any:
     return given
 
 
-def _organizer(server: str | None) -> "Organizer":
-    from exceptiondrive.cli.session import prepare
-    from exceptiondrive.organizer import Organizer
-
-    return Organizer(prepare(server))
-
-
 def _show(phase: dict[str, Any], json: bool) -> None:
-    if json:
-        show_json(phase)
-        return
     settings = {key: value for key, value in phase.items() if not isinstance(value, dict | list)}
     now = {f"now: {key}": value for key, value in phase["now"].items()}
     lines = {**settings, **phase["policy"], **now}
     width = max(len(key) for key in lines)
-    show(*(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
+    show_result(phase, json, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
 
 
 def _words(value: Any) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import say, show, show_document
+from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import utc_text
 from exceptiondrive.receipts import remember_keys, verify_receipt
@@ -50,11 +50,10 @@ def verify(
     Exit code 2 if a field was altered, and its name on stderr.
     """
     verdict = verify_receipt(file, keys=key)
-    if json:
-        show_document(verdict.receipt)
-        return
     said = verdict.receipt.statement
-    show(
+    show_result(
+        verdict.receipt,
+        json,
         f"the receipt holds: key {verdict.key.key_id}",
         f"submission {said.submission_id} of {said.team}, file {said.file_digest}",
         f"scored {utc_text(said.scored_at)} under protocol {said.protocol.version} "

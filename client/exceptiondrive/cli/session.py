@@ -6,6 +6,7 @@ from exceptiondrive.cli.output import has_terminal, say
 
 if TYPE_CHECKING:
     from exceptiondrive.client import Client
+    from exceptiondrive.organizer import Organizer
 
 
 def open_client(server: str | None) -> "Client":
@@ -13,6 +14,13 @@ def open_client(server: str | None) -> "Client":
     from exceptiondrive.client import Client
 
     return Client(prepare(server))
+
+
+def open_organizer(server: str | None) -> "Organizer":
+    """Return an organizer's client for the chosen server."""
+    from exceptiondrive.organizer import Organizer
+
+    return Organizer(prepare(server))
 
 
 def prepare(server: str | None) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import show, show_json
+from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import InvalidArgumentError
 
@@ -78,10 +78,8 @@ def _write(path: Path, text: str) -> None:
 
 
 def _say_written(facts: dict[str, str | int], json: bool) -> None:
-    if json:
-        show_json(facts)
-    else:
-        show(f"{facts['n_samples']} samples of split {facts['split']} in {facts['output']}")
+    words = f"{facts['n_samples']} samples of split {facts['split']} in {facts['output']}"
+    show_result(facts, json, words)
 
 
 def register(app: typer.Typer) -> None:

@@ -5,12 +5,12 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import show, show_document, show_json
+from exceptiondrive.cli.output import show, show_document, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import submission_view, submissions_table
 from exceptiondrive.cli.terminal import UploadBar, WaitLine
 from exceptiondrive.errors import InvalidArgumentError, utc_text
-from exceptiondrive_schemas.submission import Quota, SubmissionStatus, SubmissionView
+from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 
 def submit(
@@ -127,10 +127,7 @@ def withdraw(
     """
     with open_client(server) as client:
         view = client.withdraw(submission_id)
-    if json:
-        show_document(view)
-    else:
-        show(f"{view.id} {view.status}")
+    show_result(view, json, f"{view.id} {view.status}")
 
 
 def choose(
@@ -144,7 +141,7 @@ def choose(
     """
     with open_client(server) as client:
         view = client.choose(submission_id)
-    _show_saying(view, "stands for the team", json)
+    show_result(view, json, f"{view.id} stands for the team")
 
 
 def publish(
@@ -158,14 +155,7 @@ def publish(
     """Put an entry on the board of a phase that keeps entries private."""
     with open_client(server) as client:
         view = client.unpublish(submission_id) if undo else client.publish(submission_id)
-    _show_saying(view, "is public" if view.is_published else "is private", json)
-
-
-def _show_saying(view: SubmissionView, words: str, json: bool) -> None:
-    if json:
-        show_document(view)
-    else:
-        show(f"{view.id} {words}")
+    show_result(view, json, f"{view.id} is {'public' if view.is_published else 'private'}")
 
 
 def _status(name: str | None) -> SubmissionStatus | None:

@@ -1,6 +1,7 @@
 """Documents of the API as people read them in a terminal."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -34,6 +35,22 @@ def plain_table(*titles: str) -> Table:
     for title in titles:
         table.add_column(title, overflow="fold")
     return table
+
+
+def records_table(records: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
+    """Return records of the API as a table of these columns."""
+    table = plain_table(*(column.replace("_", " ") for column in columns))
+    for record in records:
+        table.add_row(*(_cell(record.get(column)) for column in columns))
+    return table
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else str(value)
 
 
 def challenge_of(challenge_id: str) -> Challenge:

@@ -2,7 +2,11 @@
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKey, UniqueConstraint
+from sqlalchemy import (
+    CheckConstraint,
+    ForeignKey,
+    UniqueConstraint,
+)
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -24,13 +28,17 @@ class Token(Base):
     last_used_at: Mapped[datetime | None]
 
 
-class PageSession(Base):
-    """A browser that signed in with a token; only the digest of its cookie is kept."""
+class BrowserSession(Base):
+    """A browser that signed in, with a token or as a person; only its secret's digest is kept."""
 
-    __tablename__ = "page_sessions"
+    __tablename__ = "sessions"
+    __table_args__ = (CheckConstraint("(token_id IS NULL) <> (person_id IS NULL)"),)
     secret_digest: Mapped[str] = mapped_column(primary_key=True)
-    token_id: Mapped[str] = mapped_column(ForeignKey("tokens.id"), index=True)
+    token_id: Mapped[str | None] = mapped_column(ForeignKey("tokens.id"), index=True)
     """The session may do what this token may, and ends with it."""
+    person_id: Mapped[str | None] = mapped_column(ForeignKey("people.id"), index=True)
+    team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"))
+    """For whom the person acts now; it counts only while the membership lasts."""
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime] = mapped_column(index=True)
 
@@ -84,28 +92,3 @@ class Invitation(Base):
     withdrawn_at: Mapped[datetime | None]
     used_at: Mapped[datetime | None]
     used_by: Mapped[str | None] = mapped_column(ForeignKey("people.id"))
-
-
-class PersonSession(Base):
-    """A browser in which a person signed in; only the digest of its cookie is kept."""
-
-    __tablename__ = "person_sessions"
-    secret_digest: Mapped[str] = mapped_column(primary_key=True)
-    person_id: Mapped[str] = mapped_column(ForeignKey("people.id"), index=True)
-    team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"))
-    """For whom the person acts now; it counts only while the membership lasts."""
-    created_at: Mapped[datetime]
-    expires_at: Mapped[datetime] = mapped_column(index=True)
-
-
-class SignInFlow(Base):
-    """A sign-in that was sent to the provider and has not come back."""
-
-    __tablename__ = "sign_in_flows"
-    state_digest: Mapped[str] = mapped_column(primary_key=True)
-    visitor_digest: Mapped[str]
-    """Of the browser that began it: no other may end it."""
-    nonce: Mapped[str]
-    code_verifier: Mapped[str]
-    back: Mapped[str]
-    expires_at: Mapped[datetime] = mapped_column(index=True)

@@ -1,6 +1,6 @@
 """Bearer tokens: `edk_<scope letter>_<8 id>_<32 random>_<6 checksum>`, kept as a digest only.
 
-Prefix and checksum let leak scanners find them without a false alarm (research/reliability.md C4).
+Prefix and checksum let leak scanners find them without a false alarm (docs/trust.md).
 A slow hash is needless: the random part has 190 bits.
 """
 

@@ -1,7 +1,7 @@
 """Sessions on the system of record: short reads, and one write transaction at a time.
 
 SQLite: WAL, synchronous=FULL, and `BEGIN IMMEDIATE` for every write, because the busy timeout is
-not honoured when a read transaction is upgraded (research/reliability.md B).
+not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the-queue.md).
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """All rows of all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
 
 Documents keep their exact text. What describes running processes only (signs of life, leadership)
-and sign-ins that are under way is left out: it means nothing elsewhere.
+is left out: it means nothing elsewhere.
 """
 
 import base64
@@ -10,16 +10,29 @@ from collections.abc import Iterable, Iterator
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import JSON, Column, Enum, LargeBinary, MetaData, Table, Text, func, select, text
+from sqlalchemy import (
+    JSON,
+    Column,
+    ColumnElement,
+    Enum,
+    LargeBinary,
+    MetaData,
+    Table,
+    Text,
+    func,
+    select,
+    text,
+    true,
+)
 from sqlalchemy.orm import Session
 from sqlalchemy.types import TypeEngine
 
-from exceptiondrive_records.accounts.tables import SignInFlow
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, UtcDateTime
-from exceptiondrive_records.work.tables import WorkerHeartbeat
+from exceptiondrive_records.work.tables import Leader, WorkerHeartbeat
 
-_PASSING = {SignInFlow.__tablename__, WorkerHeartbeat.__tablename__}
+_PASSING = {WorkerHeartbeat.__tablename__}
+_LEADS = Leader.__mapper__.polymorphic_identity
 _AT_ONCE = 500
 
 
@@ -40,7 +53,7 @@ def dump_rows(session: Session, table: Table) -> Iterator[str]:
     """Yield one line of JSON for each row."""
     plain = _plain(table)
     keys = [column.name for column in table.primary_key]
-    query = select(plain).order_by(*(plain.c[key] for key in keys))
+    query = select(plain).where(_lasts(plain)).order_by(*(plain.c[key] for key in keys))
     for row in session.execute(query.execution_options(yield_per=_AT_ONCE)):
         yield json.dumps([_to_json(value) for value in row], ensure_ascii=False, allow_nan=False)
 
@@ -70,7 +83,9 @@ def load_rows(session: Session, table: Table, lines: Iterable[str]) -> int:
 
 def is_empty(session: Session) -> bool:
     """Whether no table holds a row."""
-    counts = (select(func.count()).select_from(table) for table in dumped_tables())
+    counts = (
+        select(func.count()).select_from(table).where(_lasts(table)) for table in dumped_tables()
+    )
     return not any(session.scalar(count) for count in counts)
 
 
@@ -83,6 +98,11 @@ def file_digests(session: Session) -> list[str]:
                 query = select(column).where(column.is_not(None)).distinct()
                 found |= set(session.scalars(query))
     return sorted(found)
+
+
+def _lasts(table: Table) -> ColumnElement[bool]:
+    """Whether a row means something elsewhere: who leads now does not."""
+    return table.c.kind != _LEADS if table.name == Leader.__tablename__ else true()
 
 
 def _plain(table: Table) -> Table:

@@ -1,7 +1,7 @@
 """What must hold of records and files at any moment, however often processes died.
 
 Reads only; changes nothing. `exceptiondrive-server verify` and `restore` report what it finds, and
-the fault suite asks it after every fault (docs/trust.md).
+the fault suite asks it after every fault (docs/faults.md).
 """
 
 from collections import Counter

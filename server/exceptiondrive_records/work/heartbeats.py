@@ -1,4 +1,4 @@
-"""Signs of life: a worker lives while its row is young (research/reliability.md A4)."""
+"""Signs of life: a worker lives while its row is young."""
 
 from dataclasses import dataclass
 from datetime import timedelta

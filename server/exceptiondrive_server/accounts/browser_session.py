@@ -1,37 +1,45 @@
-"""Signed-in browsers: cookies, and forms that no other site can send.
+"""Signed-in browsers: one cookie, and forms that no other site can send.
 
-A cookie never speaks for anybody on the API: only these functions read it, for pages alone.
+The cookie holds who it is for and a random secret. It never speaks for anybody on the API: only
+these functions read it, for pages alone.
 """
 
 import hashlib
 import hmac
 import secrets
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Annotated
-from urllib.parse import urlsplit
+from urllib.parse import urlencode, urlsplit
 
-from fastapi import Depends, Request
-from fastapi.responses import Response
+from fastapi import Depends, FastAPI, Request
+from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
-from exceptiondrive_records.accounts.sessions import LIFETIME
+from exceptiondrive_records.accounts.sessions import LIFETIME, find_session
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.oidc import LOOPBACK
-from exceptiondrive_server.accounts.session_reading import (
-    cookie_of,
-    is_https,
-    principal_of_session,
-    session_secret,
-)
+from exceptiondrive_server.accounts.sign_in_provider import LOOPBACK
 from exceptiondrive_server.submissions.upload_form import FORM_TOKEN
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.responses import ORGANIZER_COOKIE, SESSION_COOKIES
 from exceptiondrive_server.web.services import services_of
 
-VISITOR_COOKIES = ("__Host-visitor", "visitor")
-"""Before anybody has signed in: what the sign-in form is bound to."""
+COOKIES = ("__Host-session", "session")
+"""Secure, on https; plain, on this machine alone."""
+
+
+class Holder(StrEnum):
+    """Whom a cookie is for. It decides which links pages show, and no right: those are recorded."""
+
+    VISITOR = "v"
+    """Nobody signed in; the secret is what the sign-in form is bound to."""
+    TEAM = "t"
+    """Or a person without a team yet."""
+    ORGANIZER = "o"
+
+
 MAX_FIELDS = 40
 _FORGED = "The form did not come from this site, or is too old. Open the page again and send it."
 
@@ -57,13 +65,23 @@ class TeamNeeded(Exception):  # noqa: N818 - named for what it asks
     """A page is for members of a team; the browser is led to where one is joined or chosen."""
 
 
+def holder_of(request: Request) -> Holder:
+    """Return whom the cookie of a browser is for, by its own word."""
+    return _cookie(request)[0]
+
+
+def principal_of_browser(session: Session, request: Request) -> Principal | None:
+    """Return who signed in with this browser, if anybody."""
+    return find_session(session, _session_secret(request))
+
+
 def signed_in_or_none(request: Request, services: ServicesOf) -> SignedIn | None:
     """Return who signed in with this browser, if anybody."""
-    secret = session_secret(request)
+    secret = _session_secret(request)
     if not secret:
         return None
     with services.database.read() as session:
-        principal = principal_of_session(session, secret)
+        principal = find_session(session, secret)
     return None if principal is None else SignedIn(principal, secret)
 
 
@@ -136,46 +154,55 @@ def require_private_channel(request: Request) -> None:
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 
-def set_session_cookie(request: Request, response: Response, secret: str) -> None:
-    """Hand the session to the browser, in place of the visitor's cookie."""
-    _set(request, response, SESSION_COOKIES, secret, int(LIFETIME.total_seconds()))
-    forget_cookies(response, VISITOR_COOKIES)
+def form_secret(request: Request) -> str:
+    """Return the secret of a browser that has not signed in; a new one if there is none."""
+    return _cookie(request)[1] or secrets.token_urlsafe(32)
 
 
-def note_organizer(request: Request, response: Response, *, is_organizer: bool) -> None:
-    """Let pages show the link to the organizers' pages, or no longer; no right depends on it."""
-    if not is_organizer:
-        response.delete_cookie(ORGANIZER_COOKIE, path="/", httponly=True, samesite="lax")
-        return
-    age_s = int(LIFETIME.total_seconds())
-    names = (ORGANIZER_COOKIE, ORGANIZER_COOKIE)
-    _set(request, response, names, "yes", age_s)
+def keep_visitor(request: Request, response: Response, secret: str) -> None:
+    """Let a browser that has no cookie yet keep its secret as long as it runs."""
+    if not _cookie(request)[1]:
+        _set_cookie(request, response, Holder.VISITOR, secret, None)
 
 
-def visitor_secret(request: Request) -> str:
-    """Return the secret of a visitor who has not signed in; a new one if there is none."""
-    return cookie_of(request, VISITOR_COOKIES) or secrets.token_urlsafe(24)
+def keep_session(request: Request, response: Response, secret: str, *, is_organizer: bool) -> None:
+    """Hand a session to the browser, in place of what it had."""
+    holder = Holder.ORGANIZER if is_organizer else Holder.TEAM
+    _set_cookie(request, response, holder, secret, int(LIFETIME.total_seconds()))
 
 
-def set_visitor_cookie(request: Request, response: Response, secret: str) -> None:
-    """Let the visitor keep the secret as long as the browser runs."""
-    _set(request, response, VISITOR_COOKIES, secret, None)
-
-
-def forget_cookies(response: Response, names: tuple[str, str] = SESSION_COOKIES) -> None:
+def forget_session(response: Response) -> None:
     """Take the cookies back."""
-    response.delete_cookie(names[0], path="/", secure=True, httponly=True, samesite="lax")
-    response.delete_cookie(names[1], path="/", httponly=True, samesite="lax")
+    response.delete_cookie(COOKIES[0], path="/", secure=True, httponly=True, samesite="lax")
+    response.delete_cookie(COOKIES[1], path="/", httponly=True, samesite="lax")
 
 
-def _set(
-    request: Request, response: Response, names: tuple[str, str], value: str, max_age_s: int | None
+def is_https(request: Request) -> bool:
+    """Whether the browser speaks https to us, or to the proxy before us."""
+    public_url = services_of(request).settings.public_url
+    return public_url.startswith("https://") or request.url.scheme == "https"
+
+
+def _session_secret(request: Request) -> str:
+    holder, secret = _cookie(request)
+    return "" if holder is Holder.VISITOR else secret
+
+
+def _cookie(request: Request) -> tuple[Holder, str]:
+    """Return what a cookie says; on https only the name counts that nobody else can set."""
+    text = request.cookies.get(COOKIES[0] if is_https(request) else COOKIES[1], "")
+    letter, _, secret = text.partition(".")
+    return (Holder(letter), secret) if letter in list(Holder) else (Holder.VISITOR, "")
+
+
+def _set_cookie(
+    request: Request, response: Response, holder: Holder, secret: str, max_age_s: int | None
 ) -> None:
     """`__Host-` binds a cookie to this host and to https; browsers refuse it elsewhere."""
     secure = is_https(request)
     response.set_cookie(
-        names[0] if secure else names[1],
-        value,
+        COOKIES[0] if secure else COOKIES[1],
+        f"{holder}.{secret}",
         max_age=max_age_s,
         path="/",
         secure=secure,
@@ -188,3 +215,20 @@ def _own_origins(request: Request) -> set[str]:
     own = {f"{request.url.scheme}://{request.url.netloc}"}
     parts = urlsplit(services_of(request).settings.public_url)
     return own | {f"{parts.scheme}://{parts.netloc}"} if parts.netloc else own
+
+
+def lead_to_sign_in(app: FastAPI) -> None:
+    """Lead a browser that is not signed in to the sign-in page, and from there back."""
+    app.add_exception_handler(SignInNeeded, _to_sign_in)
+    app.add_exception_handler(TeamNeeded, _to_team)
+
+
+async def _to_sign_in(request: Request, error: Exception) -> Response:
+    back = request.url.path if request.method in ("GET", "HEAD") else "/my"
+    query = urlencode({"back": back})
+    headers = {"Cache-Control": "no-store"}
+    return RedirectResponse(f"/sign-in?{query}", status_code=303, headers=headers)
+
+
+async def _to_team(request: Request, error: Exception) -> Response:
+    return RedirectResponse("/my/team", status_code=303, headers={"Cache-Control": "no-store"})

@@ -6,22 +6,16 @@
 from typing import TYPE_CHECKING, Annotated
 
 from fastapi import APIRouter, Form, Query, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.accounts.people import Identity, welcome_person
 from exceptiondrive_records.accounts.sessions import (
-    end_page_session,
-    end_person_session,
-    open_page_session,
+    end_session,
     open_person_session,
+    open_token_session,
 )
-from exceptiondrive_records.accounts.sign_in import (
-    begin_flow,
-    count_attempt,
-    end_flow,
-    give_attempt_back,
-    keys_of,
-)
+from exceptiondrive_records.accounts.sign_in import count_attempt, give_attempt_back, keys_of
 from exceptiondrive_records.accounts.tokens import note_use, verify_token
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.problems import ProblemCode
@@ -29,17 +23,16 @@ from exceptiondrive_server.accounts.browser_session import (
     Browser,
     MaybeSignedIn,
     PostedForm,
-    forget_cookies,
+    forget_session,
+    form_secret,
     form_token,
-    note_organizer,
+    keep_session,
+    keep_visitor,
     require_form_token,
     require_private_channel,
     require_same_origin,
-    set_session_cookie,
-    set_visitor_cookie,
-    visitor_secret,
 )
-from exceptiondrive_server.accounts.oidc import CALLBACK, ProviderAway, SignInRefused
+from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import private_page, safe_back
@@ -76,26 +69,21 @@ def sign_in(
     """Open a session for the team of the token."""
     require_private_channel(request)
     require_same_origin(request)
-    require_form_token(visitor_secret(request), given)
+    require_form_token(form_secret(request), given)
     address = request.client.host if request.client else "unknown"
     opened = _session_for(services, token.strip(), address)
     if opened is None:
         return show_form(request, back, status=401, fault=REFUSED)
-    secret, is_organizer = opened
-    answer = go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
-    set_session_cookie(request, answer, secret)
-    note_organizer(request, answer, is_organizer=is_organizer)
-    return answer
+    return enter(request, back, *opened)
 
 
 @router.post("/sign-out")
 def sign_out(services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
     """End the session here and in the browser."""
     with services.database.write() as session:
-        end_page_session(session, browser.secret)
-        end_person_session(session, browser.secret)
+        end_session(session, browser.secret)
     answer = go("/")
-    forget_cookies(answer)
+    forget_session(answer)
     return answer
 
 
@@ -114,13 +102,12 @@ def _session_for(services: Services, token: str, address: str) -> tuple[str, boo
     note_use(services.database, principal)
     with services.database.write() as session:
         give_attempt_back(session, limits)
-        return open_page_session(session, principal), principal.is_organizer
+        return open_token_session(session, principal), principal.is_organizer
 
 
 def show_form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:
-    """Answer with the sign-in page, bound to the secret of the visitor."""
-    provider = services_of(request).provider
-    secret = visitor_secret(request)
+    """Answer with the sign-in page, bound to the secret of the browser."""
+    provider, secret = services_of(request).provider, form_secret(request)
     answer = private_page(
         request,
         "accounts/sign_in.html",
@@ -131,7 +118,14 @@ def show_form(request: Request, back: str, *, status: int = 200, fault: str = ""
         provider=None if provider is None else provider.name,
         form_token=form_token(secret),
     )
-    set_visitor_cookie(request, answer, secret)
+    keep_visitor(request, answer, secret)
+    return answer
+
+
+def enter(request: Request, back: str, secret: str, is_organizer: bool) -> Response:
+    """Hand a new session to the browser and lead it on; organizers begin at their own pages."""
+    answer = go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
+    keep_session(request, answer, secret, is_organizer=is_organizer)
     return answer
 
 
@@ -156,57 +150,39 @@ STALE = "This sign-in was not begun in this browser, or is too old. Begin again.
 
 
 @router.get("/sign-in/provider")
-def send_to_provider(request: Request, services: ServicesOf, back: Text = HERE) -> Response:
+async def send_to_provider(request: Request, services: ServicesOf, back: Text = HERE) -> Response:
     """Send the browser to the provider. A link, no form: our own CSP binds forms to this site."""
     require_private_channel(request)
     provider = _provider(services)
-    visitor = visitor_secret(request)
-    with services.database.write() as session:
-        count_attempt(session, _limits(request))
-    with services.database.write() as session:
-        flow = begin_flow(session, visitor, safe_back(back))
+    await run_in_threadpool(_count, services, request)
     try:
-        url = provider.authorization_url(flow)
+        url = await provider.begin(request, safe_back(back))
     except ProviderAway:
         return show_form(request, back, status=503, fault=AWAY.format(provider.name))
-    answer = RedirectResponse(url, status_code=303, headers={"Cache-Control": "no-store"})
-    set_visitor_cookie(request, answer, visitor)
-    return answer
+    return RedirectResponse(url, status_code=303, headers={"Cache-Control": "no-store"})
 
 
 @router.get(CALLBACK)
-def come_back(
-    request: Request,
-    services: ServicesOf,
-    state: Text = "",
-    code: Text = "",
-    error: Text = "",
-    iss: Text | None = None,
+async def come_back(
+    request: Request, services: ServicesOf, state: Text = "", code: Text = "", error: Text = ""
 ) -> Response:
     """Open a session for whom the provider vouches for; every failure ends the flow."""
     require_private_channel(request)
     provider = _provider(services)
-    with services.database.write() as session:
-        flow = end_flow(session, state, visitor_secret(request))
-    if flow is None:
+    back = await provider.way_back(request)
+    if back is None:
         return show_form(request, HERE, status=400, fault=STALE)
     if error:
-        return show_form(request, flow.back, status=403, fault=CANCELLED.format(provider.name))
+        request.session.clear()
+        return show_form(request, back, status=403, fault=CANCELLED.format(provider.name))
     try:
-        if iss not in (None, provider.issuer):  # RFC 9207: an answer of another provider
-            raise SignInRefused
-        opened = _session_for_person(services, provider.identity(code, flow), request)
+        identity = await provider.identity(request)
+        opened = await run_in_threadpool(_session_for_person, services, identity, request)
     except ProviderAway:
-        return show_form(request, flow.back, status=503, fault=AWAY.format(provider.name))
+        return show_form(request, back, status=503, fault=AWAY.format(provider.name))
     except (SignInRefused, InvalidRecord):
-        return show_form(
-            request, flow.back, status=401, fault=REFUSED_BY_PROVIDER.format(provider.name)
-        )
-    secret, is_organizer = opened
-    answer = go(ORGANIZERS_HERE if is_organizer and flow.back == HERE else flow.back)
-    set_session_cookie(request, answer, secret)
-    note_organizer(request, answer, is_organizer=is_organizer)
-    return answer
+        return show_form(request, back, status=401, fault=REFUSED_BY_PROVIDER.format(provider.name))
+    return enter(request, back, *opened)
 
 
 def _session_for_person(
@@ -217,6 +193,11 @@ def _session_for_person(
         give_attempt_back(session, _limits(request))
         person = welcome_person(session, identity)
         return open_person_session(session, person), person.is_organizer
+
+
+def _count(services: Services, request: Request) -> None:
+    with services.database.write() as session:
+        count_attempt(session, _limits(request))
 
 
 def _limits(request: Request) -> dict[str, int]:

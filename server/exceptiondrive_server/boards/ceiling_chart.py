@@ -1,9 +1,13 @@
-"""The ceiling chart: the first primary metric against the second, with HCC <= 100 - UR."""
+"""The ceiling chart: the first primary metric against the second, with HCC <= 100 - UR.
+
+Labels stand beside their point, never on top of another one; arrows lead from a submission without
+the reminder to the one with it.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
 from exceptiondrive_schemas.challenges import Metric
@@ -19,142 +23,19 @@ from exceptiondrive_server.entries.facts import (
 )
 from exceptiondrive_server.web.numbers import Digits, fixed
 
-# What a reminder changed, as arrows: from the submission without it to the one with it.
-
-
-HEAD = 9.0
-GAP = 9.0
-"""Arrows end before the point that they lead to."""
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """A line, its head as a points list, and the box of the paired intervals around its end."""
-
-    line: tuple[str, str, str, str]
-    head: str
-    box: tuple[str, str, str, str] | None
-    title: str
-
-
-@dataclass(frozen=True)
-class EffectLine:
-    """One linked pair in words."""
-
-    method: str
-    without: str
-    parts: tuple[str, ...]
-
-
-def effect_arrows(
-    entries: Sequence[BoardEntry], metrics: tuple[Metric, Metric], x: Scale, y: Scale
-) -> tuple[Arrow, ...]:
-    """Return an arrow for each linked pair of which both stand in the drawing.
-
-    Args:
-        entries: What the drawing shows.
-        metrics: What stands along x and along y, in per cent.
-        x: Scale of the first, in per cent.
-        y: Scale of the second, in per cent.
-    """
-    by_key = {entry_key(entry): entry for entry in entries}
-    arrows = []
-    for entry in entries:
-        effect = entry.reminder_effect
-        start = by_key.get(effect.without) if effect else None
-        if effect is None or start is None:
-            continue
-        ends = [_values(one, metrics) for one in (start, entry)]
-        if None not in ends[0] and None not in ends[1]:
-            arrows.append(_arrow(ends[0], ends[1], effect, metrics, x, y, entry.method))
-    return tuple(arrow for arrow in arrows if arrow is not None)
-
-
-def _values(entry: BoardEntry, metrics: tuple[Metric, Metric]) -> list[float]:
-    return [100 * value for m in metrics if (value := entry.metrics.get(m.key)) is not None]
-
-
-def _arrow(
-    start: Sequence[float],
-    end: Sequence[float],
-    effect: ReminderEffect,
-    metrics: tuple[Metric, Metric],
-    x: Scale,
-    y: Scale,
-    method: str,
-) -> Arrow | None:
-    if len(start) < 2 or len(end) < 2:
-        return None
-    (x1, y1), (x2, y2) = ((x.clamped(at[0]), y.clamped(at[1])) for at in (start, end))
-    length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5
-    if length < 2 * GAP:
-        return None
-    ux, uy = (x2 - x1) / length, (y2 - y1) / length
-    tip = (x2 - ux * GAP, y2 - uy * GAP)
-    foot = (tip[0] - ux * HEAD, tip[1] - uy * HEAD)
-    side = (-uy * HEAD / 2, ux * HEAD / 2)
-    corners = [tip, (foot[0] + side[0], foot[1] + side[1]), (foot[0] - side[0], foot[1] - side[1])]
-    return Arrow(
-        line=(px(x1 + ux * GAP), px(y1 + uy * GAP), px(foot[0]), px(foot[1])),
-        head=" ".join(f"{px(a)},{px(b)}" for a, b in corners),
-        box=_box(start, effect, metrics, x, y),
-        title=f"{effect.without_method} with the reminder: {method}",
-    )
-
-
-def _box(
-    start: Sequence[float],
-    effect: ReminderEffect,
-    metrics: tuple[Metric, Metric],
-    x: Scale,
-    y: Scale,
-) -> tuple[str, str, str, str] | None:
-    """Where the arrow may end: start plus the interval of the change; x, y, width, height."""
-    intervals = [_interval(effect, metric) for metric in metrics]
-    if intervals[0] is None or intervals[1] is None:
-        return None
-    left, right = (x.clamped(start[0] + 100 * end) for end in intervals[0])
-    bottom, top = (y.clamped(start[1] + 100 * end) for end in intervals[1])
-    return (px(left), px(top), px(right - left), px(bottom - top))
-
-
-def _interval(effect: ReminderEffect, metric: Metric) -> Interval | None:
-    found = effect.differences.get(metric.key)
-    return found.interval if found else None
-
-
-def effect_lines(board: Board, digits: Digits) -> tuple[EffectLine, ...]:
-    """Say of every linked pair of a board what changed, with intervals and verdicts."""
-    metrics = primary_metrics(challenge_of(board))
-    lines = []
-    for entry in board.entries:
-        effect = entry.reminder_effect
-        if effect is None:
-            continue
-        parts = []
-        for metric in metrics:
-            found = effect.differences.get(metric.key)
-            if found is None or found.difference is None:
-                continue
-            text = f"{metric.label} {digits.signed(metric, found.difference)} points"
-            if found.interval:
-                low, high = (digits.signed(metric, end) for end in found.interval)
-                text += f" ({low} to {high})"
-            parts.append(text)
-        lines.append(EffectLine(entry.method, effect.without_method, tuple(parts)))
-    return tuple(lines)
-
-
-# Where labels go in a chart: greedily beside their point, never on top of another one.
-
-
 CHARACTER_WIDTH = 7.4
 LINE_HEIGHT = 16.0
 MAX_CHARACTERS = 24
+FAR = 30.0
+"""From here on a line leads from the point to its label."""
+HEAD = 9.0
+GAP = 9.0
+"""Arrows end before the point that they lead to."""
+MAX_POINTS = 24
+_Ends = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
-class Box:
+class Box(NamedTuple):
     """A rectangle in SVG coordinates."""
 
     left: float
@@ -162,14 +43,18 @@ class Box:
     right: float
     bottom: float
 
-    def meets(self, other: "Box") -> bool:
-        """Whether two rectangles share area."""
-        return (
-            self.left < other.right
-            and other.left < self.right
-            and self.top < other.bottom
-            and other.top < self.bottom
-        )
+    def meets(self, others: Sequence["Box"]) -> bool:
+        """Whether this rectangle shares area with any of the others."""
+        left, top, right, bottom = self
+        for other_left, other_top, other_right, other_bottom in others:
+            if (
+                left < other_right
+                and other_left < right
+                and top < other_bottom
+                and other_top < bottom
+            ):
+                return True
+        return False
 
     def holds(self, other: "Box") -> bool:
         """Whether `other` lies inside this rectangle."""
@@ -196,63 +81,23 @@ class Label:
     """From the point to a label that stands far from it."""
 
 
-_OFFSETS: tuple[tuple[float, float, Anchor], ...] = (
-    (10, -9, "start"),
-    (10, 18, "start"),
-    (-10, 18, "end"),
-    (-10, -9, "end"),
-    (0, 27, "middle"),
-    (-34, 34, "end"),
-    (34, 34, "start"),
-    (34, -26, "start"),
-    (-40, 56, "end"),
-    (40, 56, "start"),
-    (40, -48, "start"),
-    (-46, 80, "end"),
-    (46, -72, "start"),
-)
-FAR = 30.0
+@dataclass(frozen=True)
+class Arrow:
+    """A line, its head as a points list, and the box of the paired intervals around its end."""
+
+    line: tuple[str, str, str, str]
+    head: str
+    box: tuple[str, str, str, str] | None
+    title: str
 
 
-def place_labels(
-    anchors: Sequence[tuple[str, float, float]], frame: Box, obstacles: Sequence[Box]
-) -> tuple[Label, ...]:
-    """Place the labels that fit; a label without room is left out (its point has a title).
+@dataclass(frozen=True)
+class EffectLine:
+    """One linked pair in words."""
 
-    Args:
-        anchors: Text and position of each point, most important first.
-        frame: Labels stay inside it.
-        obstacles: Rectangles that labels keep off, besides the points themselves.
-    """
-    taken = [Box(x - 7, y - 7, x + 7, y + 7) for _, x, y in anchors] + list(obstacles)
-    placed: list[Label] = []
-    for text, x, y in anchors:
-        short = text if len(text) <= MAX_CHARACTERS else text[: MAX_CHARACTERS - 1] + "…"
-        for dx, dy, anchor in _OFFSETS:
-            box = _text_box(short, x + dx, y + dy, anchor)
-            if frame.holds(box) and not any(box.meets(other) for other in taken):
-                taken.append(box)
-                leader = _leader(x, y, dx, dy)
-                placed.append(Label(px(x + dx), px(y + dy), anchor, short, leader))
-                break
-    return tuple(placed)
-
-
-def _text_box(text: str, x: float, y: float, anchor: Anchor) -> Box:
-    width = len(text) * CHARACTER_WIDTH
-    left = {"start": x, "middle": x - width / 2, "end": x - width}[anchor]
-    return Box(left, y - LINE_HEIGHT + 4, left + width, y + 4)
-
-
-def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str] | None:
-    if abs(dy) < FAR and abs(dx) < FAR:
-        return None
-    side = math.copysign(3, dx)
-    return (px(x), px(y), px(x + dx - side), px(y + dy - 4))
-
-
-MAX_POINTS = 24
-_Ends = tuple[float, float, float, float]
+    method: str
+    without: str
+    parts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -496,3 +341,156 @@ def _description(marks: Sequence[_Mark], first: str, second: str) -> str:
     shown = ", ".join(f"{m.entry.method} {m.y:.2f} at {m.x:.2f}" for m in marks[:12])
     more = f" and {len(marks) - 12} more" if len(marks) > 12 else ""
     return f"{first} against {second} in per cent: {shown}{more}. No point can lie above the line."
+
+
+_OFFSETS: tuple[tuple[float, float, Anchor], ...] = (
+    (10, -9, "start"),
+    (10, 18, "start"),
+    (-10, 18, "end"),
+    (-10, -9, "end"),
+    (0, 27, "middle"),
+    (-34, 34, "end"),
+    (34, 34, "start"),
+    (34, -26, "start"),
+    (-40, 56, "end"),
+    (40, 56, "start"),
+    (40, -48, "start"),
+    (-46, 80, "end"),
+    (46, -72, "start"),
+)
+
+
+def place_labels(
+    anchors: Sequence[tuple[str, float, float]], frame: Box, obstacles: Sequence[Box]
+) -> tuple[Label, ...]:
+    """Place the labels that fit; a label without room is left out (its point has a title).
+
+    Args:
+        anchors: Text and position of each point, most important first.
+        frame: Labels stay inside it.
+        obstacles: Rectangles that labels keep off, besides the points themselves.
+    """
+    taken = [Box(x - 7, y - 7, x + 7, y + 7) for _, x, y in anchors] + list(obstacles)
+    placed: list[Label] = []
+    for text, x, y in anchors:
+        short = text if len(text) <= MAX_CHARACTERS else text[: MAX_CHARACTERS - 1] + "…"
+        for dx, dy, anchor in _OFFSETS:
+            box = _text_box(short, x + dx, y + dy, anchor)
+            if frame.holds(box) and not box.meets(taken):
+                taken.append(box)
+                leader = _leader(x, y, dx, dy)
+                placed.append(Label(px(x + dx), px(y + dy), anchor, short, leader))
+                break
+    return tuple(placed)
+
+
+def _text_box(text: str, x: float, y: float, anchor: Anchor) -> Box:
+    width = len(text) * CHARACTER_WIDTH
+    left = {"start": x, "middle": x - width / 2, "end": x - width}[anchor]
+    return Box(left, y - LINE_HEIGHT + 4, left + width, y + 4)
+
+
+def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str] | None:
+    if abs(dy) < FAR and abs(dx) < FAR:
+        return None
+    side = math.copysign(3, dx)
+    return (px(x), px(y), px(x + dx - side), px(y + dy - 4))
+
+
+def effect_arrows(
+    entries: Sequence[BoardEntry], metrics: tuple[Metric, Metric], x: Scale, y: Scale
+) -> tuple[Arrow, ...]:
+    """Return an arrow for each linked pair of which both stand in the drawing.
+
+    Args:
+        entries: What the drawing shows.
+        metrics: What stands along x and along y, in per cent.
+        x: Scale of the first, in per cent.
+        y: Scale of the second, in per cent.
+    """
+    by_key = {entry_key(entry): entry for entry in entries}
+    arrows = []
+    for entry in entries:
+        effect = entry.reminder_effect
+        start = by_key.get(effect.without) if effect else None
+        if effect is None or start is None:
+            continue
+        ends = [_values(one, metrics) for one in (start, entry)]
+        if None not in ends[0] and None not in ends[1]:
+            arrows.append(_arrow(ends[0], ends[1], effect, metrics, x, y, entry.method))
+    return tuple(arrow for arrow in arrows if arrow is not None)
+
+
+def _values(entry: BoardEntry, metrics: tuple[Metric, Metric]) -> list[float]:
+    return [100 * value for m in metrics if (value := entry.metrics.get(m.key)) is not None]
+
+
+def _arrow(
+    start: Sequence[float],
+    end: Sequence[float],
+    effect: ReminderEffect,
+    metrics: tuple[Metric, Metric],
+    x: Scale,
+    y: Scale,
+    method: str,
+) -> Arrow | None:
+    if len(start) < 2 or len(end) < 2:
+        return None
+    (x1, y1), (x2, y2) = ((x.clamped(at[0]), y.clamped(at[1])) for at in (start, end))
+    length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5
+    if length < 2 * GAP:
+        return None
+    ux, uy = (x2 - x1) / length, (y2 - y1) / length
+    tip = (x2 - ux * GAP, y2 - uy * GAP)
+    foot = (tip[0] - ux * HEAD, tip[1] - uy * HEAD)
+    side = (-uy * HEAD / 2, ux * HEAD / 2)
+    corners = [tip, (foot[0] + side[0], foot[1] + side[1]), (foot[0] - side[0], foot[1] - side[1])]
+    return Arrow(
+        line=(px(x1 + ux * GAP), px(y1 + uy * GAP), px(foot[0]), px(foot[1])),
+        head=" ".join(f"{px(a)},{px(b)}" for a, b in corners),
+        box=_box(start, effect, metrics, x, y),
+        title=f"{effect.without_method} with the reminder: {method}",
+    )
+
+
+def _box(
+    start: Sequence[float],
+    effect: ReminderEffect,
+    metrics: tuple[Metric, Metric],
+    x: Scale,
+    y: Scale,
+) -> tuple[str, str, str, str] | None:
+    """Where the arrow may end: start plus the interval of the change; x, y, width, height."""
+    intervals = [_interval(effect, metric) for metric in metrics]
+    if intervals[0] is None or intervals[1] is None:
+        return None
+    left, right = (x.clamped(start[0] + 100 * end) for end in intervals[0])
+    bottom, top = (y.clamped(start[1] + 100 * end) for end in intervals[1])
+    return (px(left), px(top), px(right - left), px(bottom - top))
+
+
+def _interval(effect: ReminderEffect, metric: Metric) -> Interval | None:
+    found = effect.differences.get(metric.key)
+    return found.interval if found else None
+
+
+def effect_lines(board: Board, digits: Digits) -> tuple[EffectLine, ...]:
+    """Say of every linked pair of a board what changed, with intervals and verdicts."""
+    metrics = primary_metrics(challenge_of(board))
+    lines = []
+    for entry in board.entries:
+        effect = entry.reminder_effect
+        if effect is None:
+            continue
+        parts = []
+        for metric in metrics:
+            found = effect.differences.get(metric.key)
+            if found is None or found.difference is None:
+                continue
+            text = f"{metric.label} {digits.signed(metric, found.difference)} points"
+            if found.interval:
+                low, high = (digits.signed(metric, end) for end in found.interval)
+                text += f" ({low} to {high})"
+            parts.append(text)
+        lines.append(EffectLine(entry.method, effect.without_method, tuple(parts)))
+    return tuple(lines)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -163,10 +162,6 @@ def own_entries(
 
 
 # What the board page says of the life of its phase: frozen, anonymous, a part, a late view.
-
-
-if TYPE_CHECKING:
-    pass
 
 
 def standing_notices(reading: "BoardReading") -> tuple[Notice, ...]:

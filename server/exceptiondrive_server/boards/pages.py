@@ -10,7 +10,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import ids_of_team
-from exceptiondrive_server.accounts.session_reading import principal_of_session, session_secret
+from exceptiondrive_server.accounts.browser_session import principal_of_browser
 from exceptiondrive_server.boards.columns import sorted_board
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.feed import atom_feed
@@ -32,13 +32,13 @@ def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Res
         return RedirectResponse(query.url(), status_code=303)
     with services.database.read() as session:
         reading = read_board(session, query)
-        own = _own_submissions(session, session_secret(request), reading.phase)
+        own = _own_submissions(session, request, reading.phase)
     return page(request, "boards/board.html", "board", page=board_page(reading, query, own))
 
 
-def _own_submissions(session: Session, secret: str, phase: PhaseLink | None) -> frozenset[str]:
+def _own_submissions(session: Session, request: Request, phase: PhaseLink | None) -> frozenset[str]:
     """Return what the team that signed in, and may read its submissions, sent to the phase."""
-    who = principal_of_session(session, secret)
+    who = principal_of_browser(session, request)
     if who is None or who.team_id is None or phase is None or Scope.READ_OWN not in who.scopes:
         return frozenset()
     return ids_of_team(session, who.team_id, phase.id)

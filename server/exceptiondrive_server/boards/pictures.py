@@ -22,8 +22,8 @@ from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.rows import Row, RowSetter
 from exceptiondrive_server.boards.scales import px
 from exceptiondrive_server.entries.facts import board_name, challenge_of, primary_metrics
-from exceptiondrive_server.entries.queries import read_entry
-from exceptiondrive_server.entries.view import EntryReading, Standing, standing_of
+from exceptiondrive_server.entries.queries import EntryReading, read_entry
+from exceptiondrive_server.entries.view import Standing, standing_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.numbers import Digits, day

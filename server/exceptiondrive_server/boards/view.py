@@ -25,7 +25,7 @@ from exceptiondrive_server.boards.columns import (
 from exceptiondrive_server.boards.family_tiles import HEAT_STEPS, HeatScale, short_title
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BY_RANK, SOURCES, Average, BoardQuery
 from exceptiondrive_server.boards.rows import Row, RowSetter
-from exceptiondrive_server.entries.comparison import Comparison, compare_entries, default_pair
+from exceptiondrive_server.entries.comparison import Comparison, default_pair
 from exceptiondrive_server.entries.facts import BADGES, challenge_of
 from exceptiondrive_server.web.numbers import Digits, fixed, grouped
 
@@ -221,7 +221,7 @@ def board_view(
         chart=ceiling_chart(board, drawn, average) if pair else None,
         narrow_chart=ceiling_chart(board, drawn, average, width=350, height=400) if pair else None,
         heat=heat_map(board, setter.heat, rows, query),
-        comparison=compare_entries(board, *pair, digits) if pair else None,
+        comparison=Comparison(board, *pair, digits) if pair else None,
         effects=effect_lines(board, digits),
         sort_sentence=_sort_sentence(challenge, query, metric_columns(challenge, query)),
     )

@@ -11,10 +11,11 @@ _BANNER = """
   ExceptionDrive runs at {url}      (Ctrl-C ends it; all data stays in {data})
 
   To take part, in another terminal:
-    {server} create-team my-team "My team" --with-token{data_option}
-    export EXCEPTIONDRIVE_SERVER={url} EXCEPTIONDRIVE_TOKEN=edk_...   # as printed
+    export EXCEPTIONDRIVE_SERVER={url}
+    export EXCEPTIONDRIVE_TOKEN=$({server} create-organizer me{data_option})
+    {client} organizer teams create my-team "My team" --with-token
+    export EXCEPTIONDRIVE_TOKEN=edk_...                               # the team's, as printed
     {client} submit FILE --phase sample --method "My planner" --wait
-  Another token for a team: {server} create-token my-team{data_option}
   Logs: {logs}
 """
 

@@ -15,7 +15,7 @@ from types import FrameType
 from alembic.util.exc import CommandError
 from sqlalchemy.exc import SQLAlchemyError
 
-from exceptiondrive_records.db.setup import prepare
+from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_server.launcher.banner import banner
 from exceptiondrive_server.launcher.broker import (
     NoBrokerError,

@@ -175,7 +175,9 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
         )
     if not has_phases:
         yield Finding(
-            Severity.WARNING, "there is no phase", "make one: exceptiondrive-server create-phase"
+            Severity.WARNING,
+            "there is no phase",
+            "make one: exceptiondrive organizer phases create",
         )
 
 

@@ -33,7 +33,7 @@ from exceptiondrive_server.accounts.browser_session import (
     MaybeSignedIn,
     PostedForm,
     SignedIn,
-    note_organizer,
+    keep_session,
     require_scope,
 )
 from exceptiondrive_server.web.auth import ServicesOf, team_of
@@ -160,7 +160,7 @@ def choose_team(
         act_for(session, browser.secret, person_id, int(text) if text else None)
         is_organizer = not text and find_person(session, person_id).is_organizer
     answer = RedirectResponse("/organize" if is_organizer else "/my", status_code=303)
-    note_organizer(request, answer, is_organizer=is_organizer)
+    keep_session(request, answer, browser.secret, is_organizer=is_organizer)
     return answer
 
 

@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from exceptiondrive_server.web.metrics import RequestMetrics
 
-# Headers that every answer carries (research/reliability.md C6).
+# Headers that every answer carries (docs/trust.md).
 
 
 HEADERS: Mapping[str, str] = MappingProxyType(

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
+from markupsafe import Markup
+
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_server.web.numbers import day, minute
 
@@ -99,12 +101,13 @@ class MetricCard:
     title: str
     direction: str
     meaning: str
+    formula: Markup
 
 
 def metric_cards(challenge: Challenge) -> tuple[MetricCard, ...]:
     """Return a card per metric; components of a metric (CTSx, CTSy) share its card."""
     return tuple(
-        MetricCard(m.key, m.label, m.title, _DIRECTIONS[m.better], m.meaning)
+        MetricCard(m.key, m.label, m.title, _DIRECTIONS[m.better], m.meaning, Markup(m.formula))
         for m in challenge.metrics
         if m.key not in ("cts_x", "cts_y")
     )

@@ -23,7 +23,6 @@ from exceptiondrive_records.db.errors import (
     TooManyAttempts,
 )
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
-from exceptiondrive_server.web import public_pages as pages
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.problem_vocabulary import (
     CODE_OF_STATUS,
@@ -31,6 +30,7 @@ from exceptiondrive_server.web.problem_vocabulary import (
     TITLE_OF,
     ApiProblem,
 )
+from exceptiondrive_server.web.responses import problem_page
 
 _log = structlog.get_logger("exceptiondrive.server")
 
@@ -59,7 +59,7 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
     if wants_page(request):
         fields = (f"{name}: {words}." for name, words in problem.fields.items())
         detail = " ".join([problem.detail, *fields])
-        answer = pages.problem_page(request, status, problem.code, detail)
+        answer = problem_page(request, status, problem.code, detail)
         if problem.retry_after_s is not None:
             answer.headers["Retry-After"] = str(problem.retry_after_s)
         return answer

@@ -14,10 +14,13 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.accounts.browser_session import Holder, holder_of
 from exceptiondrive_server.boards.scales import px
-from exceptiondrive_server.entries.facts import board_name
+from exceptiondrive_server.entries.comparison import family_value, is_sure
+from exceptiondrive_server.entries.facts import BADGES, board_name, entry_url, rank_range
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
@@ -30,10 +33,6 @@ from exceptiondrive_server.web.services import services_of
 
 
 THEME_COOKIE = "theme"
-SESSION_COOKIES = ("__Host-session", "session")
-"""Secure, on https; plain, on this machine alone."""
-ORGANIZER_COOKIE = "organizer"
-"""Shows the link to the organizers' pages; it opens nothing."""
 YEAR_S = 365 * 24 * 3600
 
 
@@ -50,12 +49,16 @@ def origin_of(request: Request) -> str:
 
 def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
-    cookies, query = request.cookies, request.url.query
+    query, holder = request.url.query, holder_of(request)
     here = request.url.path + (f"?{query}" if query else "")
-    has_session = any(name in cookies for name in SESSION_COOKIES)
-    is_organizer = has_session and cookies.get(ORGANIZER_COOKIE) == "yes"
-    theme = theme_of(cookies.get(THEME_COOKIE))
-    return Site(theme, here, current, has_session, origin_of(request), is_organizer)
+    return Site(
+        theme_of(request.cookies.get(THEME_COOKIE)),
+        here,
+        current,
+        has_session=holder is not Holder.VISITOR,
+        origin=origin_of(request),
+        is_organizer=holder is Holder.ORGANIZER,
+    )
 
 
 def safe_back(path: str) -> str:
@@ -93,11 +96,6 @@ def stars(text: str) -> Markup:
     return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
 
 
-def shown(value: object) -> object:
-    """Clean a text of what turns, hides or steers, whatever was let into the records."""
-    return printable(value) if type(value) is str else value
-
-
 def https_only(url: str | None) -> str:
     """Return a link that readers may follow; anything but an https address is left out."""
     return url if url is not None and url.startswith("https://") else ""
@@ -106,6 +104,11 @@ def https_only(url: str | None) -> str:
 def with_article(noun: str) -> str:
     """Return `a planner`, `an agent`."""
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
+def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
+    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
+    return Markup(shapes(sample, width, height))
 
 
 @cache
@@ -120,12 +123,13 @@ def environment() -> Environment:
         ),
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=shown,
         extensions=[Condensed],
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
+    made.globals.update(
+        asset=asset, THIN_SPACE=numbers.THIN_SPACE, BADGES=BADGES, entry_url=entry_url
+    )
     made.filters.update(
         day=numbers.day,
         minute=numbers.minute,
@@ -140,13 +144,18 @@ def environment() -> Environment:
         stars=stars,
         a=with_article,
         board_name=board_name,
+        rank_range=rank_range,
+        shapes=drawn,
+        unit=numbers.unit_of,
+        family_value=family_value,
     )
+    made.tests["sure"] = is_sure
     return made
 
 
 def render(template: str, **values: object) -> str:
-    """Fill a template."""
-    return environment().get_template(template).render(**values)
+    """Fill a template, and clean it of what turns, hides or steers, whatever the records let in."""
+    return printable(environment().get_template(template).render(**values))
 
 
 SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}

@@ -8,7 +8,6 @@ from fastapi import Request
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
-from exceptiondrive_server.accounts.oidc import CALLBACK
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
@@ -54,13 +53,7 @@ def _provider(settings: ServerSettings) -> "Provider | None":
         return None
     from exceptiondrive_server.accounts.oidc import Provider
 
-    return Provider(
-        issuer=settings.oidc_issuer,
-        client_id=settings.oidc_client_id,
-        client_secret=settings.oidc_client_secret.get_secret_value(),
-        redirect_uri=settings.public_url.rstrip("/") + CALLBACK,
-        name=settings.oidc_name,
-    )
+    return Provider(settings)
 
 
 def services_of(request: Request) -> Services:

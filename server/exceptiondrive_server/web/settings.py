@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field, SecretStr, model_validator
 
 from exceptiondrive_records.db.settings import RecordsSettings
-from exceptiondrive_server.accounts.oidc import is_private_url
+from exceptiondrive_server.accounts.sign_in_provider import is_private_url
 
 MEBIBYTE = 1024 * 1024
 

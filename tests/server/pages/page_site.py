@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 from fastapi import APIRouter, FastAPI
 from tests.server.pages.invented_board import (
@@ -48,17 +48,17 @@ from exceptiondrive_schemas.score_sheet import (
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.split_arrays import split_arrays
+from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards import api as boards
-from exceptiondrive_server.web import public_pages as pages
-from exceptiondrive_server.web import team_pages
+from exceptiondrive_server.routes import PAGES
 from exceptiondrive_server.web.problems import install_problem_handlers
+from exceptiondrive_server.web.responses import mount_static
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
-ROUTES.include_router(pages.router)
-ROUTES.include_router(team_pages.router)
+ROUTES.include_router(PAGES)
 ROUTES.include_router(boards.router, prefix="/api/v1")
 
 
@@ -80,22 +80,22 @@ class Site:
         self.app.state.services = Services(database)
         self.app.router.routes.extend(ROUTES.routes)
         install_problem_handlers(self.app)
-        team_pages.lead_to_sign_in(self.app)
-        pages.mount_static(self.app)
+        lead_to_sign_in(self.app)
+        mount_static(self.app)
 
-    async def get(self, path: str, **headers: str) -> httpx.Response:
+    async def get(self, path: str, **headers: str) -> httpx2.Response:
         return await self._send("GET", path, headers)
 
-    async def post(self, path: str, data: dict[str, str]) -> httpx.Response:
+    async def post(self, path: str, data: dict[str, str]) -> httpx2.Response:
         return await self._send("POST", path, {}, data)
 
     async def _send(
         self, method: str, path: str, headers: dict[str, str], data: dict[str, str] | None = None
-    ) -> httpx.Response:
-        transport = httpx.ASGITransport(app=self.app)
+    ) -> httpx2.Response:
+        transport = httpx2.ASGITransport(app=self.app)
         named = {key.replace("_", "-"): value for key, value in headers.items()}
         named = {"accept": "text/html", **named}
-        async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
+        async with httpx2.AsyncClient(transport=transport, base_url="http://site.test") as client:
             return await client.request(method, path, headers=named, data=data)
 
     def publish(self, board: Board, late: Board | None = None) -> None:

@@ -30,6 +30,34 @@ async def test_without_any_phase_the_page_says_what_an_organizer_does(site: Any)
     assert "There is no phase yet" in answer.text
 
 
+async def test_a_seventh_family_has_its_tile_inside_the_box(site: Any, lively_board: Board) -> None:
+    head = lively_board.families[0].model_copy(update={"id": "wild_animal", "title": "Wild Animal"})
+    entries = tuple(
+        entry.model_copy(
+            update={"families": {**entry.families, head.id: entry.families["sudden_emergence"]}}
+        )
+        if entry.families
+        else entry
+        for entry in lively_board.entries
+    )
+    site.create_phase("sample")
+    site.publish(
+        lively_board.model_copy(
+            update={"families": (*lively_board.families, head), "entries": entries}
+        )
+    )
+    text = (await site.get("/")).text
+    boxes = re.findall(r'<svg class="tiles" viewBox="0 0 (\d+) 12".*?</svg>', text)
+    rows = re.findall(r'<svg class="tiles".*?</svg>', text)
+    assert set(boxes) == {"175"}
+    for row in rows:
+        ends = [
+            float(x) + float(width) for x, width in re.findall(r' x="(.*?)" width="(.*?)"', row)
+        ]
+        assert len(ends) == 7
+        assert max(ends) <= 175
+
+
 async def test_a_phase_without_a_board_says_so(site: Any) -> None:
     site.create_phase("sample")
     answer = await site.get("/?phase=sample")

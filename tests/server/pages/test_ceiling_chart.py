@@ -93,4 +93,4 @@ def test_labels_never_cover_each_other_and_stay_in_the_frame(
     assert all(grown.holds(box) for box in boxes)
     for index, box in enumerate(boxes):
         inner = Box(box.left + 0.2, box.top + 0.2, box.right - 0.2, box.bottom - 0.2)
-        assert not any(inner.meets(other) for other in boxes[index + 1 :])
+        assert not inner.meets(boxes[index + 1 :])

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
+import exceptiondrive_server
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.drawings import keep_protocol_drawing
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing, pictured_digest
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
 from exceptiondrive_server.entries.scene_drawing import scene_drawing
-from exceptiondrive_server.web import public_pages as pages
 
 WIDER = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
 WIDER = WIDER.replace("footprint_width_m = 1.85", "footprint_width_m = 2.40")
@@ -53,7 +53,7 @@ async def test_until_its_own_is_made_a_protocol_shows_that_of_the_first_and_says
 
 
 def test_the_server_holds_no_geometry_of_its_own() -> None:
-    folder = Path(pages.__file__).parent
-    code = "\n".join(path.read_text("utf-8") for path in folder.glob("*.py"))
+    folder = Path(exceptiondrive_server.__path__[0])
+    code = "\n".join(path.read_text("utf-8") for path in folder.rglob("*.py"))
     for word in ("convex_hull", "headings_rad", "nearest_positions", "footprints_m"):
         assert word not in code

@@ -105,34 +105,18 @@ def create_accounts() -> None:
     )
     op.create_index("ix_invitations_team_id", "invitations", ["team_id"])
     op.create_table(
-        "page_sessions",
+        "sessions",
         sa.Column("secret_digest", sa.String(), primary_key=True),
-        sa.Column("token_id", sa.String(), sa.ForeignKey("tokens.id"), nullable=False),
-        sa.Column("created_at", TIME, nullable=False),
-        sa.Column("expires_at", TIME, nullable=False),
-    )
-    op.create_index("ix_page_sessions_expires_at", "page_sessions", ["expires_at"])
-    op.create_index("ix_page_sessions_token_id", "page_sessions", ["token_id"])
-    op.create_table(
-        "person_sessions",
-        sa.Column("secret_digest", sa.String(), primary_key=True),
-        sa.Column("person_id", sa.String(), sa.ForeignKey("people.id"), nullable=False),
+        sa.Column("token_id", sa.String(), sa.ForeignKey("tokens.id")),
+        sa.Column("person_id", sa.String(), sa.ForeignKey("people.id")),
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("expires_at", TIME, nullable=False),
+        sa.CheckConstraint("(token_id IS NULL) <> (person_id IS NULL)"),
     )
-    op.create_index("ix_person_sessions_expires_at", "person_sessions", ["expires_at"])
-    op.create_index("ix_person_sessions_person_id", "person_sessions", ["person_id"])
-    op.create_table(
-        "sign_in_flows",
-        sa.Column("state_digest", sa.String(), primary_key=True),
-        sa.Column("visitor_digest", sa.String(), nullable=False),
-        sa.Column("nonce", sa.String(), nullable=False),
-        sa.Column("code_verifier", sa.String(), nullable=False),
-        sa.Column("back", sa.String(), nullable=False),
-        sa.Column("expires_at", TIME, nullable=False),
-    )
-    op.create_index("ix_sign_in_flows_expires_at", "sign_in_flows", ["expires_at"])
+    op.create_index("ix_sessions_expires_at", "sessions", ["expires_at"])
+    op.create_index("ix_sessions_person_id", "sessions", ["person_id"])
+    op.create_index("ix_sessions_token_id", "sessions", ["token_id"])
 
 
 def create_audit() -> None:

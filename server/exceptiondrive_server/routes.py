@@ -1,0 +1,122 @@
+"""Every route of the server: the API of a noun, its pages, and who may come in."""
+
+from fastapi import APIRouter, Depends
+
+from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.accounts import api as accounts
+from exceptiondrive_server.accounts import organizer_api as organizer_accounts
+from exceptiondrive_server.accounts import pages as account_pages
+from exceptiondrive_server.accounts import token_pages
+from exceptiondrive_server.audit import organizer_api as organizer_audit
+from exceptiondrive_server.audit import organizer_pages as audit_pages
+from exceptiondrive_server.boards import api as boards
+from exceptiondrive_server.boards import pages as board_pages
+from exceptiondrive_server.boards import pictures
+from exceptiondrive_server.entries import api as entries
+from exceptiondrive_server.entries import pages as entry_pages
+from exceptiondrive_server.notifications import api as notifications
+from exceptiondrive_server.operations import organizer_pages as overview_pages
+from exceptiondrive_server.phases import api as phases
+from exceptiondrive_server.phases import organizer_api as organizer_phases
+from exceptiondrive_server.phases import organizer_pages as phase_pages
+from exceptiondrive_server.protocols import api as protocols
+from exceptiondrive_server.protocols import organizer_pages as protocol_pages
+from exceptiondrive_server.rescoring import api as rescoring
+from exceptiondrive_server.rescoring import organizer_api as organizer_rescoring
+from exceptiondrive_server.rescoring import organizer_pages as run_pages
+from exceptiondrive_server.rescoring import verification_pages
+from exceptiondrive_server.splits import api as splits
+from exceptiondrive_server.submissions import api as submissions
+from exceptiondrive_server.submissions import events, receipts_api
+from exceptiondrive_server.submissions import organizer_api as organizer_submissions
+from exceptiondrive_server.submissions import organizer_pages as organizer_submission_pages
+from exceptiondrive_server.submissions import pages as submission_pages
+from exceptiondrive_server.teams import api as teams
+from exceptiondrive_server.teams import my_pages
+from exceptiondrive_server.teams import organizer_api as organizer_teams
+from exceptiondrive_server.teams import organizer_pages as organizer_team_pages
+from exceptiondrive_server.teams import organizer_step_pages as team_step_pages
+from exceptiondrive_server.teams import pages as team_pages
+from exceptiondrive_server.web import documents, guide_pages, health, responses
+from exceptiondrive_server.web.auth import require
+from exceptiondrive_server.web.organizer_frame import organizing
+from exceptiondrive_server.web.problems import problem_responses
+
+_ORGANIZER_API = APIRouter(
+    prefix="/organizer",
+    tags=["organizers"],
+    dependencies=[Depends(require(Scope.ORGANIZE))],
+    responses=problem_responses(
+        ProblemCode.NOT_SIGNED_IN,
+        ProblemCode.NOT_ALLOWED,
+        ProblemCode.NOT_FOUND,
+        ProblemCode.CONFLICT,
+    ),
+)
+"""Every route demands the scope; every change leaves an audit line."""
+for _part in (
+    organizer_teams.router,
+    organizer_accounts.router,
+    organizer_phases.router,
+    organizer_rescoring.router,
+    organizer_submissions.router,
+    organizer_audit.router,
+):
+    _ORGANIZER_API.include_router(_part)
+
+_API = APIRouter(prefix="/api/v1")
+for _part in (
+    phases.router,
+    splits.router,
+    submissions.router,
+    events.router,
+    boards.router,
+    entries.router,
+    receipts_api.router,
+    protocols.router,
+    documents.router,
+    accounts.me_router,
+    accounts.router,
+    teams.router,
+    notifications.router,
+    rescoring.router,
+    _ORGANIZER_API,
+):
+    _API.include_router(_part)
+
+PAGES = APIRouter(include_in_schema=False)
+for _part in (
+    board_pages.router,
+    entry_pages.router,
+    guide_pages.router,
+    pictures.router,
+    responses.router,
+    account_pages.router,
+    submission_pages.router,
+    my_pages.router,
+    team_pages.router,
+    token_pages.router,
+):
+    PAGES.include_router(_part)
+
+_ORGANIZER_PAGES = APIRouter(include_in_schema=False, dependencies=[Depends(organizing)])
+for _part in (
+    overview_pages.router,
+    organizer_team_pages.router,
+    team_step_pages.router,
+    phase_pages.router,
+    organizer_submission_pages.similar_router,
+    organizer_submission_pages.router,
+    protocol_pages.router,
+    run_pages.router,
+    verification_pages.router,
+    audit_pages.router,
+):
+    _ORGANIZER_PAGES.include_router(_part)
+
+ROUTES = APIRouter()
+"""All routes. FastAPI works out what a route takes and gives when one is asked for first: with one
+router that is once per process, not once per application."""
+for _part in (_API, health.router, PAGES, _ORGANIZER_PAGES):
+    ROUTES.include_router(_part)

@@ -1,0 +1,108 @@
+"""What the repository says about itself is in it: documents, their sections, their tables."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from tests.chaos.suite import FAULTS
+from tests.hostile.rows import ROWS
+
+from exceptiondrive_schemas.protocol import packaged_protocol
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+OUTSIDE = re.compile(
+    r"(?<![\w./])(DESIGN|PROTOCOL|CONSTRUCTION)\.md|reliability\.md|(?<![\w./])research/|walks/"
+    r"|\.\./shared(?!/realdata)|\bissue #?\d"
+)
+"""Documents and folders that a clone does not have; real planner files may be looked for."""
+DOCUMENT = re.compile(r"docs/[\w./-]+\.md")
+SECTION = re.compile(r"docs/protocol\.md sections? (\d)(?: and (\d))?")
+LINK = re.compile(r"\]\(([^)\s#:]+)(#[\w-]+)?\)")
+
+
+def tracked() -> dict[str, str]:
+    """Every tracked text file but this one, by its path."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode != 0:
+        pytest.skip("not a git checkout")
+    paths = [ROOT / name for name in listed.stdout.split("\0") if name]
+    files = {path: path.read_bytes() for path in paths if path.is_file() and path != Path(__file__)}
+    return {
+        path.relative_to(ROOT).as_posix(): data.decode()
+        for path, data in files.items()
+        if b"\0" not in data
+    }
+
+
+@pytest.fixture(scope="module")
+def texts() -> dict[str, str]:
+    return tracked()
+
+
+def test_nothing_points_outside_the_repository(texts: dict[str, str]) -> None:
+    found = {name: match[0] for name, text in texts.items() if (match := OUTSIDE.search(text))}
+    assert found == {}
+
+
+def test_every_document_that_is_named_is_there(texts: dict[str, str]) -> None:
+    named = {
+        (name, path)
+        for name, text in texts.items()
+        if not name.startswith("docs/")
+        for path in DOCUMENT.findall(text)
+    }
+    assert named
+    assert {(name, path) for name, path in named if not (ROOT / path).is_file()} == set()
+
+
+def test_every_section_of_the_protocol_that_is_named_is_there(texts: dict[str, str]) -> None:
+    headings = set(
+        re.findall(r"^## (\d)\. ", (DOCS / "protocol.md").read_text("utf-8"), re.MULTILINE)
+    )
+    named = {
+        section
+        for text in texts.values()
+        for sections in SECTION.findall(text)
+        for section in sections
+        if section
+    }
+    assert named <= headings == set("12345678")
+
+
+def test_links_between_documents_lead_somewhere(texts: dict[str, str]) -> None:
+    broken = {
+        (name, target)
+        for name, text in texts.items()
+        if name.endswith(".md")
+        for target, _ in LINK.findall(re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL))
+        if not (ROOT / name).parent.joinpath(target).exists()
+    }
+    assert broken == set()
+
+
+def test_the_page_of_faults_has_the_faults_and_inputs_that_are_tried() -> None:
+    rows = re.findall(r"^\| ([FI]\d\d) \|", (DOCS / "faults.md").read_text("utf-8"), re.MULTILINE)
+    assert rows == sorted({fault.id[:3] for fault in FAULTS}) + list(ROWS)
+
+
+def test_the_taxonomy_of_the_page_is_that_of_the_protocol() -> None:
+    rows = re.findall(
+        r"^\| ([A-Z]{2}\d) \| (\w+) \| (.+) \| ([PK]) \| ([A-E ]+) \| ([\d.]+) \|$",
+        (DOCS / "protocol.md").read_text("utf-8"),
+        re.MULTILINE,
+    )
+    assert [tuple(row) for row in rows] == [
+        (
+            task.id,
+            task.name,
+            task.hazard,
+            task.region.value[0].upper().replace("C", "K"),
+            " ".join(strategy.value for strategy in task.acceptable),
+            str(task.d_safe_m),
+        )
+        for task in packaged_protocol("1.0").tasks
+    ]
