@@ -96,7 +96,7 @@ def test_uploads_that_everyone_may_read_are_an_error(
 def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, lived: Lived) -> None:
     with lived.database.write() as session:
         session.execute(text("DELETE FROM worker_heartbeats"))
-        session.execute(text("DELETE FROM leaders"))
+        session.execute(text("DELETE FROM work WHERE kind = 'lead'"))
         take_lead(session, "sweep", "somebody", 60)
     assert whats(healthy) == "no worker is alive | no reconciler leads"
 
