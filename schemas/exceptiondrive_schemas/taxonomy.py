@@ -66,6 +66,11 @@ class Task(Document):
     """Which answers warn too little: what the protocol's caution ranks make of `acceptable`."""
     d_safe_m: Annotated[float, Field(gt=0, le=20)]
 
+    @property
+    def title(self) -> str:
+        """Its name as readers see it: `stalled_vehicle` -> `Stalled vehicle`."""
+        return self.name.replace("_", " ").capitalize()
+
 
 class Taxonomy(Document):
     """Families and tasks in their published order."""

@@ -1,13 +1,11 @@
 """A provider as a process, and people who sign in through it."""
 
 import os
-import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -23,8 +21,7 @@ from tests.server.conftest import (  # noqa: F401 - fixtures
     logs,
     make_api,
 )
-
-ROOT = Path(__file__).parents[2]
+from tests.support.processes import ROOT, free_port
 
 
 @dataclass
@@ -45,13 +42,6 @@ class RunningProvider:
         answer = httpx.get(url)
         assert answer.status_code == 302, answer.text
         return answer.headers["location"]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 @pytest.fixture(scope="session")

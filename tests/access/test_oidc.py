@@ -8,7 +8,8 @@ import pytest
 from itsdangerous import TimestampSigner
 from pydantic import ValidationError
 from sqlalchemy import select
-from tests.access.conftest import free_port, query_of, with_provider
+from tests.access.conftest import query_of, with_provider
+from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts.tables import BrowserSession, Person
 from exceptiondrive_records.audit.tables import AuditLine

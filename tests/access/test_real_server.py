@@ -16,9 +16,9 @@ from typing import Any
 import httpx
 import pytest
 from sqlalchemy import func, select
-from tests.access.conftest import free_port
-from tests.conftest import as_role
-from tests.sample_documents import make_manifest
+from tests.support.databases import as_role
+from tests.support.documents import make_manifest
+from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
@@ -28,7 +28,7 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -108,7 +108,7 @@ def _fill(database: Database) -> str:
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="dev",
                 split="sample",
                 protocol="1.0",

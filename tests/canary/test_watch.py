@@ -17,8 +17,8 @@ from tests.canary.values import CANARY_M, PATTERN, spellings
 from tests.canary.watch import WATCH, Watch, look_in_postgres
 
 if TYPE_CHECKING:
-    from tests.conftest import PrivateBroker
-    from tests.postgres_server import Postgres
+    from tests.support.broker import PrivateBroker
+    from tests.support.databases import Postgres
 
 ROOT = Path(__file__).parents[2]
 CANARY = str(CANARY_M)

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import socket
 import sqlite3
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from tests.chaos.proxy import Proxy
 from tests.chaos.saboteur import ORDERS
 from tests.chaos.splits import multiply, plant_canary
 from tests.chaos.users import Users, as_user
+from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
@@ -33,7 +33,7 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.splits.splits import manifest_of
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_worker.sample.files import write_sample_split
@@ -115,7 +115,7 @@ class Topology:
         self.broker = Broker(self.folder / "broker")
         self.proxy = Proxy(socket_path(self.broker.folder))
         self.supervisor = Supervisor()
-        self.url = f"http://127.0.0.1:{_free_port()}"
+        self.url = f"http://127.0.0.1:{free_port()}"
         self.environment = {**self._environment(), **(settings or {})}
         self._split_copies = split_copies
         self._has_canary = has_canary
@@ -325,7 +325,7 @@ class Topology:
                 session,
                 NewPhase(
                     id=PHASE,
-                    challenge=ChallengeId.PLANNING,
+                    challenge=PLANNING.id,
                     title="Chaos",
                     split="sample",
                     protocol="1.0",
@@ -337,10 +337,3 @@ class Topology:
                 row = create_team(session, team, team.title(), actor="chaos")
                 tokens[team], _ = issue_token(session, row.id, "chaos", actor="chaos")
         return tokens
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port

@@ -6,7 +6,6 @@ all else is tested against the real application in test_with_server.py.
 
 import json
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import structlog
-import uvicorn
+from tests.support.serving import served
 
 from exceptiondrive import Client
 
@@ -183,19 +182,9 @@ def running(
     doors = open_doors(worker)
     tokens = _fill_records(doors)
     application = create_app(ServerSettings(**places, receipt_key_file=tmp_path / "key.pem"))
-    server = uvicorn.Server(
-        uvicorn.Config(application, host="127.0.0.1", port=0, log_level="warning")
-    )
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        assert thread.is_alive(), "the server did not start"
-        time.sleep(0.01)
-    port = server.servers[0].sockets[0].getsockname()[1]
-    with structlog.testing.capture_logs():  # CliRunner would take the server's lines for the CLI's
-        yield Running(f"http://127.0.0.1:{port}", *tokens, doors)
-    server.should_exit = True
-    thread.join()
+    # CliRunner would take the server's lines for the CLI's
+    with served(application) as url, structlog.testing.capture_logs():
+        yield Running(url, *tokens, doors)
     doors.close()
 
 

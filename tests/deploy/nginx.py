@@ -19,6 +19,7 @@ from pathlib import Path
 import httpx
 import pytest
 from tests.chaos.users import as_user
+from tests.support.processes import free_port
 
 from exceptiondrive_server.operations.secrets import self_signed
 
@@ -47,13 +48,6 @@ def replaced(text: str, changes: Mapping[str, str]) -> str:
             raise LookupError(f"{text.count(old)} times in {CONF.name}: {old}")
         text = text.replace(old, new)
     return text
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 class Names:

@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from redis.backoff import ConstantBackoff
 from redis.retry import Retry
 from sqlalchemy import URL, make_url
-from tests.deploy.nginx import free_port
+from tests.support.processes import free_port
 from typer.testing import CliRunner, Result
 
 from exceptiondrive_records.db.roles import Role, role_of

@@ -12,7 +12,8 @@ from http import HTTPStatus
 import httpx
 import pytest
 from tests.chaos.users import Users, can_change_user
-from tests.deploy.nginx import CONF, Names, Nginx, free_port, replaced
+from tests.deploy.nginx import CONF, Names, Nginx, replaced
+from tests.support.processes import free_port
 
 from exceptiondrive import ServerError
 from exceptiondrive.transport import Transport

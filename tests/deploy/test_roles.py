@@ -9,8 +9,7 @@ import psycopg
 import pytest
 from psycopg import errors
 from sqlalchemy import make_url
-from tests.conftest import as_role
-from tests.postgres_server import Postgres
+from tests.support.databases import Postgres, as_role
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.errors import InvalidRecord

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.support.processes import wait_until
 
 from exceptiondrive_server.launcher.child import Child, ChildPlan
 
@@ -29,13 +30,6 @@ def make_child(tmp_path: Path) -> Iterator[Callable[[str], Child]]:
     for child in made:
         child.end(signal.SIGKILL)
         child.wait(time.monotonic() + 5)
-
-
-def wait_until(is_so: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 30
-    while not is_so():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def is_running(pid: int) -> bool:

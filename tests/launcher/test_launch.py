@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -13,17 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.processes import free_port, plain_environment
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 SERVER = Path(sys.executable).parent / "exceptiondrive-server"
 ROOT = Path(__file__).parents[2]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Running:
@@ -32,13 +26,12 @@ class Running:
     def __init__(self, data: Path, port: int, *options: str) -> None:
         self.port = port
         self.said = data.parent / "said.txt"
-        environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
         with self.said.open("wb") as said:
             self.process = subprocess.Popen(
                 [str(SERVER), "run", "--port", str(port), "--data", str(data), *options],
                 stdout=said,
                 stderr=subprocess.STDOUT,
-                env=environment,
+                env=plain_environment(),
                 cwd=ROOT,
             )
 

@@ -20,9 +20,10 @@ from tests.chaos.processes import Process
 from tests.chaos.run import Run
 from tests.chaos.topology import PHASE, Topology
 from tests.chaos.users import Users, as_user, can_change_user
-from tests.deploy.nginx import Names, Nginx, find_nginx, free_port
+from tests.deploy.nginx import Names, Nginx, find_nginx
 from tests.operating.traffic import BOARD, Traffic, submit
 from tests.operating.upgrading import make_schema_newer, stop_while_uploading
+from tests.support.processes import free_port
 
 from exceptiondrive import Client
 from exceptiondrive_records.boards.boards import current_board

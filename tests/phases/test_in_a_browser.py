@@ -1,15 +1,12 @@
 """The states of a phase in a real browser: wide and light, narrow and dark, looked at by axe."""
 
-import shutil
-import socket
-import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-import uvicorn
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
+from tests.support.browser import axe_violations
+from tests.support.serving import served
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life
@@ -19,12 +16,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.parametrize("database_url", ["sqlite"], indirect=True),
 ]
-AXE = Path(__file__).parents[1] / "server" / "pages" / "vendor" / "axe.min.js"
-CHROMIUM = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome")
-     if (found := shutil.which(name))),
-    None,
-)  # fmt: skip
 SPEEDS = {"alpha": 3.5, "beta": 2.0, "gamma": 5.0}
 OF_TEAM = (
     "/?phase=frozen",
@@ -38,30 +29,12 @@ OF_TEAM = (
 OF_ORGANIZER = ("/organize/phases", "/organize/phases/masked", "/organize/phases/new")
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """A headless Chromium of this machine."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed on this machine")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield browser
-        browser.close()
-
-
 @pytest.fixture
 def site(life: "Life") -> Iterator[str]:
     """Address of the site, with a phase in each state."""
     _fill(life)
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        server = uvicorn.Server(uvicorn.Config(life.client.app, log_level="critical", ws="none"))
-        thread = threading.Thread(target=server.run, args=([listening],))
-        thread.start()
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
-        server.should_exit = True
-        thread.join(timeout=20)
+    with served(life.client.app) as address:
+        yield address
 
 
 def _fill(life: "Life") -> None:
@@ -100,8 +73,7 @@ def signed_in(life: "Life", browser: Browser, site: str, who: str, **context: An
 
 def complaints(page: Page) -> list[str]:
     """What axe finds, and whether the page is wider than the screen."""
-    page.add_script_tag(path=AXE)
-    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    found = axe_violations(page)
     wider = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
     words = [f"{one['id']}: {one['nodes'][0]['html'][:160]}" for one in found]
     return words + ([f"{wider} px too wide"] if wider > 0 else [])

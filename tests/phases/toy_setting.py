@@ -32,7 +32,7 @@ def add_the_field() -> Any:
 
 
 def kept_value(model: Any, database_url: str) -> int:
-    from tests.sample_documents import make_manifest
+    from tests.support.documents import make_manifest
 
     from exceptiondrive_records.db.database import Database
     from exceptiondrive_records.operations.setup import prepare

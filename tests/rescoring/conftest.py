@@ -1,15 +1,12 @@
 """Stages of a protocol update, and the real application over them; SQLite, then PostgreSQL."""
 
-import threading
-import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
 from starlette.testclient import TestClient
-from tests.conftest import as_role
 from tests.rescoring.documents import (
     caution_protocol,
     new_protocol,
@@ -17,6 +14,8 @@ from tests.rescoring.documents import (
     strategy_file,
 )
 from tests.rescoring.stage import Stage, open_stage
+from tests.support.databases import as_role
+from tests.support.serving import served
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.db.roles import Role
@@ -107,23 +106,8 @@ def api(stage: Stage) -> Iterator[Api]:
 @pytest.fixture
 def serve() -> Iterator[Callable[[Stage], tuple[str, str]]]:
     """Serve a stage on the loopback; gives the address and an organizer's token."""
-    running: list[tuple[uvicorn.Server, threading.Thread]] = []
-
-    def start(stage: Stage) -> tuple[str, str]:
-        config = uvicorn.Config(
-            application_over(stage), host="127.0.0.1", port=0, log_level="warning"
+    with ExitStack() as stack:
+        yield lambda stage: (
+            stack.enter_context(served(application_over(stage))),
+            organizers_token(stage),
         )
-        server = uvicorn.Server(config)
-        thread = threading.Thread(target=server.run, daemon=True)
-        thread.start()
-        running.append((server, thread))
-        while not server.started:
-            assert thread.is_alive(), "the server did not start"
-            time.sleep(0.01)
-        port = server.servers[0].sockets[0].getsockname()[1]
-        return f"http://127.0.0.1:{port}", organizers_token(stage)
-
-    yield start
-    for server, thread in running:
-        server.should_exit = True
-        thread.join()

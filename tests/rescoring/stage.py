@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import select
-from tests.conftest import as_role
 from tests.rescoring.documents import planning_file, split_document
+from tests.support.databases import as_role
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.base import JobState

@@ -1,15 +1,12 @@
 """An organizer's walk in a real browser: document, run, progress, preview, apply, board, rollback."""
 
-import shutil
-import socket
-import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
+from tests.support.browser import axe_violations
+from tests.support.serving import served
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.teams.teams import register_team
@@ -23,27 +20,8 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.parametrize("database_url", ["sqlite"], indirect=True),
 ]
-AXE = Path(__file__).parents[1] / "server" / "pages" / "vendor" / "axe.min.js"
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
 LONGEST_MS = 60_000
-CHROMIUM = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome")
-     if (found := shutil.which(name))),
-    None,
-)  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """A headless Chromium of this machine."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed on this machine")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -56,14 +34,8 @@ def site(stage: Stage) -> Iterator[str]:
             file_store_url=stage.settings.file_store_url,
         )
     )
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        config = uvicorn.Config(app, log_level="critical", ws="none")
-        server = uvicorn.Server(config)
-        thread = threading.Thread(target=server.run, args=([listening],))
-        thread.start()
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
-        server.should_exit = True
-        thread.join(timeout=20)
+    with served(app) as address:
+        yield address
 
 
 def signed_in(stage: Stage, browser: Browser, site: str, **context: Any) -> Page:
@@ -169,8 +141,7 @@ def test_axe_finds_nothing_wrong_and_no_page_scrolls_sideways(
         "/organize/audit?verify=true",
     ):
         page.goto(site + path)
-        page.add_script_tag(path=AXE)
-        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+        found = axe_violations(page)
         assert [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found] == [], path
         for narrow in (width, 360):
             page.set_viewport_size({"width": narrow, "height": 900})

@@ -1,19 +1,15 @@
 """My submissions in a real browser: place in the queue, quota, and live status over both ways."""
 
-import socket
-import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import pytest
-import uvicorn
 from playwright.sync_api import Browser, Page, expect
-from tests.server.pages.test_in_a_browser import browser
+from tests.support.serving import served
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
 
-__all__ = ["browser"]
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 LONGEST_MS = 30_000
 
@@ -21,14 +17,8 @@ LONGEST_MS = 30_000
 @pytest.fixture
 def address(api: "Api") -> Iterator[str]:
     """The application on a port of its own; nothing scores, so that submissions wait."""
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        server = uvicorn.Server(uvicorn.Config(api.app, log_level="error", lifespan="off"))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
-        thread.start()
-        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
-        server.should_exit = True
-        thread.join(timeout=10)
+    with served(api.app, lifespan="off") as address:
+        yield address
 
 
 @pytest.fixture

@@ -8,14 +8,14 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.canary.values import CANARY_M
-from tests.conftest import as_role
+from tests.support import processes
+from tests.support.databases import as_role
 from tests.worker.real_broker import QUICK
 
 from exceptiondrive_records.db.database import Database
@@ -323,17 +323,9 @@ def run_reconciler() -> Iterator[Callable[[World], None]]:
 
 
 @pytest.fixture(scope="session")
-def wait_until() -> Callable[..., None]:
+def wait_until() -> Callable[..., float]:
     """Wait until a question is answered with yes; fail after a minute."""
-
-    def wait(question: Callable[[], object], what: str, timeout_s: float = 60) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not question():
-            if time.monotonic() > deadline:
-                pytest.fail(f"waited {timeout_s:g} s in vain: {what}")
-            time.sleep(0.005)
-
-    return wait
+    return processes.wait_until
 
 
 @pytest.fixture

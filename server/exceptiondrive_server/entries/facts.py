@@ -5,10 +5,10 @@ from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenge_words import Outcome
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.web.numbers import slug
+from exceptiondrive_server.web.numbers import DASH, slug
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ BADGES: dict[EntrySource, Badge] = {
 
 def challenge_of(board: Board) -> Challenge:
     """Return the challenge of a board."""
-    return CHALLENGES[ChallengeId(board.challenge)]
+    return CHALLENGES[board.challenge]
 
 
 def primary_metrics(challenge: Challenge) -> tuple[Metric, ...]:
@@ -63,6 +63,14 @@ def board_fields(board: Board, is_current: bool = False) -> tuple[tuple[str, str
 def board_name(board: Board) -> str:
     """Return what a board is called: `Board 7`, or `Late view`, which has no number of its own."""
     return "Late view" if board.view == "late" else f"Board {board.board}"
+
+
+def rank_range(entry: BoardEntry) -> str:
+    """Write the ranks that the intervals allow, `2` or `2–5`; nothing where none is known."""
+    if entry.rank_interval is None:
+        return ""
+    low, high = entry.rank_interval
+    return str(low) if low == high else f"{low}{DASH}{high}"
 
 
 def find_entry(board: Board, key: str) -> BoardEntry | None:

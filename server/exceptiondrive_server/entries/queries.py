@@ -1,6 +1,7 @@
 """What the entry and compare pages read from the records."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
@@ -13,17 +14,46 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.entries.comparison import default_pair
 from exceptiondrive_server.entries.facts import find_entry
-from exceptiondrive_server.entries.history import PastStanding
-from exceptiondrive_server.entries.view import EntryReading, Receipt
 
 MOST_PROTOCOLS = 8
+MAX_COMPARED = 6
+
+
+@dataclass(frozen=True)
+class PastStanding:
+    """An entry on the newest board of one protocol that shows it, and on the oldest."""
+
+    board: Board
+    entry: BoardEntry
+    first_board: Board
+    first_entry: BoardEntry
+
+
+@dataclass(frozen=True)
+class EntryReading:
+    """What the records say of an entry."""
+
+    board: Board
+    entry: BoardEntry
+    protocol: Protocol
+    phase_title: str
+    is_current: bool
+    """Whether the board is the present one; else it is how the entry stood there."""
+    sheet: ScoreSheet | None
+    submission: Submission | None
+    """What was uploaded, and when; None for reported entries and while names are hidden."""
+    past: tuple[PastStanding, ...]
+    drawings: EntryDrawings | None
 
 
 def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
@@ -45,9 +75,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
         phase_title=phase.title,
         is_current=is_current,
         sheet=_sheet(session, key, board) if submission else None,
-        receipt=Receipt(submission.file_digest, submission.size_bytes, submission.received_at)
-        if submission and not is_anonymous(phase)
-        else None,
+        submission=None if is_anonymous(phase) else submission,
         past=_past(session, submission) if submission else (),
         drawings=_drawings(session, submission, board) if submission else None,
     )
@@ -79,15 +107,67 @@ def _board_with(
     return parsed_board(row), False
 
 
-def read_sheets(session: Session, board: Board, keys: Sequence[str]) -> dict[str, ScoreSheet]:
-    """Read the published score sheets of entries of a board; reported ones have none."""
-    shown = {entry.submission_id for entry in board.entries}
-    found = {key: _sheet(session, key, board) for key in keys if key in shown}
-    return {key: sheet for key, sheet in found.items() if sheet is not None}
+@dataclass(frozen=True)
+class ComparisonReading:
+    """A board, the entries of it that are compared, and the published sheets of the first two."""
+
+    board: BoardPage
+    entries: tuple[BoardEntry, ...]
+    sheets: tuple[ScoreSheet | None, ScoreSheet | None]
 
 
-def _sheet(session: Session, key: str, board: Board) -> ScoreSheet | None:
-    """As it may be shown: families and tasks wait for their date."""
+def read_comparison(
+    session: Session, query: BoardQuery, pairs: Sequence[tuple[str, str]]
+) -> ComparisonReading:
+    """Read two or more entries of a board; without names the two best; none if there are none.
+
+    Args:
+        session: Reads the records.
+        query: Which board.
+        pairs: The address: `a`, `b` and any number of `more`; empty ones are nobody.
+
+    Raises:
+        NotFound: A named entry does not stand on this board.
+    """
+    reading = read_board(session, query)
+    board, given = reading.board, dict(pairs)
+    if board is None:
+        return ComparisonReading(reading, (), (None, None))
+    more = dict.fromkeys(value for key, value in pairs if key == "more" and value)
+    named = [_named(board, given.get(key)) for key in ("a", "b")]
+    rest = [_named(board, key) for key in more]
+    pair = _pair(board, *named)
+    if pair is None:
+        return ComparisonReading(reading, (), (None, None))
+    others = [entry for entry in rest if entry and entry not in pair]
+    first, second = (_sheet(session, e.submission_id, board) for e in pair)
+    return ComparisonReading(reading, (*pair, *others)[:MAX_COMPARED], (first, second))
+
+
+def _pair(
+    board: Board, a: BoardEntry | None, b: BoardEntry | None
+) -> tuple[BoardEntry, BoardEntry] | None:
+    """Those who are named, and the best who are not."""
+    best = default_pair(board)
+    if a and b:
+        return a, b
+    if best is None or not (a or b):
+        return best
+    other = best[1] if best[0] in (a, b) else best[0]
+    return a or other, b or other
+
+
+def _named(board: Board, key: str | None) -> BoardEntry | None:
+    entry = find_entry(board, key) if key else None
+    if key and entry is None:
+        raise NotFound("entry on this board", key)
+    return entry
+
+
+def _sheet(session: Session, key: str | None, board: Board) -> ScoreSheet | None:
+    """As it may be shown: families and tasks wait for their date; reported entries have none."""
+    if key is None:
+        return None
     row = session.get(ScoreSheetRow, (key, board.protocol.digest, board.split.revision))
     phase = session.get_one(Phase, board.phase)
     return shown_sheet(session, phase, row) if row else None

@@ -1,124 +1,22 @@
-"""The page of one entry: its score sheet, breakdown, plausibility, history and receipt."""
+"""The page of one entry: what its template needs besides the documents that were read."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.protocol import PlausibilitySection, Protocol
-from exceptiondrive_schemas.score_sheet import (
-    BreakdownRow,
-    Flag,
-    Interval,
-    Plausibility,
-    ScoreSheet,
-)
-from exceptiondrive_server.boards.extra_tables import ExtraTable, effect_tables, extra_tables
-from exceptiondrive_server.boards.family_tiles import SMALL_FAMILY
+from exceptiondrive_schemas.protocol import PlausibilitySection
+from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
+from exceptiondrive_server.boards.extra_tables import effect_tables, extra_tables
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
-from exceptiondrive_server.boards.rows import Row, RowSetter
-from exceptiondrive_server.entries.facts import (
-    board_fields,
-    challenge_of,
-    entry_key,
-    interval_of,
-    outcome_parts,
-)
-from exceptiondrive_server.entries.history import History, PastStanding, history
-from exceptiondrive_server.entries.sample_drawings import DrawnGroup, drawn_groups
-from exceptiondrive_server.web.numbers import Digits, fixed, unit_of
-
-# Families and tasks of one entry: numbers and outcome bars, ready to be set.
-
-
-@dataclass(frozen=True)
-class Bar:
-    """Outcome bar with the interval of the first metric, in per cent of the width."""
-
-    kept: float
-    lost: float
-    hit: float
-    low: float | None
-    high: float | None
-
-
-@dataclass(frozen=True)
-class BreakdownLine:
-    """One family or task."""
-
-    id: str
-    title: str
-    detail: str
-    n: int | None
-    is_small: bool
-    is_family: bool
-    values: tuple[str | None, ...]
-    bar: Bar | None
-    words: str
-
-
-def breakdown_lines(
-    board: Board, entry: BoardEntry, sheet: ScoreSheet | None, protocol: Protocol, digits: Digits
-) -> tuple[BreakdownLine, ...]:
-    """Return each family of an entry, followed by its tasks where a score sheet is known."""
-    challenge = challenge_of(board)
-    tasks: Mapping[str, BreakdownRow] = sheet.tasks if sheet else {}
-    lines: list[BreakdownLine] = []
-    for head in board.families:
-        cell = entry.families.get(head.id)
-        if cell is None:
-            continue
-        interval = cell.intervals.get(challenge.metrics[0].key)
-        lines.append(_line(head.id, head.title, "", cell, challenge, digits, interval, True))
-        lines += [
-            _line(task.id, _title(task.name), task.hazard, tasks[task.id], challenge, digits)
-            for task in protocol.taxonomy.tasks_of(head.id)
-            if task.id in tasks
-        ]
-    return tuple(lines)
-
-
-def _title(name: str) -> str:
-    return name.replace("_", " ").capitalize()
-
-
-def _line(
-    key: str,
-    title: str,
-    detail: str,
-    row: BreakdownRow,
-    challenge: Challenge,
-    digits: Digits,
-    interval: Interval | None = None,
-    is_family: bool = False,
-) -> BreakdownLine:
-    values = tuple(digits.text(m, row.metrics.get(m.key)) for m in challenge.metrics)
-    named = zip(challenge.metrics, values, strict=True)
-    words = ", ".join(f"{metric.label} {text}" for metric, text in named if text is not None)
-    return BreakdownLine(
-        id=key,
-        title=title,
-        detail=detail,
-        n=row.n,
-        is_small=row.n is not None and row.n < SMALL_FAMILY,
-        is_family=is_family,
-        values=values,
-        bar=_bar(challenge, row, interval),
-        words=f"{title}: {words or 'no score'}",
-    )
-
-
-def _bar(challenge: Challenge, row: BreakdownRow, interval: Interval | None) -> Bar | None:
-    parts = outcome_parts(challenge, row.metrics)
-    low, high = (interval[0] * 100, interval[1] * 100) if interval else (None, None)
-    if parts is None:
-        first = row.metrics.get(challenge.metrics[0].key)
-        return None if first is None else Bar(first * 100, 0.0, 0.0, low, high)
-    return Bar(parts["kept"] * 100, parts["lost"] * 100, parts["hit"] * 100, low, high)
-
+from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
+from exceptiondrive_server.entries.facts import board_fields, challenge_of, entry_key, outcome_parts
+from exceptiondrive_server.entries.queries import EntryReading
+from exceptiondrive_server.entries.sample_drawings import panels
+from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.scales import Scale, nice_scale
 
 # What pages, badge and picture of an entry say of its rank: held, none, or none as it came late.
 
@@ -167,37 +65,22 @@ def _sentence(words: str) -> str:
 # Plausibility shares of an entry in words, each with the threshold of the protocol.
 
 
-@dataclass(frozen=True)
-class PlausibilityLine:
-    """One share: what it counts, its value in per cent, when it raises a flag."""
+class PlausibilityLine(NamedTuple):
+    """One share: what it counts, its value, what raises a flag, whether it is raised."""
 
     words: str
-    value: str | None
+    share: float | None
     threshold: str
-    flag: Flag | None
+    is_raised: bool
 
 
 def plausibility_lines(
     plausibility: Plausibility, section: PlausibilitySection
-) -> tuple[PlausibilityLine, ...]:
-    """Return a line for every share that the score sheet publishes."""
-    words = _words(section)
-    raised = {flag.code: flag for flag in plausibility.flags}
-    return tuple(
-        PlausibilityLine(
-            words=words.get(key, (key.replace("_", " "), "", ""))[0],
-            value=None if share is None else fixed(share * 100, 1),
-            threshold=words.get(key, ("", "", ""))[1],
-            flag=raised.get(words.get(key, ("", "", ""))[2]),
-        )
-        for key, share in _in_order(plausibility.shares, words)
-    )
-
-
-def _words(section: PlausibilitySection) -> dict[str, tuple[str, str, str]]:
-    """Share to its words, its threshold in words, and the flag that it may raise."""
+) -> list[PlausibilityLine]:
+    """Return a line for every share that the score sheet publishes, known ones first."""
     still = f"end less than {section.stationary_below_m:g} m from the start"
-    return {
+    turning = f"turning tighter than {section.min_turn_radius_m:g} m"
+    known = {  # share to its words, its threshold, the flag that it may raise
         "edited_stationary": (
             f"edited trajectories that {still}",
             f"more than {section.flag_edited_stationary_excess:.0%} above the source share",
@@ -214,155 +97,95 @@ def _words(section: PlausibilitySection) -> dict[str, tuple[str, str, str]]:
             "blind_to_the_edit",
         ),
         "impossible": (
-            (
-                f"edited trajectories above {section.max_acceleration_mps2:g} m/s\u00b2 or turning "
-                f"tighter than {section.min_turn_radius_m:g} m"
-            ),
+            f"edited trajectories above {section.max_acceleration_mps2:g} m/s\u00b2 or {turning}",
             f"above {section.flag_impossible:.0%}",
             "impossible_motion",
         ),
     }
+    raised = {flag.code for flag in plausibility.flags}
+    lines = []
+    for key in sorted(plausibility.shares, key=lambda key: [*known, key].index(key)):
+        words, threshold, flag = known.get(key, (key.replace("_", " "), "", ""))
+        lines.append(PlausibilityLine(words, plausibility.shares[key], threshold, flag in raised))
+    return lines
 
 
-def _in_order(
-    shares: dict[str, float | None], words: dict[str, tuple[str, str, str]]
-) -> list[tuple[str, float | None]]:
-    """Known shares in the order of the protocol's section, then any others."""
-    keys = [key for key in words if key in shares] + [key for key in shares if key not in words]
-    return [(key, shares[key]) for key in keys]
+class Part(NamedTuple):
+    """One family or task of an entry."""
 
-
-@dataclass(frozen=True)
-class Receipt:
-    """What was uploaded, and when it came."""
-
-    file_digest: str
-    size_bytes: int
-    received_at: datetime
-
-
-@dataclass(frozen=True)
-class EntryReading:
-    """What the records say of an entry."""
-
-    board: Board
-    entry: BoardEntry
-    protocol: Protocol
-    phase_title: str
-    is_current: bool
-    sheet: ScoreSheet | None
-    receipt: Receipt | None
-    past: tuple[PastStanding, ...]
-    drawings: EntryDrawings | None
-
-
-@dataclass(frozen=True)
-class AggregateLine:
-    """One metric under both averages."""
-
-    metric: Metric
-    unit: str
-    headline: str | None
-    other: str | None
-    interval: str | None
-
-
-@dataclass(frozen=True)
-class StripMark:
-    """One entry on the strip that shows where all stand."""
-
-    at: float
-    source: str
-    is_this: bool
+    id: str
     title: str
+    hazard: str
+    """Of a task; a family has none of its own."""
+    row: BreakdownRow
+    interval: Interval | None
+    """Of the first metric."""
+    is_family: bool
+
+    @property
+    def is_small(self) -> bool:
+        """Whether its numbers come from few samples."""
+        return self.row.n is not None and self.row.n < SMALL_FAMILY
+
+    def bar(self, challenge: Challenge) -> dict[str, float] | None:
+        """Return the outcome's three shares; of a paper that prints one metric alone, that one."""
+        values = self.row.metrics
+        first = values.get(challenge.metrics[0].key)
+        alone = None if first is None else {"kept": first, "lost": 0.0, "hit": 0.0}
+        parts = outcome_parts(challenge, values)
+        return alone if parts is None else {str(name): share for name, share in parts.items()}
 
 
-@dataclass(frozen=True)
-class EntryPage:
-    """Everything that `entry.html` needs."""
-
-    reading: EntryReading
-    challenge: Challenge
-    row: Row
-    standing: Standing
-    board_url: str
-    """The board that shows it, current, late or old."""
-    picture_url: str
-    axis: tuple[str, str]
-    strip: tuple[StripMark, ...]
-    headline_title: str
-    other_title: str
-    aggregates: tuple[AggregateLine, ...]
-    lines: tuple[BreakdownLine, ...]
-    outcome_words: dict[str, str]
-    plausibility: tuple[PlausibilityLine, ...]
-    history: History | None
-    drawn: tuple[DrawnGroup, ...]
-    extra: tuple[ExtraTable, ...]
-    neighbours: tuple[tuple[str, str, str], ...]
-    key: str
-
-
-def entry_page(reading: EntryReading) -> EntryPage:
-    """Set what was read of an entry."""
-    board, entry = reading.board, reading.entry
+def entry_page(reading: EntryReading) -> dict[str, Any]:
+    """Return what `entry.html` shows of an entry."""
+    board, entry, sheet = reading.board, reading.entry, reading.sheet
     challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
-    setter = RowSetter.of(board, board.headline, digits, is_current=reading.is_current)
-    first = challenge.metrics[0]
-    low, high = setter.axes[first.key].domain
-    other = "micro" if board.headline == "macro_family" else "macro_family"
-    sheet, row = reading.sheet, setter.row(entry)
-    section = reading.protocol.plausibility
-    return EntryPage(
-        reading=reading,
-        challenge=challenge,
-        row=row,
-        standing=standing_of(row, board),
-        board_url=f"/?{urlencode(board_fields(board, reading.is_current))}#board",
-        picture_url=f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
-        axis=(fixed(low * 100, 0), fixed(high * 100, 0)),
-        strip=_strip(setter, entry),
-        headline_title=AVERAGE_TITLES[board.headline],
-        other_title="over samples" if other == "micro" else "over families",
-        aggregates=tuple(_aggregate(board, entry, metric, digits) for metric in challenge.metrics),
-        lines=breakdown_lines(board, entry, sheet, reading.protocol, digits),
-        outcome_words={str(k): v for k, v in challenge.words.outcome.items()},
-        plausibility=plausibility_lines(sheet.plausibility, section) if sheet else (),
-        history=history(reading.past, board, digits),
-        drawn=drawn_groups(reading.drawings, board, entry, reading.protocol, reading.is_current),
-        extra=(
+    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
+    row, plausibility = builder.row(entry), reading.protocol.plausibility
+    is_macro = board.headline == "macro_family"
+    return {
+        "reading": reading,
+        "challenge": challenge,
+        "digits": digits,
+        "row": row,
+        "standing": standing_of(row, board),
+        "axis": builder.axes[challenge.metrics[0].key],
+        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
+        "other": entry.micro if is_macro else entry.macro_family,
+        "parts": tuple(_parts(reading, challenge.metrics[0])),
+        "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
+        "past_axis": _past_axis(reading, challenge.metrics[0]),
+        "panels": panels(reading),
+        "tables": (
             *effect_tables(board, entry, digits),
             *(extra_tables(sheet, reading.protocol, digits) if sheet else ()),
         ),
-        neighbours=_neighbours(reading),
-        key=entry_key(entry),
-    )
+        "neighbours": _neighbours(reading),
+        "board_url": f"/?{urlencode(board_fields(board, reading.is_current))}#board",
+        "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
+    }  # fmt: skip
 
 
-def _aggregate(board: Board, entry: BoardEntry, metric: Metric, digits: Digits) -> AggregateLine:
-    interval = interval_of(entry, board, board.headline, metric.key)
-    other = entry.micro if board.headline == "macro_family" else entry.macro_family
-    return AggregateLine(
-        metric=metric,
-        unit=unit_of(metric),
-        headline=digits.text(metric, entry.metrics.get(metric.key)),
-        other=digits.text(metric, other.get(metric.key)),
-        interval=f"{digits.text(metric, interval[0])} to {digits.text(metric, interval[1])}"
-        if interval
-        else None,
-    )
+def _parts(reading: EntryReading, first: Metric) -> Iterator[Part]:
+    """Each family of an entry, followed by its tasks where a score sheet is known."""
+    tasks = reading.sheet.tasks if reading.sheet else {}
+    for head in reading.board.families:
+        cell = reading.entry.families.get(head.id)
+        if cell is not None:
+            yield Part(head.id, head.title, "", cell, cell.intervals.get(first.key), True)
+            for task in reading.protocol.taxonomy.tasks_of(head.id):
+                if task.id in tasks:
+                    yield Part(task.id, task.title, task.hazard, tasks[task.id], None, False)
 
 
-def _strip(setter: RowSetter, this: BoardEntry) -> tuple[StripMark, ...]:
-    metric = setter.challenge.metrics[0]
-    marks = []
-    for entry in setter.board.entries:
-        value = entry.metrics.get(metric.key)
-        if value is not None:
-            text = f"{entry.method} {setter.digits.text(metric, value)} {unit_of(metric)}"
-            at = setter.axes[metric.key].clamped(value)
-            marks.append(StripMark(at, entry.source, entry is this, text))
-    return tuple(sorted(marks, key=lambda mark: mark.is_this))
+def _past_axis(reading: EntryReading, metric: Metric) -> Scale:
+    """One axis for all protocols under which the entry stood."""
+    values: list[float | None] = []
+    for past in reading.past:
+        interval = past.entry.intervals.get(metric.key) or ()
+        values += [past.entry.metrics.get(metric.key), *interval]
+    known = [value for value in values if value is not None]
+    return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
 
 
 def _picture_query(board: Board) -> str:
@@ -371,16 +194,16 @@ def _picture_query(board: Board) -> str:
     return urlencode(given)
 
 
-def _neighbours(reading: EntryReading) -> tuple[tuple[str, str, str], ...]:
-    """Comparisons with the entries just above and below on this board: words, method, address."""
+def _neighbours(reading: EntryReading) -> list[tuple[str, BoardEntry, str]]:
+    """Comparisons with the entries just above and below on this board: words, entry, address."""
     board, entry = reading.board, reading.entry
     ranked = [other for other in board.entries if other.rank is not None]
     if entry not in ranked:
-        others = [("the leader", ranked[0])] if ranked else []
+        others = [("the leader", other) for other in ranked[:1]]
     else:
         place = ranked.index(entry)
-        others = [("the entry above", ranked[place - 1])] if place else []
-        others += [("the entry below", ranked[place + 1])] if place + 1 < len(ranked) else []
+        others = [("the entry above", other) for other in ranked[max(place - 1, 0) : place]]
+        others += [("the entry below", other) for other in ranked[place + 1 : place + 2]]
     given = (*board_fields(board, reading.is_current), ("a", entry_key(entry)))
     base = f"/compare?{urlencode(given)}&b="
-    return tuple((words, other.method, base + entry_key(other)) for words, other in others)
+    return [(words, other, base + entry_key(other)) for words, other in others]

@@ -1,13 +1,14 @@
 """How numbers and times are written on a page: digits, units, minus signs, plurals."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_schemas.score_sheet import Interval
 
 MINUS = "\u2212"
 THIN_SPACE = "\u202f"
@@ -39,12 +40,30 @@ class Digits:
         """Write a fraction as per cent, without the sign."""
         return fixed(value * 100, self.percent)
 
-    def signed(self, metric: Metric, difference: float) -> str:
-        """Write a difference with its sign: per cent points or metres."""
-        text = self.text(metric, abs(difference)) or ""
+    def signed(self, metric: Metric, difference: float | None) -> str:
+        """Write a difference with its sign: per cent points or metres; nothing where it is unknown."""
+        text = self.text(metric, abs(difference)) if difference is not None else None
+        if difference is None or text is None:
+            return ""
         if not text.strip("0."):
             return text
         return f"{'+' if difference > 0 else MINUS}{text}"
+
+    def difference(self, metric: Metric, a: float | None, b: float | None) -> str:
+        """Write `a` minus `b` with its sign; nothing where one of the two is unknown."""
+        return self.signed(metric, None if a is None or b is None else a - b)
+
+    def interval(self, metric: Metric, interval: Interval | None, *, signed: bool = False) -> str:
+        """Write `57.30 to 65.50`; nothing where no interval is known."""
+        write = self.signed if signed else self.text
+        return " to ".join(write(metric, end) or "" for end in interval or ())
+
+    def best(self, metric: Metric, values: Iterable[float | None]) -> str | None:
+        """Write the best of some values; None where none is known or no way is better."""
+        known = [value for value in values if value is not None]
+        if not known or metric.better is None:
+            return None
+        return self.text(metric, max(known) if metric.better == "higher" else min(known))
 
 
 def unit_of(metric: Metric) -> str:

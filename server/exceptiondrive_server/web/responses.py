@@ -14,17 +14,19 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts.browser_session import Holder, holder_of
-from exceptiondrive_server.boards.scales import px
-from exceptiondrive_server.entries.facts import board_name
+from exceptiondrive_server.entries.comparison import family_value, is_sure
+from exceptiondrive_server.entries.facts import BADGES, board_name, entry_url, rank_range
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
 from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.services import services_of
 
 # Theme and frame: what a request says about how pages should look.
@@ -104,6 +106,11 @@ def with_article(noun: str) -> str:
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
 
 
+def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
+    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
+    return Markup(shapes(sample, width, height))
+
+
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -120,7 +127,9 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
+    made.globals.update(
+        asset=asset, THIN_SPACE=numbers.THIN_SPACE, BADGES=BADGES, entry_url=entry_url
+    )
     made.filters.update(
         day=numbers.day,
         minute=numbers.minute,
@@ -135,7 +144,12 @@ def environment() -> Environment:
         stars=stars,
         a=with_article,
         board_name=board_name,
+        rank_range=rank_range,
+        shapes=drawn,
+        unit=numbers.unit_of,
+        family_value=family_value,
     )
+    made.tests["sure"] = is_sure
     return made
 
 

@@ -8,8 +8,14 @@ from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifferen
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow
-from exceptiondrive_server.entries.comparison import compare_entries, default_pair, verdict
-from exceptiondrive_server.entries.difference_table import Sheets, difference_table, find_pair
+from exceptiondrive_server.entries.comparison import (
+    Comparison,
+    Sheets,
+    default_pair,
+    difference_table,
+    find_pair,
+    is_sure,
+)
 from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()
@@ -33,29 +39,35 @@ def entry(board: Board, method: str) -> Any:
 def test_the_verdict_never_says_more_than_the_data(
     lively_board: Board, a: str, b: str, words: str
 ) -> None:
-    assert words in verdict(lively_board, entry(lively_board, a), entry(lively_board, b), Digits())
+    pair = entry(lively_board, a), entry(lively_board, b)
+    assert words in Comparison(lively_board, *pair, Digits()).verdict
 
 
 def test_equal_published_values_are_called_equal(lively_board: Board) -> None:
     one = entry(lively_board, "Kestrel")
-    assert verdict(lively_board, one, one, Digits()) == "Both stand at 61.40 % HCC."
+    both = Comparison(lively_board, one, one, Digits())
+    assert both.verdict == "Both stand at 61.40 % HCC."
 
 
 def test_equal_families_are_called_equal_and_unreported_ones_unknown(
     lively_board: Board, paper_board: Board
 ) -> None:
     one, unreported = entry(lively_board, "Kestrel"), entry(paper_board, "VAD")
-    equal = compare_entries(lively_board, one, one, Digits())
+    equal = Comparison(lively_board, one, one, Digits())
     assert equal.families_sentence == "They are equal in every family."
-    unknown = compare_entries(paper_board, unreported, unreported, Digits())
+    unknown = Comparison(paper_board, unreported, unreported, Digits())
     assert unknown.families_sentence == "No family split is known for both."
 
 
 def test_differences_are_first_minus_second(paper_board: Board) -> None:
-    both = compare_entries(
+    both = Comparison(
         paper_board, entry(paper_board, "ST-P3"), entry(paper_board, "Impromptu"), Digits()
     )
-    assert [line.difference for line in both.metrics] == [
+    differences = [
+        Digits().difference(m, both.a.metrics.get(m.key), both.b.metrics.get(m.key))
+        for m in both.challenge.metrics
+    ]
+    assert differences == [
         "+1.39",
         "\u22120.81",
         "\u22120.28",
@@ -64,7 +76,9 @@ def test_differences_are_first_minus_second(paper_board: Board) -> None:
         "\u22120.46",
     ]
     assert both.chart is not None
-    assert [line.difference for line in both.chart.lines][:2] == ["+0.39", "\u22120.42"]
+    lines = both.chart.lines[:2]
+    families = [Digits().difference(both.first, line.a, line.b) for line in lines]
+    assert families == ["+0.39", "\u22120.42"]
     assert "The widest gap is 6.89 points, in intersection scenes." in both.families_sentence
 
 
@@ -164,9 +178,8 @@ async def test_at_most_six_are_compared_at_once(paired_site: Any) -> None:
 
 def test_tasks_are_compared_by_what_is_published(lively_board: Board, sheets: Sheets) -> None:
     board = with_pairs(lively_board)
-    pair = (board.entries[0], board.entries[2])
-    found = find_pair(board, "s0000000kq", "s0000002kq")
-    table = difference_table(board, PROTOCOL, pair, sheets, found, Digits())
+    both = Comparison(board, board.entries[0], board.entries[2], Digits())
+    table = difference_table(both, PROTOCOL, sheets)
     assert table is not None
     families = [line for line in table.lines if line.is_family]
     assert (len(families), len(table.lines)) == (6, 6 + 21)
@@ -174,14 +187,16 @@ def test_tasks_are_compared_by_what_is_published(lively_board: Board, sheets: Sh
     assert sheets[1] is not None
     values = [sheet.tasks["LB1"].metrics["hcc"] or 0 for sheet in sheets if sheet]
     line = next(line for line in table.lines if line.title == "Stalled vehicle")
-    assert line.difference == Digits().signed(PLANNING.metrics[0], values[0] - values[1])
-    assert (line.interval, line.verdict, line.is_sure) == ("+1 to +7", "Kestrel-2 is better", True)
+    hcc = PLANNING.metrics[0]
+    assert line.value == pytest.approx(values[0] - values[1])
+    assert line.interval(hcc, Digits()) == "+1 to +7"
+    assert line.found is not None
+    assert (line.found.verdict, is_sure(line.found)) == ("Kestrel-2 is better", True)
     family = next(line for line in families if line.title == "Lane Blockage")
-    assert family.interval == "+1.00 to +7.00"
+    assert family.interval(hcc, Digits()) == "+1.00 to +7.00"
     plain = next(line for line in table.lines if line.title == "Occluded pedestrian")
-    assert (plain.interval, plain.verdict, plain.is_sure) == ("", "", False)
-    assert plain.mark is not None
-    assert plain.mark.low is None
+    assert (plain.interval(hcc, Digits()), plain.found, is_sure(plain.found)) == ("", None, False)
+    assert plain.value is not None
 
 
 def test_a_withheld_task_has_no_difference(lively_board: Board, sheets: Sheets) -> None:
@@ -189,11 +204,11 @@ def test_a_withheld_task_has_no_difference(lively_board: Board, sheets: Sheets) 
     assert first is not None
     withheld = BreakdownRow.of(7, dict.fromkeys(first.tasks["LB1"].metrics))
     coarse = first.model_copy(update={"tasks": {**first.tasks, "LB1": withheld}})
-    pair = (lively_board.entries[0], lively_board.entries[2])
-    table = difference_table(lively_board, PROTOCOL, pair, (coarse, sheets[1]), None, Digits())
+    both = Comparison(lively_board, lively_board.entries[0], lively_board.entries[2], Digits())
+    table = difference_table(both, PROTOCOL, (coarse, sheets[1]))
     assert table is not None
     line = next(line for line in table.lines if line.title == "Stalled vehicle")
-    assert (line.difference, line.mark) == ("none", None)
+    assert line.value is None
 
 
 def test_the_other_order_turns_tasks_too(lively_board: Board) -> None:

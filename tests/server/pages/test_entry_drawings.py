@@ -8,9 +8,9 @@ import pytest
 from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server.entries.sample_drawings import drawn_groups, sample_page
 from exceptiondrive_server.web.numbers import Digits
 
 ENTRY = "/entries/s0000000kq"
@@ -83,18 +83,17 @@ async def test_the_drawings_of_an_old_board_stay_with_it(
     assert (await drawn_site.get(link[1].replace("&amp;", "&"))).status_code == 200
 
 
-def test_what_a_sample_earns_is_what_was_drawn(
-    real_drawings: EntryDrawings, lively_board: Board, protocol: Any
+async def test_what_a_sample_earns_is_what_was_drawn(
+    drawn_site: Any, real_drawings: EntryDrawings
 ) -> None:
-    groups = drawn_groups(real_drawings, lively_board, lively_board.entries[0], protocol, True)
     for drawn in real_drawings.samples:
         place = f"{drawn.chosen_as}-{drawn.drawing.family}"
-        page = sample_page(groups, place, lively_board, protocol)
-        assert page is not None
-        hcc = drawn.drawing.metrics["hcc"]
-        assert hcc is not None
-        assert page.values[0][1].startswith(Digits().fraction(hcc))
-        assert page.wide.shapes.count('class="box"') == len(drawn.drawing.footprints) == 7
+        text = (await drawn_site.get(f"{ENTRY}/samples/{place}")).text
+        hcc = Digits().text(PLANNING.metrics[0], drawn.drawing.metrics["hcc"])
+        assert re.search(rf"HCC</dt>\s*<dd>{hcc}\u202f%", text)
+        n_pictures, n_boxes = 2, len(drawn.drawing.footprints)
+        assert n_boxes == 7
+        assert text.count('class="box"') == n_pictures * n_boxes + 1  # of the legend
 
 
 async def test_the_history_names_every_published_protocol_with_rank_score_and_board(

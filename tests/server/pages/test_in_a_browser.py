@@ -1,27 +1,15 @@
 """The pages in a real browser: without script, by keyboard, narrow, dark, and looked at by axe."""
 
 import re
-import shutil
-import socket
-import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
-from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
+from playwright.sync_api import Browser, Page, ViewportSize
+from tests.support.browser import axe_violations
+from tests.support.serving import served
 
 pytestmark = pytest.mark.browser
-AXE = Path(__file__).parent / "vendor" / "axe.min.js"
-CHROMIUM = next(
-    (
-        path
-        for name in ("chromium", "chromium-browser", "google-chrome")
-        if (path := shutil.which(name))
-    ),
-    None,
-)
 PATHS = (
     "/",
     "/?average=micro&sort=ur",
@@ -71,30 +59,10 @@ class Visit:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """A headless Chromium of this machine."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed on this machine")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
 def address(shown_site: Any) -> Iterator[str]:
     """Address of a running site."""
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        port = listening.getsockname()[1]
-        config = uvicorn.Config(shown_site.app, log_level="critical", ws="none")
-        server = uvicorn.Server(config)
-        thread = threading.Thread(target=server.run, args=([listening],))
-        thread.start()
-        yield f"http://127.0.0.1:{port}"
-        server.should_exit = True
-        thread.join(timeout=20)
+    with served(shown_site.app) as address:
+        yield address
 
 
 @pytest.fixture
@@ -220,8 +188,7 @@ def test_axe_finds_nothing_wrong_in_the_dark_nor_on_a_phone(
 
 def violations(page: Page) -> list[str]:
     """What axe finds on a page: rule and place."""
-    page.add_script_tag(path=AXE)
-    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    found = axe_violations(page)
     return [f"{one['id']}: {one['nodes'][0]['html'][:160]}" for one in found]
 
 

@@ -3,9 +3,7 @@
 from typing import Any
 
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
-from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_server.entries.comparison import compare_entries
-from exceptiondrive_server.entries.difference_table import paired_table
+from exceptiondrive_server.entries.comparison import Comparison
 from exceptiondrive_server.web.numbers import MINUS, Digits
 
 SURE = PairedDifference(
@@ -25,35 +23,36 @@ def with_pair(board: Board, first: PairedDifference) -> Board:
 
 def test_a_pair_that_the_board_carries_is_judged_by_its_own_interval(lively_board: Board) -> None:
     board = with_pair(lively_board, SURE)
-    both = compare_entries(board, board.entries[0], board.entries[2], Digits())
+    both = Comparison(board, board.entries[0], board.entries[2], Digits())
     assert both.verdict.endswith(
         "Sample by sample, the difference in HCC is +1.12 to +7.13 points (95% interval): "
         "Kestrel-2 is better."
     )
     assert both.paired is not None
-    assert [line.discordant for line in both.paired.overall] == ["30.83 %", "20.00 %"]
-    assert [line.label for line in both.paired.families] == ["Lane Blockage, HCC %"]
+    assert [found.discordant for found in both.paired.overall.values()] == [0.3083, 0.2]
+    assert list(both.paired.families) == ["lane_blockage"]
 
 
 def test_the_other_order_turns_the_numbers_and_not_the_verdict(lively_board: Board) -> None:
     board = with_pair(lively_board, SURE)
-    a, b = (board.entries[place].submission_id or "" for place in (2, 0))
-    turned = paired_table(board, a, b, PLANNING, Digits())
-    assert turned is not None
-    line = turned.overall[0]
-    assert (line.difference, line.interval) == (f"{MINUS}4.09", f"{MINUS}7.13 to {MINUS}1.12")
-    assert line.verdict == "Kestrel-2 is better"
+    turned = Comparison(board, board.entries[2], board.entries[0], Digits())
+    assert turned.paired is not None
+    found = turned.paired.overall["hcc"]
+    assert turned.digits.signed(turned.first, found.difference) == f"{MINUS}4.09"
+    interval = turned.digits.interval(turned.first, found.interval, signed=True)
+    assert interval == f"{MINUS}7.13 to {MINUS}1.12"
+    assert found.verdict == "Kestrel-2 is better"
 
 
 def test_an_interval_over_zero_settles_nothing(lively_board: Board) -> None:
     board = with_pair(lively_board, OPEN)
-    both = compare_entries(board, board.entries[0], board.entries[2], Digits())
+    both = Comparison(board, board.entries[0], board.entries[2], Digits())
     assert both.verdict.endswith("this split does not settle which is better.")
 
 
 def test_without_a_pair_the_rank_intervals_speak(lively_board: Board) -> None:
     first, second = lively_board.entries[:2]
-    both = compare_entries(lively_board, first, second, Digits())
+    both = Comparison(lively_board, first, second, Digits())
     assert both.paired is None
     assert "rank intervals" in both.verdict
 
@@ -65,6 +64,7 @@ async def test_the_page_shows_the_table_where_there_is_one(site: Any, lively_boa
     text = (await site.get(f"/compare?phase=sample&a={ids[0]}&b={ids[2]}")).text
     assert "Sample by sample" in text
     assert "+1.12 to +7.13" in text
+    assert "30.83 %" in text
     other = (await site.get(f"/compare?phase=sample&a={ids[0]}&b={ids[1]}")).text
     assert 'id="paired"' not in other
     assert "rank intervals" in other

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from tests.heaviest_first import HEAVIEST
+from tests.support.speed import HEAVIEST
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def test_every_file_that_is_to_come_first_is_there() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import psycopg
 import pytest
-from tests.postgres_server import TEMPLATE, Postgres
+from tests.support.databases import TEMPLATE, Postgres
 
 pytestmark = [pytest.mark.postgres]
 ADD_TEAM = (

@@ -1,0 +1,78 @@
+"""A pytest plugin: nothing is done twice that can be done once, and no process idles at the end.
+
+Statements are compiled once per process: a test has a database of its own and so an engine of its own,
+which would compile each statement anew, a quarter of the processor time of a test on the API.
+Certificates of authorities are read once per process, not for every client (45 ms each); one that a
+test names is read every time: it may have been replaced. Files that take longest come first: xdist
+would start with those of most tests, and a browser or a deployment of its own has few.
+"""
+
+import ssl
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import certifi
+import pytest
+from sqlalchemy import Engine
+from sqlalchemy.util import LRUCache
+
+from exceptiondrive_records.db import database
+
+HEAVIEST = (
+    "tests/rescoring/test_organizer_in_a_browser.py",
+    "tests/launcher/test_launch.py",
+    "tests/server/pages/test_in_a_browser.py",
+    "tests/end_to_end/test_images_to_ranked_entry.py",
+    "tests/access/test_real_server.py",
+    "tests/operating/test_running_server.py",
+    "tests/records/test_lifecycle_machine.py",
+    "tests/phases/test_in_a_browser.py",
+    "tests/chaos/test_short_form.py",
+    "tests/server/test_openapi.py",
+    "tests/end_to_end/test_main_job.py",
+    "tests/end_to_end/test_in_the_browser.py",
+    "tests/operating/test_production_topology.py",
+    "tests/worker/test_with_real_broker.py",
+)
+"""More than 20 s each, by measurement."""
+OF_THE_MACHINE = (None, certifi.where())
+FIRST: dict[str, Any] = {}
+"""By backend, the engine whose dialect and cache the later ones take over."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    database._engine = sharing(database._engine)  # type: ignore[assignment]
+    ssl.create_default_context = read_once(ssl.create_default_context)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {path: place for place, path in enumerate(HEAVIEST)}
+    items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
+
+
+def sharing(make: Callable[[str], Engine]) -> Callable[[str], Engine]:
+    """Wrap what makes engines; a dialect is shared once it has met its server."""
+
+    def made(url: str) -> Engine:
+        engine: Any = make(url)
+        first = FIRST.get(engine.name)
+        if first is not None and getattr(first.dialect, "server_version_info", None):
+            engine.dialect, engine._compiled_cache = first.dialect, first._compiled_cache
+        else:
+            engine._compiled_cache = LRUCache(10_000)
+            FIRST[engine.name] = engine
+        return engine  # type: ignore[no-any-return]
+
+    return made
+
+
+def read_once(make: Callable[..., ssl.SSLContext]) -> Callable[..., ssl.SSLContext]:
+    """Wrap what makes TLS contexts; the one with the machine's certificates is kept."""
+    once = cache(make)
+
+    def made(*purpose: Any, **certificates: Any) -> ssl.SSLContext:
+        is_lasting = certificates.get("cafile") in OF_THE_MACHINE
+        return (once if is_lasting else make)(*purpose, **certificates)
+
+    return made
