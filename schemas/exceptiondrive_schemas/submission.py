@@ -119,9 +119,6 @@ class Quota(Document):
 class PhaseView(PhaseSettings):
     """A dated stage of a challenge, with its own split, protocol and limits."""
 
-    title: str
-    """As it is recorded: the bounds of a setting are those of its writers."""
-    description: str
     id: str
     challenge: ChallengeId
     title: str
