@@ -30,7 +30,7 @@ from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -193,7 +193,7 @@ def seed(site: Site) -> str:
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Dev",
                 split="withheld",
                 protocol="1.0",

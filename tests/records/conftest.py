@@ -16,7 +16,7 @@ from exceptiondrive_records.submissions.submissions import Accepted, accept
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.jobs import Finish, finish_scored
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -86,7 +86,7 @@ def build_world(
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Development",
                 split="sample",
                 protocol="1.0",

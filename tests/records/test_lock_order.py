@@ -19,7 +19,7 @@ from exceptiondrive_records.work.board_requests import claim_board, is_due, want
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.phase_boards import want_boards
 from exceptiondrive_records.work.tables import Job, WorkState
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -107,7 +107,7 @@ def test_who_builds_boards_waits_for_no_request_that_another_holds(world: World)
             session,
             NewPhase(
                 id="other",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Other",
                 split="sample",
                 protocol="1.0",

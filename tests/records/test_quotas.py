@@ -56,6 +56,8 @@ import sys
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import QuotaExceeded
 from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.errors import QuotaExceeded
+from exceptiondrive_records.submissions import accept
 
 url, team_id, *numbers = sys.argv[1:]
 database = Database(url)

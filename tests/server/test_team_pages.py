@@ -8,6 +8,7 @@ from tests.support.work import claim_this
 
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def reject(api: "Api", submission_id: str, report: CheckReport) -> None:
 
 
 REPORT = CheckReport(
-    challenge="planning",
+    challenge=PLANNING.id,
     split="sample",
     n_predictions=3,
     digest="sha256:0",

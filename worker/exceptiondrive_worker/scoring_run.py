@@ -17,7 +17,7 @@ from exceptiondrive_records.work.jobs import (
     finish_scored,
 )
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring import SCORER_VERSION
@@ -110,7 +110,7 @@ def _score(context: WorkerContext, job: Job) -> None:
         phase = session.get_one(Phase, submission.phase_id)
         protocol = find_protocol(session, job.protocol_digest)
         read_under = accepted_under(session, submission.id) or protocol
-    challenge = CHALLENGES[ChallengeId(phase.challenge)]
+    challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, job.split_revision, protocol)
     try:
         scored = context.stages.score(

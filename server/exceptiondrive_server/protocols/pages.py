@@ -101,6 +101,8 @@ class ProtocolPage:
     scene: SceneDrawing
     cards: tuple[MetricCard, ...]
     strategy_cards: tuple[MetricCard, ...]
+    further_cards: tuple[tuple[str, tuple[MetricCard, ...]], ...]
+    """Title and metrics of each further challenge."""
     rules: tuple[RankRule, ...]
     families: tuple[FamilyBlock, ...]
     strategies: tuple[Strategy, ...]
@@ -112,7 +114,9 @@ def protocol_page(
     protocol: Protocol, versions: Sequence[Protocol], drawing: ProtocolDrawing
 ) -> ProtocolPage:
     """Set a protocol; `versions` are all of them, oldest first."""
-    cards, strategy_cards = (metric_cards(challenge) for challenge in CHALLENGES.values())
+    (_, cards), (_, strategy_cards), *further = (
+        (each.title, metric_cards(each)) for each in CHALLENGES.values()
+    )
     previous = _previous(protocol, versions)
     return ProtocolPage(
         protocol=protocol,
@@ -120,6 +124,7 @@ def protocol_page(
         scene=scene_drawing(drawing, protocol),
         cards=cards,
         strategy_cards=strategy_cards,
+        further_cards=tuple(further),
         rules=_rank_rules(protocol),
         families=_families(protocol),
         strategies=_by_caution(protocol),

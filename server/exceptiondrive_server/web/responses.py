@@ -18,7 +18,6 @@ from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts.browser_session import Holder, holder_of
-from exceptiondrive_server.boards.scales import px
 from exceptiondrive_server.entries.comparison import family_value, is_sure
 from exceptiondrive_server.entries.facts import BADGES, board_name, entry_url, rank_range
 from exceptiondrive_server.web import numbers
@@ -27,6 +26,7 @@ from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
 from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.services import services_of
 
 # Theme and frame: what a request says about how pages should look.

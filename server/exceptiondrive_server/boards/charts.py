@@ -13,7 +13,6 @@ from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.score_sheet import Interval
 from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.boards.scales import Scale, nice_scale, px
 from exceptiondrive_server.entries.facts import (
     challenge_of,
     entry_key,
@@ -22,6 +21,7 @@ from exceptiondrive_server.entries.facts import (
     values_of,
 )
 from exceptiondrive_server.web.numbers import Digits, fixed
+from exceptiondrive_server.web.scales import Scale, nice_scale, px
 
 CHARACTER_WIDTH = 7.4
 LINE_HEIGHT = 16.0
