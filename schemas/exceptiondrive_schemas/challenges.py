@@ -37,6 +37,8 @@ class Metric(Document):
     meaning: str
     formula: str = ""
     """Its equation as MathML; empty where words are enough."""
+    part_of: str = ""
+    """Key of the metric of which it is a component; it is explained there."""
 
 
 class RankKey(Document):
@@ -149,6 +151,7 @@ PLANNING = Challenge(
             better=None,
             role="diagnostic",
             meaning="Longitudinal part of the shift.",
+            part_of="cts",
         ),
         Metric(
             key="cts_y",
@@ -158,6 +161,7 @@ PLANNING = Challenge(
             better=None,
             role="diagnostic",
             meaning="Lateral part of the shift.",
+            part_of="cts",
         ),
     ),
 )

@@ -7,8 +7,8 @@ from typing import Literal
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_server.boards.entry_facts import challenge_of, values_of
 from exceptiondrive_server.boards.query import BY_RANK, SOURCES, Average, BoardQuery
-from exceptiondrive_server.entries.facts import challenge_of, values_of
 from exceptiondrive_server.web.numbers import unit_of
 
 Order = Literal["ascending", "descending"]

@@ -7,7 +7,7 @@ from functools import partial
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.entries.facts import entry_url, primary_metrics
+from exceptiondrive_server.boards.entry_facts import entry_url, primary_metrics
 from exceptiondrive_server.web.numbers import THIN_SPACE, Digits, grouped, with_unit
 
 

@@ -12,11 +12,11 @@ from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.rescoring import BoardHistoryLine
+from exceptiondrive_server.boards.entry_facts import board_fields, entry_key
 from exceptiondrive_server.boards.headline import Headline, headline
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, AVERAGES, BoardQuery
 from exceptiondrive_server.boards.view import BoardView, board_view
-from exceptiondrive_server.entries.facts import board_fields, entry_key
-from exceptiondrive_server.entries.scene_drawing import SceneDrawing, scene_drawing
+from exceptiondrive_server.protocols.scene_drawing import SceneDrawing, scene_drawing
 from exceptiondrive_server.web.numbers import Digits, day, listed, minute
 from exceptiondrive_server.web.page_parts import Choice, MetricCard, Notice, PhaseLink, metric_cards
 

@@ -15,18 +15,17 @@ from resvg_py import svg_to_bytes
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_server.boards.entry_facts import board_name, challenge_of, primary_metrics
 from exceptiondrive_server.boards.headline import headline
 from exceptiondrive_server.boards.page import BoardReading
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.rows import Row, RowSetter
-from exceptiondrive_server.boards.scales import px
-from exceptiondrive_server.entries.facts import board_name, challenge_of, primary_metrics
 from exceptiondrive_server.entries.queries import EntryReading, read_entry
 from exceptiondrive_server.entries.view import Standing, standing_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
-from exceptiondrive_server.web.numbers import Digits, day
+from exceptiondrive_server.web.numbers import Digits, day, px
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, render
 
 # Words in a picture: SVG text neither wraps nor ends by itself.

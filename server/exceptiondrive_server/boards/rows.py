@@ -5,10 +5,7 @@ from dataclasses import dataclass
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_server.boards.family_tiles import FamilyTile, HeatScale, family_tiles
-from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.boards.scales import Scale, nice_scale
-from exceptiondrive_server.entries.facts import (
+from exceptiondrive_server.boards.entry_facts import (
     BADGES,
     Badge,
     challenge_of,
@@ -19,6 +16,9 @@ from exceptiondrive_server.entries.facts import (
     primary_metrics,
     values_of,
 )
+from exceptiondrive_server.boards.family_tiles import FamilyTile, HeatScale, family_tiles
+from exceptiondrive_server.boards.query import Average
+from exceptiondrive_server.boards.scales import Scale, nice_scale
 from exceptiondrive_server.web.numbers import DASH, Digits, day, iso
 
 

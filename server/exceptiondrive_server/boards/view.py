@@ -22,11 +22,11 @@ from exceptiondrive_server.boards.columns import (
     metric_columns,
     select,
 )
+from exceptiondrive_server.boards.comparison import Comparison, default_pair
+from exceptiondrive_server.boards.entry_facts import BADGES, challenge_of
 from exceptiondrive_server.boards.family_tiles import HEAT_STEPS, HeatScale, short_title
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BY_RANK, SOURCES, Average, BoardQuery
 from exceptiondrive_server.boards.rows import Row, RowSetter
-from exceptiondrive_server.entries.comparison import Comparison, default_pair
-from exceptiondrive_server.entries.facts import BADGES, challenge_of
 from exceptiondrive_server.web.numbers import Digits, fixed, grouped
 
 # The family heat map: one line per entry, one cell per family.
