@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import quantiles
 
-import httpx2
+import httpx
 
 FLOOD = "flood"
 _FLOOD_SHARE = 0.3
@@ -102,14 +102,14 @@ def upload(url: str, phase: str, token: str, data: bytes, seen: Uploads) -> None
     while True:
         began = time.monotonic()
         try:
-            answer = httpx2.post(
+            answer = httpx.post(
                 f"{url}/api/v1/submissions",
                 data={"phase": phase, "method": method},
                 files={"file": ("f.json.gz", data)},
                 headers=headers,
                 timeout=60,
             )
-        except httpx2.HTTPError:
+        except httpx.HTTPError:
             seen.refused[0] = seen.refused.get(0, 0) + 1
             time.sleep(1)
             continue
@@ -163,12 +163,12 @@ class Readers:
         return Reading(int(n), int(errors), float(p50_s), float(p99_s), float(longest_s))
 
     def _read(self) -> None:
-        with httpx2.Client(timeout=60) as http:
+        with httpx.Client(timeout=60) as http:
             while not self._stopped.wait(_LOOKS_EVERY_MS / 1000):
                 began = time.monotonic()
                 try:
                     is_well = http.get(self._url).status_code == 200
-                except httpx2.HTTPError:
+                except httpx.HTTPError:
                     is_well = False
                 self._took_s.append(time.monotonic() - began)
                 self._errors += not is_well

@@ -30,7 +30,7 @@ def big_board(protocol: Protocol, n_entries: int = ENTRIES) -> Board:
     """Return a board of invented entries."""
     families = tuple(FamilyHead(id=f.id, title=f.title, n=70) for f in protocol.families)
     return Board(
-        challenge=PLANNING.id.value,
+        challenge=PLANNING.id,
         phase="bench",
         split=SplitRef(name="bench", revision="sha256:" + "3f9a" * 16),
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),

@@ -25,7 +25,7 @@ from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 
 N_SAMPLES = 3181
@@ -158,7 +158,7 @@ def _open_phase(base: Path, environment: dict[str, str]) -> str:
     with database.write() as session:
         new = NewPhase(
             id="bench",
-            challenge=ChallengeId.PLANNING,
+            challenge=PLANNING.id,
             title="Bench",
             split="bench",
             protocol="1.0",

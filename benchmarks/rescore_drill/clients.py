@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-import httpx2
+import httpx
 
 from benchmarks.rescore_drill.stage import PHASE
 
@@ -19,7 +19,7 @@ class Clients:
         self._files = files
         self.n_submitted = 0
         self._clients = {
-            who: httpx2.Client(
+            who: httpx.Client(
                 base_url=f"{url}/api/v1",
                 headers={"Authorization": f"Bearer {token}"},
                 timeout=60,

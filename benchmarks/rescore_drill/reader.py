@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
-import httpx2
+import httpx
 
 from benchmarks.rescore_drill.stage import PHASE
 
@@ -39,7 +39,7 @@ class Reader:
         self._thread.join()
 
     def _read(self) -> None:
-        with httpx2.Client(timeout=30) as client:
+        with httpx.Client(timeout=30) as client:
             while not self._stop.is_set():
                 answer = client.get(f"{self.url}/api/v1/leaderboard", params={"phase": PHASE})
                 digest = hashlib.sha256(answer.content).hexdigest()

@@ -21,7 +21,6 @@ from exceptiondrive.errors import (
 from exceptiondrive.transport import Connection, Progress, UploadBody, quoted
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
@@ -225,7 +224,7 @@ class Client(Connection):
             file,
             manifest=self.manifest(phase),
             protocol=self.protocol_of(view),
-            challenge=ChallengeId(view.challenge),
+            challenge=view.challenge,
             max_upload_bytes=view.max_upload_bytes,
         )
 

@@ -14,12 +14,12 @@ import gzip
 import io
 import json
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from exceptiondrive.checking import write_file
 from exceptiondrive.errors import InvalidArgumentError
 
 Waypoints = tuple[tuple[float, ...], ...]
@@ -262,13 +262,7 @@ def write_submission(path: Path, split: str, pairs: Iterable[RawPair]) -> int:
         for pair in pairs
     ]
     document = {"schema": SCHEMA, "split": split, "predictions": predictions}
-    data = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    if path.suffix == ".gz":
-        data = gzip.compress(data, mtime=0)
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    os.replace(part, path)
-    return len(data)
+    return write_file(path, json.dumps(document, separators=(",", ":"), allow_nan=False))
 
 
 def _text(path: Path) -> str:

@@ -74,10 +74,8 @@ def read_split(path: str | os.PathLike[str]) -> Split:
 
 def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreSheet:
     """Score what a sound file says: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
-    from exceptiondrive_scoring.challenge import SCORING
-    from exceptiondrive_scoring.document_columns import document_columns
-    from exceptiondrive_scoring.exact_sheet import exact_sheet
-    from exceptiondrive_scoring.split_arrays import split_arrays
+    from exceptiondrive_scoring.arrays import split_arrays
+    from exceptiondrive_scoring.challenge import SCORING, document_columns, exact_sheet
 
     try:
         arrays = split_arrays(split.samples, protocol.taxonomy)

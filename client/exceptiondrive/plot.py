@@ -22,11 +22,10 @@ class Scenes:
     """Draws samples with the scoring code itself (`exceptiondrive_scoring.drawing`)."""
 
     def __init__(self, document: CheckedDocument, split: Split, protocol: Protocol) -> None:
-        from exceptiondrive_scoring.arrays import TrajectoryPairs
-        from exceptiondrive_scoring.document_columns import document_columns
+        from exceptiondrive_scoring.arrays import TrajectoryPairs, split_arrays
+        from exceptiondrive_scoring.challenge import document_columns
         from exceptiondrive_scoring.drawing import Drawer
         from exceptiondrive_scoring.measure import measure
-        from exceptiondrive_scoring.split_arrays import split_arrays
 
         if not isinstance(document, PlanningDocument):
             raise InvalidArgumentError(

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import Any, NoReturn, Self
 from urllib.parse import quote
 
-import httpx2
+import httpx
 import stamina
 from pydantic import ValidationError
 
@@ -97,7 +97,7 @@ _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 
 
-def raise_problem(response: httpx2.Response) -> NoReturn:
+def raise_problem(response: httpx.Response) -> NoReturn:
     """Raise the error that this answer stands for."""
     try:
         problem = Problem.read(response.content)
@@ -129,7 +129,7 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
     return kind(problem.code.value, problem.detail, advice)
 
 
-def retry_after_s(response: httpx2.Response) -> float | None:
+def retry_after_s(response: httpx.Response) -> float | None:
     """Return the seconds of a Retry-After header, or None."""
     value = response.headers.get("retry-after", "")
     return float(value) if value.isascii() and value.isdigit() else None
@@ -143,7 +143,7 @@ def _reset(wait_s: float | None) -> datetime | None:
     return moment.replace(second=0, microsecond=0)
 
 
-def _unknown_answer(response: httpx2.Response) -> ExceptionDriveError:
+def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
     """Return the error for an answer in another form, such as that of a proxy on the way."""
     answered = f"{response.url.copy_with(query=None)} answered {response.status_code}"
     match response.status_code:
@@ -181,7 +181,7 @@ Query = Mapping[str, str | int | None]
 class _NotNowError(Exception):
     """The server asked to come back."""
 
-    def __init__(self, response: httpx2.Response) -> None:
+    def __init__(self, response: httpx.Response) -> None:
         self.response = response
         self.wait_s = retry_after_s(response)
 
@@ -204,8 +204,8 @@ class Transport:
         headers = {"user-agent": f"exceptiondrive/{version('exceptiondrive')}"}
         if token:
             headers["authorization"] = f"Bearer {token}"
-        self._http = httpx2.Client(
-            base_url=f"{server}/api/v1", headers=headers, timeout=httpx2.Timeout(timeout_s)
+        self._http = httpx.Client(
+            base_url=f"{server}/api/v1", headers=headers, timeout=httpx.Timeout(timeout_s)
         )
 
     def close(self) -> None:
@@ -214,14 +214,14 @@ class Transport:
 
     def get(
         self, path: str, query: Query | None = None, headers: Mapping[str, str] | None = None
-    ) -> httpx2.Response:
+    ) -> httpx.Response:
         """GET; raises the error of a problem, or `NetworkError`."""
         params = {key: value for key, value in (query or {}).items() if value is not None}
         return self._send(lambda: self._http.get(path, params=params, headers=headers))
 
     def post(
         self, path: str, body: Callable[[], dict[str, Any]], *, is_repeatable: bool = True
-    ) -> httpx2.Response:
+    ) -> httpx.Response:
         """POST; `body` makes the arguments of each attempt anew, streams included.
 
         Args:
@@ -240,18 +240,18 @@ class Transport:
         body = {"json": {key: value for key, value in document.items() if value is not None}}
         return self.post(path, lambda: dict(body), is_repeatable=False).json()
 
-    def patch(self, path: str, body: Callable[[], dict[str, Any]]) -> httpx2.Response:
+    def patch(self, path: str, body: Callable[[], dict[str, Any]]) -> httpx.Response:
         """PATCH; the same change twice is one."""
         return self._send(lambda: self._http.patch(path, **body()))
 
     def _send(
-        self, request: Callable[[], httpx2.Response], is_repeatable: bool = True
-    ) -> httpx2.Response:
+        self, request: Callable[[], httpx.Response], is_repeatable: bool = True
+    ) -> httpx.Response:
         try:
             response = self._with_retries(request, self._attempts if is_repeatable else 1)
         except _NotNowError as not_now:
             response = not_now.response
-        except httpx2.TransportError as error:
+        except httpx.TransportError as error:
             raise NetworkError(
                 "unreachable",
                 f"{self.server} cannot be reached: {str(error) or type(error).__name__}.",
@@ -261,9 +261,7 @@ class Transport:
             raise_problem(response)
         return response
 
-    def _with_retries(
-        self, request: Callable[[], httpx2.Response], attempts: int
-    ) -> httpx2.Response:
+    def _with_retries(self, request: Callable[[], httpx.Response], attempts: int) -> httpx.Response:
         for attempt in stamina.retry_context(
             on=_should_retry, attempts=attempts, wait_initial=0.2, wait_max=5.0, timeout=120.0
         ):
@@ -276,8 +274,8 @@ class Transport:
 
 def _should_retry(error: Exception) -> bool | float:
     """Whether to send again: True for the usual pause, or the seconds that the server asks for."""
-    if isinstance(error, httpx2.TransportError):
-        return not isinstance(error, httpx2.UnsupportedProtocol | httpx2.LocalProtocolError)
+    if isinstance(error, httpx.TransportError):
+        return not isinstance(error, httpx.UnsupportedProtocol | httpx.LocalProtocolError)
     if not isinstance(error, _NotNowError):
         return False
     if error.wait_s is None:
@@ -285,7 +283,7 @@ def _should_retry(error: Exception) -> bool | float:
     return error.wait_s if error.wait_s <= LONGEST_RETRY_AFTER_S else False
 
 
-def _is_too_fast(response: httpx2.Response) -> bool:
+def _is_too_fast(response: httpx.Response) -> bool:
     """Whether the server wants fewer requests a second; a spent quota is another 429."""
     if response.status_code != 429:
         return False

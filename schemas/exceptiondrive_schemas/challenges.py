@@ -1,13 +1,17 @@
-"""The two challenges as data: which file they take, which metrics they give, what ranks.
+"""The challenges as data: which file they take, which metrics they give, what ranks.
 
-A challenge differs from its sibling only here, in the scoring package (measure, grade) and in the
-submission file's form. Check, upload, jobs, records, rescoring, boards and pages are the same code.
+A challenge differs from its siblings only in three places, each registered under its identifier:
+here and in how its file is checked (`exceptiondrive_schemas.check.register`), and in how it is
+measured and graded (`exceptiondrive_scoring.challenge.register`, which the server never imports).
+Upload, jobs, records, rescoring, boards and pages are the same code.
 """
 
-from collections.abc import Mapping
-from enum import StrEnum
-from types import MappingProxyType
-from typing import Literal
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, Literal, NewType, Self, TypeVar
+
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
 
 from exceptiondrive_schemas import formulas
 from exceptiondrive_schemas.base import Document
@@ -17,16 +21,29 @@ from exceptiondrive_schemas.challenge_words import (
     ChallengeWords,
 )
 
+ChallengeId = NewType("ChallengeId", str)
+"""Identifier of a challenge: the key of its registration. No enumeration, because challenges can be
+added; a reader of answers takes one that it does not know."""
 
-class ChallengeId(StrEnum):
-    """Identifier of a challenge."""
 
-    PLANNING = "planning"
-    STRATEGY = "strategy"
+class UnknownChallengeError(KeyError):
+    """Nothing is registered under this identifier."""
+
+    def __init__(self, challenge_id: str, known: Iterable[str]) -> None:
+        self.sentence = f"There is no challenge {challenge_id!r} here; known: {', '.join(known)}."
+        super().__init__(self.sentence)
+
+    def __str__(self) -> str:
+        return self.sentence
 
 
 class Metric(Document):
-    """One column of a board: what it is called, which way is better, what it may decide."""
+    """One column of a board: what it is called, which way is better, what it may decide.
+
+    `aggregation` says what the values of samples become in a task, a family and overall: their mean,
+    the share of ones (the mean of zeros and ones), their minimum, or a quantile without
+    interpolation: the least value that a share of `level` of the samples does not exceed.
+    """
 
     key: str
     label: str
@@ -39,6 +56,20 @@ class Metric(Document):
     """Its equation as MathML; empty where words are enough."""
     part_of: str = ""
     """Key of the metric of which it is a component; it is explained there."""
+    aggregation: Literal["mean", "share", "minimum", "quantile"] = "mean"
+    level: float | None = Field(default=None, gt=0, le=1)
+    """Of a quantile: 0.5 is the median."""
+
+    @model_validator(mode="after")
+    def _a_quantile_has_a_level(self) -> Self:
+        if (self.aggregation == "quantile") != (self.level is not None):
+            raise ValueError("a quantile, and nothing else, has a level")
+        return self
+
+    @property
+    def order_level(self) -> float | None:
+        """Which order statistic of the samples it is, 0 for the minimum; None where it is a mean."""
+        return {"minimum": 0.0, "quantile": self.level}.get(self.aggregation)
 
 
 class RankKey(Document):
@@ -93,7 +124,7 @@ class Challenge(Document):
 
 
 PLANNING = Challenge(
-    id=ChallengeId.PLANNING,
+    id=ChallengeId("planning"),
     title="Planning",
     file_schema="exceptiondrive.planning/1",
     words=PLANNING_WORDS,
@@ -118,6 +149,7 @@ PLANNING = Challenge(
             unit="fraction",
             better="lower",
             role="primary",
+            aggregation="share",
             meaning="Share of samples in which the collision tube touches the hazard region.",
             formula=formulas.UR,
         ),
@@ -167,7 +199,7 @@ PLANNING = Challenge(
 )
 
 STRATEGY = Challenge(
-    id=ChallengeId.STRATEGY,
+    id=ChallengeId("strategy"),
     title="Strategy",
     file_schema="exceptiondrive.strategy/1",
     words=STRATEGY_WORDS,
@@ -181,6 +213,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better="higher",
             role="primary",
+            aggregation="share",
             meaning="Share of samples whose strategy is in the acceptable set.",
             formula=formulas.ACCURACY,
         ),
@@ -191,6 +224,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better="lower",
             role="primary",
+            aggregation="share",
             meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
             formula=formulas.UNDER_WARNING,
         ),
@@ -201,6 +235,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better=None,
             role="diagnostic",
+            aggregation="share",
             meaning="Wrong, but not too little caution.",
         ),
         Metric(
@@ -210,14 +245,73 @@ STRATEGY = Challenge(
             unit="fraction",
             better="lower",
             role="diagnostic",
+            aggregation="share",
             meaning="No answer given; counted as wrong and under-warning.",
         ),
     ),
 )
 
-CHALLENGES: Mapping[ChallengeId, Challenge] = MappingProxyType(
-    {challenge.id: challenge for challenge in (PLANNING, STRATEGY)}
-)
-CHALLENGE_OF_FILE_SCHEMA: Mapping[str, Challenge] = MappingProxyType(
-    {challenge.file_schema: challenge for challenge in CHALLENGES.values()}
-)
+Registered = TypeVar("Registered")
+
+
+class Registry(Mapping[ChallengeId, Registered]):
+    """One thing for each challenge; looking up a challenge that is not there says which are."""
+
+    def __init__(self) -> None:
+        self._registered: dict[ChallengeId, Registered] = {}
+
+    def register(self, challenge_id: ChallengeId, thing: Registered) -> None:
+        """Add the thing of a challenge.
+
+        Raises:
+            ValueError: The challenge has one.
+        """
+        if challenge_id in self:
+            raise ValueError(f"the challenge {challenge_id} is registered already")
+        self._registered[challenge_id] = thing
+
+    def __getitem__(self, challenge_id: str) -> Registered:
+        try:
+            return self._registered[ChallengeId(challenge_id)]
+        except KeyError:
+            raise UnknownChallengeError(challenge_id, self) from None
+
+    def __iter__(self) -> Iterator[ChallengeId]:
+        return iter(self._registered)
+
+    def __len__(self) -> int:
+        return len(self._registered)
+
+
+CHALLENGES: Registry[Challenge] = Registry()
+for _challenge in (PLANNING, STRATEGY):
+    CHALLENGES.register(_challenge.id, _challenge)
+
+
+def challenge_of_file(file_schema: str) -> Challenge | None:
+    """Return the challenge whose files name this schema."""
+    return next((each for each in CHALLENGES.values() if each.file_schema == file_schema), None)
+
+
+class _Known:
+    """Asks for a registered challenge, and lists them in JSON Schemas."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return no_info_after_validator_function(_known, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {**handler(schema), "enum": list(CHALLENGES)}
+
+
+def _known(challenge_id: str) -> ChallengeId:
+    if challenge_id not in CHALLENGES:
+        raise ValueError(f"must be one of {', '.join(CHALLENGES)}")
+    return ChallengeId(challenge_id)
+
+
+KnownChallenge = Annotated[ChallengeId, _Known()]
+"""A challenge as a request names it."""

@@ -3,6 +3,7 @@
 from enum import StrEnum
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import ChallengeId
 
 MAX_EXAMPLES = 20
 """Examples of one code in a report; the count always tells all."""
@@ -66,7 +67,7 @@ class FaultGroup(Document):
 class CheckReport(Document):
     """The outcome of checking a file: accepted when there are no faults."""
 
-    challenge: str | None
+    challenge: ChallengeId | None
     split: str | None
     n_predictions: int | None
     digest: str

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-import httpx2
+import httpx
 import pytest
 from tests.access.oidc_provider import CLIENT_ID, CLIENT_SECRET
 from tests.server.conftest import (  # noqa: F401 - fixtures
@@ -33,13 +33,13 @@ class RunningProvider:
 
     def order(self, **orders: Any) -> int:
         """Set what it does from now on; return how often it was asked for its keys."""
-        answer = httpx2.post(f"{self.issuer}/control", json=orders)
+        answer = httpx.post(f"{self.issuer}/control", json=orders)
         answer.raise_for_status()
         return int(answer.json()["asked_for_keys"])
 
     def visit(self, url: str) -> str:
         """Let a browser visit the provider; return where it is sent back to."""
-        answer = httpx2.get(url)
+        answer = httpx.get(url)
         assert answer.status_code == 302, answer.text
         return answer.headers["location"]
 
@@ -60,7 +60,7 @@ def provider_process() -> Iterator[RunningProvider]:
         try:
             running.order()
             break
-        except httpx2.TransportError:
+        except httpx.TransportError:
             assert process.poll() is None, "the provider did not start"
             assert time.monotonic() < deadline
             time.sleep(0.05)

@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import httpx2
+import httpx
 import pytest
 from sqlalchemy import func, select
 from tests.support.databases import as_role
@@ -28,7 +28,7 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -44,8 +44,8 @@ class Server:
     database: Database
     token: str
 
-    def submit(self, content: bytes) -> httpx2.Response:
-        return httpx2.post(
+    def submit(self, content: bytes) -> httpx.Response:
+        return httpx.post(
             f"{self.url}/api/v1/submissions",
             headers={"Authorization": f"Bearer {self.token}"},
             data={"phase": "dev", "method": "Planner"},
@@ -53,7 +53,7 @@ class Server:
             timeout=120,
         )
 
-    def at_once(self, contents: list[bytes]) -> list[httpx2.Response]:
+    def at_once(self, contents: list[bytes]) -> list[httpx.Response]:
         with ThreadPoolExecutor(len(contents)) as pool:
             return list(pool.map(self.submit, contents))
 
@@ -108,7 +108,7 @@ def _fill(database: Database) -> str:
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="dev",
                 split="sample",
                 protocol="1.0",
@@ -123,9 +123,9 @@ def _wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:
     deadline = time.monotonic() + 180
     while True:
         try:
-            httpx2.get(f"{url}/healthz").raise_for_status()
+            httpx.get(f"{url}/healthz").raise_for_status()
             return
-        except httpx2.TransportError:
+        except httpx.TransportError:
             assert process.poll() is None, "the server did not start"
             assert time.monotonic() < deadline
             time.sleep(0.05)
@@ -175,7 +175,7 @@ def test_the_same_bytes_in_parallel_are_one_submission_and_cost_one(
 def _register(server: Server, sender: str, n: int) -> int:
     wanted = {"id": f"team-{n}", "name": f"Team {n}", "note": "x"}
     headers = {"X-Forwarded-For": sender}
-    return httpx2.post(
+    return httpx.post(
         f"{server.url}/api/v1/registrations", json=wanted, headers=headers
     ).status_code
 

@@ -31,7 +31,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.doorbell import Doorbell
 from exceptiondrive_records.work.ringing import ring_job
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -194,7 +194,7 @@ def seed(site: Site) -> str:
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Dev",
                 split="withheld",
                 protocol="1.0",

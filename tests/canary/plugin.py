@@ -19,7 +19,7 @@ FOUND_BY_WORKERS: list[str] = []
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "publishes_regions: makes a split public, regions and all")
     _wrap("starlette.applications", "Starlette", "__call__", watched_asgi)
-    _wrap("httpx2", "Client", "send", watched_client)
+    _wrap("httpx", "Client", "send", watched_client)
     _wrap("structlog.testing", "LogCapture", "__call__", watched_log)
 
 

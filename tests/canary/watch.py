@@ -98,16 +98,12 @@ def watched_asgi(call: Callable[..., Any], watch: Watch = WATCH) -> Callable[...
     return called
 
 
-IN_THIS_PROCESS = "testserver"
-"""What Starlette's `TestClient` calls the application, whose answers are looked at as they leave."""
-
-
 def watched_client(send: Callable[..., Any], watch: Watch = WATCH) -> Callable[..., Any]:
-    """Wrap `httpx2.Client.send`: answers of servers in other processes are looked at, too."""
+    """Wrap `httpx.Client.send`: answers of servers in other processes are looked at, too."""
 
     def sent(self: Any, request: Any, **keywords: Any) -> Any:
         response = send(self, request, **keywords)
-        if response.is_stream_consumed and request.url.host != IN_THIS_PROCESS:
+        if response.is_stream_consumed:
             watch.look("response", response.content, str(request.url))
         return response
 

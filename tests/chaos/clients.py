@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-import httpx2
+import httpx
 from tests.chaos.history import BoardSeen, Call, History, Sighting
 from tests.chaos.topology import PHASE, TEAMS, Topology
 
@@ -42,7 +42,7 @@ class Clients:
         self.topology = topology
         self.history = history
         self._random = random.Random(seed)
-        self._http = httpx2.Client(base_url=f"{topology.url}/api/v1", timeout=_TIMEOUT_S)
+        self._http = httpx.Client(base_url=f"{topology.url}/api/v1", timeout=_TIMEOUT_S)
         self._number = 0
         self._streams: list[threading.Thread] = []
         self._last_board: tuple[str, bytes] | None = None
@@ -128,7 +128,7 @@ class Clients:
             status, wait = answer.status_code, answer.headers.get("Retry-After")
             if status in (200, 202):
                 submission_id = answer.json()["id"]
-        except httpx2.HTTPError:
+        except httpx.HTTPError:
             pass
         took_s = self.history.now_s() - began_s
         return Call(team, digest, method, began_s, took_s, status, submission_id, wait)
@@ -138,17 +138,17 @@ class Clients:
 
     def _read(self) -> None:
         """Look at every team's submissions and at the board, in turn, until closed."""
-        with httpx2.Client(base_url=f"{self.topology.url}/api/v1", timeout=_TIMEOUT_S) as http:
+        with httpx.Client(base_url=f"{self.topology.url}/api/v1", timeout=_TIMEOUT_S) as http:
             turn = 0
             while not self._stopped.wait(0.1):
                 turn += 1
                 try:
                     self._look_at_board(http)
                     self._look_at_submissions(http, TEAMS[turn % len(TEAMS)])
-                except httpx2.HTTPError:
+                except httpx.HTTPError:
                     self.history.unanswered_reads += 1
 
-    def _look_at_board(self, http: httpx2.Client) -> None:
+    def _look_at_board(self, http: httpx.Client) -> None:
         began_s = self.history.now_s()
         answer = http.get("/leaderboard", params={"phase": PHASE})
         took_s = self.history.now_s() - began_s
@@ -158,7 +158,7 @@ class Clients:
                 self._last_board = seen.etag, seen.body
                 self.history.note(seen)
 
-    def _look_at_submissions(self, http: httpx2.Client, team: str) -> None:
+    def _look_at_submissions(self, http: httpx.Client, team: str) -> None:
         at_s = self.history.now_s()
         answer = http.get("/submissions", params={"limit": 200}, headers=self._headers(team))
         if answer.status_code != 200:

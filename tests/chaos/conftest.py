@@ -27,7 +27,7 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.claims import Finish
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import Coverage, Plausibility, ProtocolRef, ScoreSheet
@@ -56,7 +56,7 @@ class Story:
 def _sheet(protocol: ProtocolRef, hcc: float) -> ScoreSheet:
     row: dict[str, float | None] = {"hcc": hcc, "ur": 0.25}
     return ScoreSheet(
-        challenge="planning",
+        challenge=PLANNING.id,
         protocol=protocol,
         split=SPLIT,
         scorer_version="1",
@@ -94,7 +94,7 @@ def _found(database: Database) -> ProtocolRef:
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Dev",
                 split="sample",
                 protocol="1.0",
@@ -187,7 +187,7 @@ class _Teller:
 
     def _board(self, entries: tuple[BoardEntry, ...]) -> Board:
         return Board(
-            challenge="planning",
+            challenge=PLANNING.id,
             phase="dev",
             split=SPLIT,
             protocol=self.protocol,

@@ -314,7 +314,7 @@ def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys; from exceptiondrive.cli import app; "
         "app(['--help'], standalone_mode=False); "
-        "heavy = {'httpx2', 'numpy', 'pydantic', 'stamina', 'rich.table', 'platformdirs', 'openai'};"
+        "heavy = {'httpx', 'numpy', 'pydantic', 'stamina', 'rich.table', 'platformdirs', 'openai'};"
         "print('heavy:', sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -334,7 +334,7 @@ def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> 
     code = (
         "import sys; from exceptiondrive.cli import app; "
         f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
-        "print('heavy:', sorted({'numpy', 'exceptiondrive_scoring', 'httpx2'} & set(sys.modules)))"
+        "print('heavy:', sorted({'numpy', 'exceptiondrive_scoring', 'httpx'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "heavy: []"

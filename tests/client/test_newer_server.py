@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-import httpx2
+import httpx
 import pytest
 from hypothesis import find
 from hypothesis.strategies import from_regex
@@ -168,27 +168,27 @@ def test_every_documented_answer_is_read_with_new_keys_at_every_depth() -> None:
 def newer(working: "Running", monkeypatch: pytest.MonkeyPatch) -> "Running":
     """A running server whose every JSON answer gains new keys on its way."""
     schemas = {key: schema for key, _, schema in answers()}
-    send = httpx2.Client.send
+    send = httpx.Client.send
 
-    def widen(client: httpx2.Client, request: httpx2.Request, **more: Any) -> httpx2.Response:
+    def widen(client: httpx.Client, request: httpx.Request, **more: Any) -> httpx.Response:
         response = send(client, request, **more)
         if "json" not in response.headers.get("content-type", ""):
             return response
         schema = _schema_of(request, response, schemas)
         body = json.dumps(widened(json.loads(response.read()), schema)).encode()
-        return httpx2.Response(
+        return httpx.Response(
             response.status_code,
             headers={"content-type": response.headers["content-type"]},
             content=body,
             request=request,
         )
 
-    monkeypatch.setattr(httpx2.Client, "send", widen)
+    monkeypatch.setattr(httpx.Client, "send", widen)
     return working
 
 
 def _schema_of(
-    request: httpx2.Request, response: httpx2.Response, schemas: dict[str, dict[str, Any]]
+    request: httpx.Request, response: httpx.Response, schemas: dict[str, dict[str, Any]]
 ) -> dict[str, Any]:
     steps = request.url.path.split("/")
     for key, schema in schemas.items():

@@ -259,7 +259,7 @@ def test_the_recorder_keeps_to_the_syntax_of_python_3_7() -> None:
 def test_the_recorder_needs_nothing_but_the_standard_library() -> None:
     code = (
         "import sys; import exceptiondrive.recorder; "
-        "print(sorted({'pydantic', 'numpy', 'httpx2', 'typer'} & set(sys.modules)))"
+        "print(sorted({'pydantic', 'numpy', 'httpx', 'typer'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import httpx2
+import httpx
 import pytest
 from typer.testing import CliRunner
 
@@ -69,7 +69,7 @@ def test_people_read_rank_families_quota_and_the_page(
     assert "Sudden Emergence" in done.stdout
     assert "1 of 2 submissions left today" in done.stdout
     address = next(line for line in done.stdout.splitlines() if line.startswith(working.url))
-    page = httpx2.get(address)  # for the team's eyes: a browser is asked to sign in first
+    page = httpx.get(address)  # for the team's eyes: a browser is asked to sign in first
     assert (page.status_code, page.headers["location"].split("?")[0]) == (303, "/sign-in")
 
 

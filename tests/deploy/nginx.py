@@ -16,7 +16,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-import httpx2
+import httpx
 import pytest
 from tests.chaos.users import as_user
 from tests.support.processes import free_port
@@ -114,11 +114,11 @@ class Nginx:
         )
         self._wait()
 
-    def browser(self, source: str = "127.0.0.1") -> httpx2.Client:
+    def browser(self, source: str = "127.0.0.1") -> httpx.Client:
         """Return a client that connects from an address of this machine."""
         trust = ssl.create_default_context(cafile=str(self.certificate))
-        transport = httpx2.HTTPTransport(verify=trust, local_address=source)
-        return httpx2.Client(base_url=self.url, transport=transport, timeout=30)
+        transport = httpx.HTTPTransport(verify=trust, local_address=source)
+        return httpx.Client(base_url=self.url, transport=transport, timeout=30)
 
     def renew_certificate(self) -> None:
         """Write a certificate of its own into the files, in place, as the runbook says."""
@@ -171,9 +171,9 @@ class Nginx:
         deadline = time.monotonic() + 20
         while True:
             try:
-                httpx2.get(f"http://127.0.0.1:{self.plain_port}/proxy-health").raise_for_status()
+                httpx.get(f"http://127.0.0.1:{self.plain_port}/proxy-health").raise_for_status()
                 return
-            except httpx2.TransportError:
+            except httpx.TransportError:
                 if self._process.poll() is not None or time.monotonic() > deadline:
                     raise RuntimeError(f"nginx did not start: {self.log}") from None
                 time.sleep(0.02)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from http import HTTPStatus
 
-import httpx2
+import httpx
 import pytest
 from tests.chaos.users import Users, can_change_user
 from tests.deploy.nginx import CONF, Names, Nginx, replaced
@@ -34,12 +34,12 @@ def site() -> Iterator[Nginx]:
 
 
 @pytest.fixture
-def browser(site: Nginx) -> Iterator[httpx2.Client]:
+def browser(site: Nginx) -> Iterator[httpx.Client]:
     with site.browser("127.0.0.51") as client:
         yield client
 
 
-def problem_of(answer: httpx2.Response) -> Problem:
+def problem_of(answer: httpx.Response) -> Problem:
     assert answer.headers["content-type"] == PROBLEM_MEDIA_TYPE
     problem = Problem.model_validate_json(answer.content)
     assert problem.status == answer.status_code
@@ -62,7 +62,7 @@ def test_a_line_to_replace_that_is_gone_is_noticed() -> None:
         replaced(CONF.read_text("utf-8"), {"no such line": ""})
 
 
-def test_no_server_is_a_problem_that_asks_to_come_again(browser: httpx2.Client) -> None:
+def test_no_server_is_a_problem_that_asks_to_come_again(browser: httpx.Client) -> None:
     answer = browser.get("/api/v1/me", headers=BROWSER)
     problem = problem_of(answer)
     assert (answer.status_code, problem.code) == (502, ProblemCode.STORE_UNAVAILABLE)
@@ -70,7 +70,7 @@ def test_no_server_is_a_problem_that_asks_to_come_again(browser: httpx2.Client) 
     assert "sent twice counts once" in problem.detail
 
 
-def test_no_server_is_a_page_for_a_browser(browser: httpx2.Client) -> None:
+def test_no_server_is_a_page_for_a_browser(browser: httpx.Client) -> None:
     answer = browser.get("/?phase=<script>", headers=BROWSER)
     assert (answer.status_code, answer.headers["retry-after"]) == (502, "5")
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
@@ -97,7 +97,7 @@ def test_the_client_tries_again_and_then_says_what_to_do(
 
 
 @pytest.mark.parametrize("path", ["/api/v1/submissions", "/submit"])
-def test_a_body_beyond_the_limit_is_refused_in_words(browser: httpx2.Client, path: str) -> None:
+def test_a_body_beyond_the_limit_is_refused_in_words(browser: httpx.Client, path: str) -> None:
     answer = browser.post(path, content=TOO_MANY_BYTES)
     assert answer.status_code == HTTPStatus.REQUEST_ENTITY_TOO_LARGE
     problem = problem_of(answer)
@@ -107,14 +107,14 @@ def test_a_body_beyond_the_limit_is_refused_in_words(browser: httpx2.Client, pat
     assert ("<h1>" in page.text) is (path == "/submit")
 
 
-def test_metrics_are_not_for_the_world(browser: httpx2.Client) -> None:
+def test_metrics_are_not_for_the_world(browser: httpx.Client) -> None:
     answer = browser.get("/metrics")
     assert problem_of(answer).code is ProblemCode.NOT_FOUND
     assert answer.status_code == 404
 
 
 def test_http_leads_to_https(site: Nginx) -> None:
-    answer = httpx2.post(f"http://127.0.0.1:{site.plain_port}/sign-in?next=/a%20b")
+    answer = httpx.post(f"http://127.0.0.1:{site.plain_port}/sign-in?next=/a%20b")
     assert answer.status_code == 308, "so that a POST stays one"
     assert answer.headers["location"] == "https://127.0.0.1/sign-in?next=/a%20b"
 

@@ -4,12 +4,12 @@ import gzip
 import json
 from pathlib import Path
 
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY
 from exceptiondrive_schemas.check import UnreadableFileError, check, inflate
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.upload_reader import FAST_READERS, read_upload
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -33,7 +33,7 @@ def assert_one_verdict(data: bytes, *, is_planning: bool) -> bool:
     Raises:
         AssertionError: They differ.
     """
-    challenge = CHALLENGES[ChallengeId.PLANNING if is_planning else ChallengeId.STRATEGY]
+    challenge = CHALLENGES[PLANNING.id if is_planning else STRATEGY.id]
     read = read_upload(data, challenge=challenge, manifest=MANIFEST, protocol=PROTOCOL)
     checked = check(data, protocol=PROTOCOL, manifest=MANIFEST, challenge=challenge.id)
     try:

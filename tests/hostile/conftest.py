@@ -18,7 +18,7 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_server.app import create_app
@@ -102,7 +102,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Ite
     with doors.database.write() as session:
         create_phase(
             session,
-            NewPhase(id="dev", challenge=ChallengeId.PLANNING, **names, **limits),
+            NewPhase(id="dev", challenge=PLANNING.id, **names, **limits),
             actor="test",
         )
         team = create_team(session, "mallory", "Mallory", actor="test")

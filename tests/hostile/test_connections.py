@@ -16,7 +16,7 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest
@@ -71,7 +71,7 @@ def target(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> I
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Dev",
                 split="tiny",
                 protocol="1.0",

@@ -15,7 +15,7 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -92,7 +92,7 @@ def participant(tmp_path: Path, sqlite_url: str, protocol: Protocol) -> Iterator
             session,
             NewPhase(
                 id="sample",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Sample",
                 split="sample",
                 protocol="1.0",

@@ -5,7 +5,7 @@ import socket
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx2
+import httpx
 from tests.chaos.topology import PHASE, Topology
 
 _CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
@@ -15,7 +15,7 @@ class HeldUpload:
     """An upload of which the last bytes are kept back; the server has begun to read it."""
 
     def __init__(self, topology: Topology, data: bytes, method: str) -> None:
-        request = httpx2.Request(
+        request = httpx.Request(
             "POST",
             f"{topology.url}/api/v1/submissions",
             data={"phase": PHASE, "method": method},

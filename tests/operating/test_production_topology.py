@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import httpx2
+import httpx
 import pytest
 from tests.chaos.clients import digest_of
 from tests.chaos.history import Call
@@ -195,7 +195,7 @@ def test_the_main_job_goes_through_the_proxy(run: Run, site: Site, tmp_path: Pat
         assert (page.status_code, browser.get("/metrics").status_code) == (200, 404)
     assert "proxied-alpha" in page.text
     assert page.headers["strict-transport-security"]
-    assert httpx2.get(f"{run.topology.url}/metrics").status_code == 200, "on the inner network"
+    assert httpx.get(f"{run.topology.url}/metrics").status_code == 200, "on the inner network"
 
 
 def test_events_come_while_they_happen(run: Run, site: Site) -> None:
@@ -246,7 +246,7 @@ def test_an_upload_that_meets_a_dying_server_is_taken_once(run: Run, site: Site)
     run.history.note(call)
 
 
-def _register(browser: httpx2.Client, name: str, **headers: str) -> httpx2.Response:
+def _register(browser: httpx.Client, name: str, **headers: str) -> httpx.Response:
     wanted = {"id": name, "name": name, "note": "x"}
     return browser.post("/api/v1/registrations", json=wanted, headers=headers)
 
@@ -265,9 +265,7 @@ def _n_answered(topology: Topology, route: str) -> int:
     """How many requests for a route both servers have answered."""
     head = f'exceptiondrive_request_seconds_count{{method="GET",route="{route}"'
     port = topology.url.rpartition(":")[2]
-    texts = [
-        httpx2.get(f"http://{host}:{port}/metrics").text for host in ("127.0.0.1", "127.0.0.2")
-    ]
+    texts = [httpx.get(f"http://{host}:{port}/metrics").text for host in ("127.0.0.1", "127.0.0.2")]
     lines = [line for text in texts for line in text.splitlines() if line.startswith(head)]
     return sum(int(float(line.rpartition(" ")[2])) for line in lines)
 

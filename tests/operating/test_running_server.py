@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import httpx2
+import httpx
 import pytest
 from sqlalchemy import select, text
 from tests.chaos.clients import planning_file
@@ -36,8 +36,8 @@ def make_file(topology: Topology) -> Callable[[float], bytes]:
     return lambda speed_mps: planning_file(topology.sample_ids, speed_mps)
 
 
-def post(topology: Topology, data: bytes, method: str) -> httpx2.Response:
-    return httpx2.post(
+def post(topology: Topology, data: bytes, method: str) -> httpx.Response:
+    return httpx.post(
         f"{topology.url}/api/v1/submissions",
         data={"phase": PHASE, "method": method},
         files={"file": ("f.json", data)},
@@ -63,7 +63,7 @@ def test_uploads_beyond_the_limit_are_sent_away_and_nothing_accepted_is_lost(
     topology: Topology, make_file: Callable[[float], bytes], tmp_path: Path
 ) -> None:
     held = [HeldUpload(topology, make_file(1 + n / 10), f"held{n}") for n in range(AT_ONCE)]
-    probes: list[httpx2.Response] = []
+    probes: list[httpx.Response] = []
 
     def is_sent_away() -> bool:
         probes.append(post(topology, make_file(2), "probe"))
@@ -73,7 +73,7 @@ def test_uploads_beyond_the_limit_are_sent_away_and_nothing_accepted_is_lost(
     assert probes[-1].status_code == 503
     assert int(probes[-1].headers["Retry-After"]) > 0
     assert probes[-1].json()["code"] == "store_unavailable"
-    assert httpx2.get(f"{topology.url}/?phase={PHASE}").status_code == 200, "pages are served"
+    assert httpx.get(f"{topology.url}/?phase={PHASE}").status_code == 200, "pages are served"
     ids = []
 
     def submit(number: int) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import httpx2
+import httpx
 from tests.chaos.clients import digest_of, planning_file
 from tests.chaos.history import Call, History
 from tests.chaos.topology import PHASE, Topology
@@ -77,10 +77,10 @@ class Traffic:
                 for page in PAGES:
                     self._look(browser, page)
 
-    def _look(self, browser: httpx2.Client, page: str) -> None:
+    def _look(self, browser: httpx.Client, page: str) -> None:
         try:
             answer = browser.get(page)
-        except httpx2.HTTPError as error:
+        except httpx.HTTPError as error:
             self.failures.append(f"{page}: {error!r}")
             return
         self.n_pages += 1

@@ -15,7 +15,7 @@ from exceptiondrive_records.submissions.submissions import Accepted, accept
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.claims import Claim, Finish
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -85,7 +85,7 @@ def build_world(
             session,
             NewPhase(
                 id="dev",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Development",
                 split="sample",
                 protocol="1.0",

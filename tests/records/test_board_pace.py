@@ -20,6 +20,7 @@ from exceptiondrive_records.work.board_rings import (
 from exceptiondrive_records.work.doorbell import Doorbell
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
@@ -50,7 +51,7 @@ def built(world: World) -> None:
 def board_of(world: World) -> Board:
     sheet = world.sheet()
     return Board(
-        challenge="planning",
+        challenge=PLANNING.id,
         phase="dev",
         split=SplitRef(name="sample", revision=sheet.split.revision),
         protocol=ProtocolRef(version="1.0", digest=world.protocol_digest),

@@ -24,6 +24,7 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
@@ -50,7 +51,7 @@ def board(world: World, *submission_ids: str) -> Board:
         for rank, submission_id in enumerate(submission_ids, start=1)
     )
     return Board(
-        challenge="planning",
+        challenge=PLANNING.id,
         phase="dev",
         split=SplitRef(name="sample", revision="sha256:" + "5" * 64),
         protocol=ProtocolRef(version="1.0", digest=world.protocol_digest),

@@ -10,6 +10,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.claims import Claim, Finish
 from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -113,7 +114,7 @@ def test_attempts_end_at_the_limit(world: World) -> None:
 
 def test_a_rejected_file_keeps_its_report_and_makes_no_sheet(world: World) -> None:
     report = CheckReport(
-        challenge="planning",
+        challenge=PLANNING.id,
         split="sample",
         n_predictions=1,
         digest="sha256:x",

@@ -22,7 +22,7 @@ from exceptiondrive_records.work.board_rings import take_due_boards
 from exceptiondrive_records.work.claims import Finish
 from exceptiondrive_records.work.phase_boards import want_boards
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -109,7 +109,7 @@ def test_who_rings_for_boards_waits_for_no_request_that_another_holds(world: Wor
             session,
             NewPhase(
                 id="other",
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Other",
                 split="sample",
                 protocol="1.0",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx2
+import httpx
 import pytest
 from structlog.testing import capture_logs
 from tests.rescoring.documents import strategy_file
@@ -47,7 +47,7 @@ class Organizer:
         return json.loads(self.say("rescore", *words, "--json"))
 
     def board(self) -> bytes:
-        answer = httpx2.get(f"{self.url}/api/v1/leaderboard", params={"phase": "dev"})
+        answer = httpx.get(f"{self.url}/api/v1/leaderboard", params={"phase": "dev"})
         return answer.raise_for_status().content
 
 

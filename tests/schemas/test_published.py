@@ -19,10 +19,9 @@ from exceptiondrive_schemas.publish.json_schemas import MODELS
 from exceptiondrive_schemas.publish.written_files import written_files
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text, schema_text
 from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.arrays import split_arrays
+from exceptiondrive_scoring.challenge import SCORING, document_columns
 from exceptiondrive_scoring.sheet import aggregate
-from exceptiondrive_scoring.split_arrays import split_arrays
 
 ROOT = Path(__file__).parents[2]
 FILES = written_files()

@@ -33,6 +33,7 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
@@ -157,7 +158,7 @@ class Api:
         with self.database.write() as session:
             want_board(session, phase, PROTOCOL.digest)
         board = Board(
-            challenge="planning",
+            challenge=PLANNING.id,
             phase=phase,
             split=SplitRef(name="sample", revision=REVISION),
             protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),

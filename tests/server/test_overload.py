@@ -2,7 +2,7 @@
 
 import asyncio
 
-import httpx2
+import httpx
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
@@ -13,7 +13,7 @@ from exceptiondrive_server.web.body_limit import Overload
 UPLOAD_PATH = "/api/v1/submissions"
 
 
-def client_of(gate: asyncio.Event, at_once: int) -> httpx2.AsyncClient:
+def client_of(gate: asyncio.Event, at_once: int) -> httpx.AsyncClient:
     async def upload(request: Request) -> Response:
         await gate.wait()
         return PlainTextResponse("taken", 202)
@@ -23,7 +23,7 @@ def client_of(gate: asyncio.Event, at_once: int) -> httpx2.AsyncClient:
 
     routes = [Route(UPLOAD_PATH, upload, methods=["POST"]), Route("/", page)]
     app = Overload(Starlette(routes=routes), at_once)
-    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://test")
+    return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://test")
 
 
 async def test_one_upload_too_many_is_told_when_to_come_again_and_pages_are_served() -> None:

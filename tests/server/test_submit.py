@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import httpx2
+import httpx
 import pytest
 from sqlalchemy import func, select
 
@@ -77,7 +77,7 @@ def test_another_teams_same_bytes_are_another_submission(api: "Api") -> None:
 
 
 async def post_all(api: "Api", contents: list[str]) -> list[int]:
-    transport = httpx2.ASGITransport(app=api.app)
+    transport = httpx.ASGITransport(app=api.app)
 
     async def post(content: str) -> int:
         response = await client.post(
@@ -88,7 +88,7 @@ async def post_all(api: "Api", contents: list[str]) -> list[int]:
         )
         return response.status_code
 
-    async with httpx2.AsyncClient(transport=transport, base_url="http://t", timeout=60) as client:
+    async with httpx.AsyncClient(transport=transport, base_url="http://t", timeout=60) as client:
         return list(await asyncio.gather(*(post(content) for content in contents)))
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def reject(api: "Api", submission_id: str, report: CheckReport) -> None:
 
 
 REPORT = CheckReport(
-    challenge="planning",
+    challenge=PLANNING.id,
     split="sample",
     n_predictions=3,
     digest="sha256:0",

@@ -24,13 +24,13 @@ from exceptiondrive_records.splits.drawings import (
 )
 from exceptiondrive_records.splits.tables import EntryDrawingsRow, ProtocolDrawingRow
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.drawing import EntryDrawings, packaged_drawing, pictured_digest
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import Split, SplitRef
 from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.drawing import protocol_drawing as draw_made_up
 from exceptiondrive_scoring.footprint import footprints_m
-from exceptiondrive_scoring.made_up_sample import protocol_drawing as draw_made_up
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.drawing import WithheldSplitError, drawings_of, packaged_drawing_text
@@ -191,7 +191,7 @@ def test_the_worker_refuses_to_draw_a_split_that_is_not_the_public_one(
     world.add_phase(canary_split)
     submission_id = world.score(planning_file(canary_split))
     loaded = world.doors.splits.find("tiny", canary_split.revision, protocol)
-    challenge = CHALLENGES[ChallengeId.PLANNING]
+    challenge = PLANNING
     target = Target(world.submission(submission_id).file_digest, challenge, loaded, protocol)
     other = PublicSplit(SplitRef(name="tiny", revision="sha256:" + "0" * 64), "sha256:" + "1" * 64)
     with pytest.raises(WithheldSplitError, match="not public"):

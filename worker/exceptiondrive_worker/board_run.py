@@ -18,7 +18,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.reported import reported_entries
@@ -114,7 +114,7 @@ def _board(
         texts = {row.id: row.body for row in rows if row is not None}
     read = {number: Board.model_validate_json(text) for number, text in texts.items()}
     boards = [None if row is None else read[row.id] for row in rows]
-    challenge = CHALLENGES[ChallengeId(phase.challenge)]
+    challenge = CHALLENGES[phase.challenge]
     split = doors.splits.find(phase.split_name, claimed.split_revision, protocol)
     targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
     standings = list(zip(targets, records, strict=True))
@@ -146,7 +146,7 @@ def _document(
 ) -> Board:
     """The board; number and date are given when it is published."""
     return Board(
-        challenge=challenge.id.value,
+        challenge=challenge.id,
         phase=phase.id,
         split=split.manifest.ref,
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),

@@ -24,7 +24,7 @@ from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.drawing.pictured import PACKAGED
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.made_up_sample import protocol_drawing
+from exceptiondrive_scoring.drawing import protocol_drawing
 from exceptiondrive_worker.doors import Doors
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 

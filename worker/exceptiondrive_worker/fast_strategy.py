@@ -12,7 +12,7 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.strategy import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
-from exceptiondrive_scoring.document_columns import strategy_answers
+from exceptiondrive_scoring.strategy import strategy_answers
 from exceptiondrive_worker.fast_decode import (
     ROOT_TEXTS,
     decode,

@@ -15,7 +15,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.app import create_app
 from exceptiondrive_worker.doors import Doors, open_doors
 from exceptiondrive_worker.heartbeat import Heartbeat
-from exceptiondrive_worker.memory_limit import limit_memory
+from exceptiondrive_worker.memory_limit import keep_memory, limit_memory
 from exceptiondrive_worker.private_pruning import prune
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.tasks import register_jobs
@@ -40,13 +40,14 @@ class WorkerProcess:
         self._heartbeat: Heartbeat | None = None
 
     def begin(self, **_: Any) -> None:
-        """Open the doors, start the heartbeat, then limit memory."""
+        """Open the doors, start the heartbeat, then see to memory."""
         self._doors = open_doors(self._settings, self._lanes)
         self._heartbeat = Heartbeat(
             self._doors.database, self._lanes, self._settings.heartbeat_every_s
         )
         self._heartbeat.start()
         threading.Thread(target=self._prune, name="prune", daemon=True).start()
+        keep_memory()
         limit_memory(self._settings.memory_headroom_bytes)
 
     def _prune(self) -> None:

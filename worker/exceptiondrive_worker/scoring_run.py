@@ -15,7 +15,7 @@ from exceptiondrive_records.work.jobs import claim, finish_failed, finish_reject
 from exceptiondrive_records.work.ringing import hand_ring_over, ring_due_jobs
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_records.work.turns import NextJob, is_live_work_open, next_in_turn
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring import SCORER_VERSION
@@ -164,7 +164,7 @@ def _kind(wanted: _Wanted, error: Exception) -> dict[str, object]:
 
 def _score(doors: Doors, claimed: Claim, wanted: _Wanted) -> None:
     protocol = wanted.protocol
-    challenge = CHALLENGES[ChallengeId(claimed.challenge)]
+    challenge = CHALLENGES[claimed.challenge]
     split = doors.splits.find(claimed.split_name, claimed.split_revision, protocol)
     try:
         scored = doors.stages.score(

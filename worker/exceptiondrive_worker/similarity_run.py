@@ -15,10 +15,11 @@ from exceptiondrive_records.submissions.similarity import ScoredFile, keep_alike
 from exceptiondrive_records.work.turns import live_job_waits
 from exceptiondrive_schemas.similarity import AlikeSubmission
 from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.similarity import (
-    ALIKE_RULES,
     SLACK,
     Alikeness,
+    AlikeRule,
     alikeness,
     compare_pair,
     distances,
@@ -48,12 +49,15 @@ def compare_submissions(doors: Doors, phase_id: str, like: Target) -> int:
         phase_id: The phase.
         like: Any target of the phase: its challenge, split and protocol are those of all.
     """
+    rule = SCORING[like.challenge.id].alike
+    if rule is None:
+        return 0
     with doors.database.read() as session:
         files = scored_files(session, phase_id)
     fresh = [file for file in files if not file.is_compared][:COMPARED_AT_ONCE]
     if not fresh or _live_job_waits(doors):
         return 0
-    comparing = _Comparing(doors, like)
+    comparing = _Comparing(doors, like, rule)
     compared = _Crowd()
     for file in files:
         if file.is_compared:
@@ -99,16 +103,16 @@ class _Candidate:
 class _Comparing:
     """Comparisons within one phase."""
 
-    def __init__(self, doors: Doors, like: Target) -> None:
+    def __init__(self, doors: Doors, like: Target, rule: AlikeRule) -> None:
         self._doors, self._like = doors, like
-        self._rule = ALIKE_RULES[like.challenge.id]
+        self._rule = rule
         # withheld, so nobody knows which samples are sketched
         self._seed = content_key("sketch", like.split.regions_digest)
 
     def sketch(self, file: ScoredFile) -> Sketch | None:
         """Return the sketched answers (S, P, C) of a file; None where it cannot be read any more."""
         private = self._doors.private
-        key = content_key("sketch", file.file_digest, self._like.challenge.id.value, self._seed)
+        key = content_key("sketch", file.file_digest, self._like.challenge.id, self._seed)
         kept = private.read_columns(Shelf.SKETCHES, key)
         if kept is not None:
             return kept["ways"]

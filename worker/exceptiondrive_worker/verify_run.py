@@ -11,7 +11,7 @@ import structlog
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.keys import accepted_under
 from exceptiondrive_records.rescoring.verification import VerifyClaim, claim_item, finish_item
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.rescoring import VerifyState
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_worker.doors import Doors, stages_over
@@ -38,7 +38,7 @@ def _verify(doors: Doors, claimed: VerifyClaim) -> None:
     with doors.database.read() as session:
         protocol = find_protocol(session, claimed.protocol_digest)
         read_under = accepted_under(session, claimed.submission_id)
-    challenge = CHALLENGES[ChallengeId(claimed.challenge)]
+    challenge = CHALLENGES[claimed.challenge]
     split = doors.splits.find(claimed.split_name, claimed.split_revision, protocol)
     target = Target(claimed.file_digest, challenge, split, protocol, read_under)
     with tempfile.TemporaryDirectory(prefix=VERIFY_PREFIX, dir=doors.private.root) as folder:

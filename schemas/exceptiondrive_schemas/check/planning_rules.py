@@ -5,7 +5,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 import math
 from array import array
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.findings import Findings, Path
@@ -21,8 +21,8 @@ NUMBERS = (float, int)
 class PlanningRules:
     """Checks source and edited trajectories, and the frame over the whole file."""
 
-    required_keys = frozenset({"sample_id", "source", "edited"})
-    optional_keys: frozenset[str] = frozenset()
+    required_keys: ClassVar = frozenset({"sample_id", "source", "edited"})
+    optional_keys: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, protocol: Protocol, findings: Findings) -> None:
         self._geometry = protocol.geometry
@@ -60,7 +60,7 @@ class PlanningRules:
 
     def document(self, split: str, answers: Mapping[str, Any]) -> PlanningDocument:
         """Return the sound file."""
-        return PlanningDocument(split, self._geometry.waypoints, answers)
+        return PlanningDocument(split, answers, self._geometry.waypoints)
 
     def _trajectory(self, value: Any, path: Path, sample_id: str | None) -> array[float] | None:
         if value is None:

@@ -1,6 +1,6 @@
 """The key `schema`: which challenge is the file for?"""
 
-from exceptiondrive_schemas.challenges import CHALLENGE_OF_FILE_SCHEMA, CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId, challenge_of_file
 from exceptiondrive_schemas.check.findings import Findings
 from exceptiondrive_schemas.check.json_stream import JsonStream, JsonStreamError, members, skip
 from exceptiondrive_schemas.check.shown import kind, quoted
@@ -23,7 +23,7 @@ def check_schema(
     named = _challenge_of(value)
     if named is not None and wanted in (None, named):
         return named
-    schemas = [CHALLENGES[wanted].file_schema] if wanted else list(CHALLENGE_OF_FILE_SCHEMA)
+    schemas = [each.file_schema for key, each in CHALLENGES.items() if wanted in (None, key)]
     is_mixed_up = named is not None and wanted is not None
     findings.add(
         FaultCode.WRONG_SCHEMA if isinstance(value, str) else FaultCode.WRONG_TYPE,
@@ -48,5 +48,5 @@ def find_challenge(stream: JsonStream) -> ChallengeId | None:
 
 
 def _challenge_of(value: object) -> ChallengeId | None:
-    named = CHALLENGE_OF_FILE_SCHEMA.get(value) if isinstance(value, str) else None
+    named = challenge_of_file(value) if isinstance(value, str) else None
     return named.id if named else None

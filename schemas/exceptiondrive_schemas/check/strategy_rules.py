@@ -1,7 +1,7 @@
 """Rules for one prediction of `exceptiondrive.strategy/1` (docs/protocol.md section 6)."""
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, ClassVar, get_args
 
 from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocument
 from exceptiondrive_schemas.check.findings import Findings, Path
@@ -21,8 +21,8 @@ REMINDER_KEYS = frozenset(ReminderRecord.model_fields)
 class StrategyRules:
     """Checks the strategy and the reminder record of each sample."""
 
-    required_keys = frozenset({"sample_id", "strategy"})
-    optional_keys = frozenset({"reminder"})
+    required_keys: ClassVar = frozenset({"sample_id", "strategy"})
+    optional_keys: ClassVar = frozenset({"reminder"})
 
     def __init__(self, protocol: Protocol, findings: Findings) -> None:
         self._findings = findings

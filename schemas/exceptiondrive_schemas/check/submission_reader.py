@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.check.answers import CheckedDocument
 from exceptiondrive_schemas.check.findings import Findings, Path
 from exceptiondrive_schemas.check.json_stream import (
@@ -14,7 +14,7 @@ from exceptiondrive_schemas.check.json_stream import (
     skip_members,
 )
 from exceptiondrive_schemas.check.repeated_keys import report_repeated_keys
-from exceptiondrive_schemas.check.rules import CHALLENGE_BY_KEY, RULES, PredictionRules
+from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
 from exceptiondrive_schemas.check.sample_ids import SampleIds
 from exceptiondrive_schemas.check.schema_key import check_schema, find_challenge
 from exceptiondrive_schemas.check.shown import escaped, kind, quoted
@@ -183,8 +183,8 @@ class SubmissionReader:
         if "schema" not in self._seen:
             challenge = find_challenge(JsonStream(self._data)) or challenge
         for key in prediction:
-            challenge = challenge or CHALLENGE_BY_KEY.get(key)
-        self._rules = RULES[challenge or ChallengeId.PLANNING](self._protocol, self.findings)
+            challenge = challenge or challenge_by_key(key)
+        self._rules = RULES[challenge or PLANNING.id](self._protocol, self.findings)
         return self._rules
 
     def _report_missing_keys(self) -> None:
@@ -203,7 +203,7 @@ class SubmissionReader:
     def _sound_document(self) -> CheckedDocument | None:
         if not self.findings.is_empty or self.split is None:
             return None
-        challenge = self.challenge or ChallengeId.PLANNING
+        challenge = self.challenge or PLANNING.id
         rules = self._rules or RULES[challenge](self._protocol, self.findings)
         self.notes += rules.notes(len(self._answers))
         return rules.document(self.split, self._answers)

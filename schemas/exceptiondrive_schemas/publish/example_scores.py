@@ -65,7 +65,7 @@ def example_score_sheet() -> ScoreSheet:
     tasks = {task: BreakdownRow.of(1, row) for task, row in BY_TASK.items()}
     shares = ("edited_stationary", "source_stationary", "blind", "impossible")
     return ScoreSheet(
-        challenge=PLANNING.id.value,
+        challenge=PLANNING.id,
         protocol=protocol_ref(packaged_protocol()),
         split=split_ref(),
         scorer_version="1",
@@ -87,7 +87,7 @@ def example_board() -> Board:
     """A board with the example entry, which covers too little to rank, and a reference row."""
     protocol = packaged_protocol()
     return Board(
-        challenge=PLANNING.id.value,
+        challenge=PLANNING.id,
         phase=PHASE,
         split=split_ref(),
         protocol=protocol_ref(protocol),

@@ -41,7 +41,7 @@ def example_submission() -> SubmissionView:
     return SubmissionView(
         id=SUBMISSION_ID,
         phase=PHASE,
-        challenge=PLANNING.id.value,
+        challenge=PLANNING.id,
         team=TEAM,
         method=METHOD,
         description="",

@@ -10,7 +10,7 @@ import ssl
 from email.message import EmailMessage
 from urllib.parse import urlsplit, urlunsplit
 
-import httpx2
+import httpx
 import stamina
 
 from exceptiondrive_records.notifications.settings import NoticeSettings
@@ -113,20 +113,20 @@ def send_webhook(
     }
     try:
         asyncio.run(_post_in_time(pinned, host, headers, body))
-    except httpx2.HTTPStatusError as error:
+    except httpx.HTTPStatusError as error:
         raise NotDelivered(f"the webhook answered {error.response.status_code}") from None
     except TimeoutError:
         raise NotDelivered(f"the webhook took longer than {_LONGEST_S:g} s") from None
-    except httpx2.HTTPError as error:
+    except httpx.HTTPError as error:
         raise NotDelivered(f"the webhook did not answer ({type(error).__name__})") from None
-    except (httpx2.InvalidURL, ValueError):
+    except (httpx.InvalidURL, ValueError):
         raise NotDelivered("the address of the webhook cannot be called") from None
 
 
 async def _post_in_time(url: str, host: str, headers: dict[str, str], body: bytes) -> None:
     async with (
         asyncio.timeout(_LONGEST_S),
-        httpx2.AsyncClient(timeout=_TIMEOUT_S, trust_env=False, follow_redirects=False) as client,
+        httpx.AsyncClient(timeout=_TIMEOUT_S, trust_env=False, follow_redirects=False) as client,
     ):
         async for attempt in stamina.retry_context(
             on=_may_help, attempts=_ATTEMPTS, wait_initial=0.2, wait_max=1.0, timeout=15.0
@@ -136,7 +136,7 @@ async def _post_in_time(url: str, host: str, headers: dict[str, str], body: byte
 
 
 async def _post(
-    client: httpx2.AsyncClient, url: str, host: str, headers: dict[str, str], body: bytes
+    client: httpx.AsyncClient, url: str, host: str, headers: dict[str, str], body: bytes
 ) -> None:
     """POST once; of the answer nothing but its status is read."""
     async with client.stream(
@@ -148,9 +148,9 @@ async def _post(
 
 
 def _may_help(error: Exception) -> bool:
-    if isinstance(error, httpx2.HTTPStatusError):
+    if isinstance(error, httpx.HTTPStatusError):
         return error.response.status_code >= 500 or error.response.status_code == 429
-    return isinstance(error, httpx2.TransportError)
+    return isinstance(error, httpx.TransportError)
 
 
 # E-mail over the SMTP server of the settings.

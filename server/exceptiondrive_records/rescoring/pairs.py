@@ -16,7 +16,7 @@ from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol
 from exceptiondrive_schemas.rescoring import Progress, RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -199,7 +199,7 @@ def _sample_reasons(old: SplitRow, new: SplitRow) -> Iterator[str]:
 
 
 def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection) -> Iterator[str]:
-    if not CHALLENGES[ChallengeId(challenge)].has_waypoints:
+    if not CHALLENGES[challenge].has_waypoints:
         return
     if (old.waypoints, old.time_step_s) != (new.waypoints, new.time_step_s):
         yield (

@@ -22,7 +22,7 @@ from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Links
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -48,7 +48,7 @@ def checked_counterpart(
     """
     if linked_to is None:
         return None
-    counterpart = CHALLENGES[ChallengeId(phase.challenge)].counterpart
+    counterpart = CHALLENGES[phase.challenge].counterpart
     if counterpart is None:
         raise InvalidRecord(
             f"Submissions of the {phase.challenge} challenge are not linked; leave linked_to out."

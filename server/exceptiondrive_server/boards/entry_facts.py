@@ -5,7 +5,7 @@ from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenge_words import Outcome
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import DASH, slug
@@ -38,7 +38,7 @@ def source_badge(source: EntrySource) -> Badge:
 
 def challenge_of(board: Board) -> Challenge:
     """Return the challenge of a board."""
-    return CHALLENGES[ChallengeId(board.challenge)]
+    return CHALLENGES[board.challenge]
 
 
 def primary_metrics(challenge: Challenge) -> tuple[Metric, ...]:

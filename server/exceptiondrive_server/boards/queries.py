@@ -23,7 +23,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol, latest_pro
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_server.boards.feed import BoardNote, History
 from exceptiondrive_server.boards.page import BoardBefore, BoardReading
 from exceptiondrive_server.boards.query import BoardQuery
@@ -80,7 +80,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     now = database_now(session)
-    challenge = next(c for key, c in CHALLENGES.items() if key == phase.challenge)
+    challenge = CHALLENGES[phase.challenge]
     return PhaseLink(
         id=phase.id,
         title=phase.title,
@@ -120,7 +120,7 @@ def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
     offered = [phase for phase in phases if phase.challenge in order]
     if query.challenge is not None and not offered:
         raise NotFound("phase of the challenge", query.challenge)
-    return min(offered, key=lambda phase: order.index(ChallengeId(phase.challenge)), default=None)
+    return min(offered, key=lambda phase: order.index(phase.challenge), default=None)
 
 
 def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:

@@ -233,7 +233,7 @@ def post_step(
 
 def _made_of(session: Session) -> tuple[FormField, ...]:
     """What a phase is made of, and keeps."""
-    challenges = tuple((key.value, one.title) for key, one in CHALLENGES.items())
+    challenges = tuple((key, one.title) for key, one in CHALLENGES.items())
     splits = {one.name: one.title for one in list_splits(session)}
     versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
     return (

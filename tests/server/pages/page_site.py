@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import httpx2
+import httpx
 import numpy as np
 from fastapi import APIRouter, FastAPI
 from tests.server.pages.invented_board import (
@@ -30,7 +30,7 @@ from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
 )
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
@@ -45,8 +45,8 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.routes import PAGES
@@ -82,19 +82,19 @@ class Site:
         lead_to_sign_in(self.app)
         mount_static(self.app)
 
-    async def get(self, path: str, **headers: str) -> httpx2.Response:
+    async def get(self, path: str, **headers: str) -> httpx.Response:
         return await self._send("GET", path, headers)
 
-    async def post(self, path: str, data: dict[str, str]) -> httpx2.Response:
+    async def post(self, path: str, data: dict[str, str]) -> httpx.Response:
         return await self._send("POST", path, {}, data)
 
     async def _send(
         self, method: str, path: str, headers: dict[str, str], data: dict[str, str] | None = None
-    ) -> httpx2.Response:
-        transport = httpx2.ASGITransport(app=self.app)
+    ) -> httpx.Response:
+        transport = httpx.ASGITransport(app=self.app)
         named = {key.replace("_", "-"): value for key, value in headers.items()}
         named = {"accept": "text/html", **named}
-        async with httpx2.AsyncClient(transport=transport, base_url="http://site.test") as client:
+        async with httpx.AsyncClient(transport=transport, base_url="http://site.test") as client:
             return await client.request(method, path, headers=named, data=data)
 
     def publish(self, board: Board, late: Board | None = None) -> None:
@@ -215,7 +215,7 @@ def sheet_of(entry: BoardEntry) -> ScoreSheet:
         "impossible": None,
     }
     return ScoreSheet(
-        challenge="planning",
+        challenge=PLANNING.id,
         protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
         split=MANIFEST.ref,
         scorer_version="1.0.0",
@@ -243,7 +243,7 @@ def real_drawings(planner: int = 4) -> EntryDrawings:
         for side in ("source", "edited")
     }
     split = split_arrays(sample_split().samples, PROTOCOL.taxonomy)
-    scoring = SCORING[ChallengeId.PLANNING]
+    scoring = SCORING[PLANNING.id]
     measured = scoring.measure(columns, split, PROTOCOL.geometry)
     drawings = scoring.drawings(columns, measured, ids, split, PROTOCOL)
     assert drawings is not None

@@ -9,7 +9,7 @@ from exceptiondrive_server.boards.view import BoardView, board_view
 
 
 def view(board: Board, protocol: Protocol, **query: object) -> BoardView:
-    return board_view(board, protocol, BoardQuery(**query))  # type: ignore[arg-type]
+    return board_view(board, protocol, BoardQuery(**query))
 
 
 def test_outcome_bars_add_up_to_the_whole(lively_board: Board, protocol: Protocol) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.challenges import CHALLENGE_OF_FILE_SCHEMA
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.planning import PlanningSubmission
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.strategy import StrategySubmission
@@ -37,7 +37,7 @@ def write_planners(folder: Path) -> list[Path]:
     listing = [
         {
             "file": _path(folder, who).name,
-            "challenge": CHALLENGE_OF_FILE_SCHEMA[submission.schema_].id.value,
+            "challenge": (PLANNING if isinstance(who, Planner) else STRATEGY).id,
             "method": who.method,
             "description": who.description,
             "is_reference": who.is_reference,
