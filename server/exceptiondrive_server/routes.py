@@ -23,6 +23,7 @@ from exceptiondrive_server.phases import api as phases
 from exceptiondrive_server.phases import organizer_api as organizer_phases
 from exceptiondrive_server.phases import organizer_pages as phase_pages
 from exceptiondrive_server.protocols import api as protocols
+from exceptiondrive_server.protocols import organizer_api as organizer_protocols
 from exceptiondrive_server.protocols import organizer_pages as organizer_protocol_pages
 from exceptiondrive_server.protocols import pages as protocol_pages
 from exceptiondrive_server.rescoring import api as rescoring
@@ -62,6 +63,7 @@ for _part in (
     organizer_teams.router,
     organizer_accounts.router,
     organizer_phases.router,
+    organizer_protocols.router,
     organizer_rescoring.router,
     organizer_submissions.router,
     organizer_audit.router,
