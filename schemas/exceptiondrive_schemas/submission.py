@@ -121,6 +121,9 @@ class PhaseView(PhaseSettings):
 
     id: str
     challenge: ChallengeId
+    title: str
+    description: str = ""
+    """Texts of any length: bounds are for those who write."""
     split: str
     split_revision: str
     split_is_public: bool

@@ -29,7 +29,6 @@ from exceptiondrive_server.protocols import pages as protocol_pages
 from exceptiondrive_server.rescoring import api as rescoring
 from exceptiondrive_server.rescoring import organizer_api as organizer_rescoring
 from exceptiondrive_server.rescoring import organizer_pages as run_pages
-from exceptiondrive_server.rescoring import verification_pages
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.submissions import api as submissions
 from exceptiondrive_server.submissions import events, receipts_api
@@ -40,7 +39,6 @@ from exceptiondrive_server.teams import api as teams
 from exceptiondrive_server.teams import my_pages
 from exceptiondrive_server.teams import organizer_api as organizer_teams
 from exceptiondrive_server.teams import organizer_pages as organizer_team_pages
-from exceptiondrive_server.teams import organizer_step_pages as team_step_pages
 from exceptiondrive_server.teams import pages as team_pages
 from exceptiondrive_server.web import health, responses
 from exceptiondrive_server.web.auth import require
@@ -110,13 +108,10 @@ _ORGANIZER_PAGES = APIRouter(include_in_schema=False, dependencies=[Depends(orga
 for _part in (
     overview_pages.router,
     organizer_team_pages.router,
-    team_step_pages.router,
     phase_pages.router,
-    organizer_submission_pages.similar_router,
     organizer_submission_pages.router,
     organizer_protocol_pages.router,
     run_pages.router,
-    verification_pages.router,
     audit_pages.router,
 ):
     _ORGANIZER_PAGES.include_router(_part)

@@ -11,7 +11,7 @@ from tests.chaos.saboteur import VISIBILITY_S
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS
 
 from exceptiondrive_records.db.base import JobState
-from exceptiondrive_records.operations.dashboard import attention
+from exceptiondrive_records.operations.dashboard import dashboard
 
 _DRAINS_WITHIN_S = 10.0
 
@@ -146,7 +146,7 @@ def poison(run: Run) -> str:
     others = [call for call in run.calls_since(start_s) if call.file_digest != poisoned.file_digest]
     cost = sum(call.team == "alpha" and call.is_accepted for call in others)
     with run.topology.database.read() as session:
-        told = {row.id for row in attention(session).failed}
+        told = {row.id for row in dashboard(session).failed}
     assert run.failure_of(poisoned) == "attempts_exhausted"
     assert run.job_of(poisoned).state is JobState.DEAD
     assert run.job_of(poisoned).attempts == MAX_ATTEMPTS

@@ -18,11 +18,8 @@ from exceptiondrive_server.operations import organizer_pages as overview_routes
 from exceptiondrive_server.phases import organizer_pages as phase_routes
 from exceptiondrive_server.protocols import organizer_pages as protocol_routes
 from exceptiondrive_server.rescoring import organizer_pages as run_routes
-from exceptiondrive_server.rescoring import verification_pages as verification_routes
-from exceptiondrive_server.submissions import organizer_pages as similarity_routes
 from exceptiondrive_server.submissions import organizer_pages as submission_routes
 from exceptiondrive_server.teams import organizer_pages as team_routes
-from exceptiondrive_server.teams import organizer_step_pages as team_step_routes
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -51,13 +48,10 @@ def fail(api: "Api", submission_id: str) -> None:
 PARTS = (
     overview_routes,
     team_routes,
-    team_step_routes,
     phase_routes,
     submission_routes,
     protocol_routes,
     run_routes,
-    similarity_routes,
-    verification_routes,
     audit_routes,
 )
 

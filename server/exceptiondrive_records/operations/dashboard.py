@@ -45,7 +45,7 @@ class WorkerSign:
 
 
 @dataclass(frozen=True)
-class Attention:
+class Dashboard:
     """Everything that may need an organizer."""
 
     pending: tuple[Team, ...]
@@ -59,7 +59,7 @@ class Attention:
     """In the last 24 hours."""
 
 
-def attention(session: Session) -> Attention:
+def dashboard(session: Session) -> Dashboard:
     """Return what waits for an organizer now."""
     pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
     failed = select(Submission).where(Submission.status == SubmissionStatus.FAILED)
@@ -67,7 +67,7 @@ def attention(session: Session) -> Attention:
     runs = select(RescoringRun).where(RescoringRun.state.in_(OPEN))
     since = database_now(session) - _A_DAY
     received = select(func.count()).where(Submission.received_at >= since)
-    return Attention(
+    return Dashboard(
         pending=tuple(session.scalars(pending)),
         failed=tuple(session.scalars(newest)),
         n_failed=session.scalar(select(func.count()).select_from(failed.subquery())) or 0,
