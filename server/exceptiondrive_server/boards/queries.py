@@ -1,4 +1,4 @@
-"""What pages read from the records, in one short transaction each."""
+"""What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -19,18 +19,20 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import is_open, list_phases
 from exceptiondrive_records.phases.policy import phase_now, takes_late_entries
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_server.boards.feed import BoardNote, History
-from exceptiondrive_server.boards.page import BoardBefore, BoardReading
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_server.boards.exports import BoardNote, History
+from exceptiondrive_server.boards.headline import BoardBefore
+from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.page_parts import PhaseLink
 
 
-def read_board(session: Session, query: BoardQuery) -> BoardReading:
+def read_board(session: Session, query: BoardQuery) -> BoardPage:
     """Read the board that a query asks for.
 
     Raises:
@@ -40,12 +42,13 @@ def read_board(session: Session, query: BoardQuery) -> BoardReading:
     links = _phase_links(session, phase)
     if phase is None:
         protocol = latest_protocol(session)
-        return BoardReading((), None, None, protocol, (), protocol.version, True)
+        return BoardPage(query, (), None, None, protocol, (), protocol.version)
     row = choose_board(session, phase, query)
     board = parsed_board(row) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
-    return BoardReading(
+    return BoardPage(
+        query=query,
         phases=links,
         phase=next(link for link in links if link.is_current),
         board=board,
@@ -97,6 +100,13 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         split_is_public=split.public_file_digest is not None,
         url=f"/?phase={phase.id}#board",
     )
+
+
+def latest_protocol(session: Session) -> Protocol:
+    """Return the protocol added last; before any was added, the packaged one."""
+    query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
+    digest = session.scalar(query)
+    return find_protocol(session, digest) if digest else packaged_protocol()
 
 
 def choose_phase(session: Session, query: BoardQuery) -> Phase | None:

@@ -21,7 +21,7 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.comparison import default_pair
 from exceptiondrive_server.boards.entry_facts import find_entry
-from exceptiondrive_server.boards.page import BoardReading
+from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
 
@@ -111,7 +111,7 @@ def _board_with(
 class ComparisonReading:
     """A board, the entries of it that are compared, and the published sheets of the first two."""
 
-    board: BoardReading
+    board: BoardPage
     entries: tuple[BoardEntry, ...]
     sheets: tuple[ScoreSheet | None, ScoreSheet | None]
 

@@ -8,8 +8,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from exceptiondrive_schemas.check.messages import MESSAGES
-from exceptiondrive_schemas.faults import FaultCode, FaultGroup
+from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.publish.broken_files import report_of
 from exceptiondrive_server.web.problem_help import PROBLEM_HELP, Help

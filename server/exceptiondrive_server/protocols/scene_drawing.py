@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from exceptiondrive_schemas.drawing import Outline, Position, ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol
-from exceptiondrive_server.web.numbers import px
+from exceptiondrive_server.web.scales import px
 
 WIDTH, HEIGHT = 600, 330
 MARGIN_TOP = 48

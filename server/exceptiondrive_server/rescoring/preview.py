@@ -7,7 +7,8 @@ from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, PreviewView, Standing
-from exceptiondrive_server.web.numbers import Digits, px, unit_of
+from exceptiondrive_server.web.numbers import Digits, unit_of
+from exceptiondrive_server.web.scales import px
 
 # Old rank to new rank, a line per entry. Pure: standings in, positions out.
 #

@@ -24,6 +24,7 @@ from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
 from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.services import services_of
 
 # Theme and frame: what a request says about how pages should look.
@@ -127,7 +128,7 @@ def environment() -> Environment:
         iso=numbers.iso,
         short=numbers.short_digest,
         grouped=numbers.grouped,
-        px=numbers.px,
+        px=px,
         size=numbers.size_text,
         slug=numbers.slug,
         https=https_only,

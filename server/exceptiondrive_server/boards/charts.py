@@ -20,8 +20,8 @@ from exceptiondrive_server.boards.entry_facts import (
     values_of,
 )
 from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.boards.scales import Scale, nice_scale
-from exceptiondrive_server.web.numbers import Digits, fixed, px
+from exceptiondrive_server.web.numbers import Digits, fixed
+from exceptiondrive_server.web.scales import Scale, nice_scale, px
 
 CHARACTER_WIDTH = 7.4
 LINE_HEIGHT = 16.0

@@ -76,3 +76,9 @@ def nice_scale(
 def _round_step(raw: float) -> float:
     power = 10.0 ** math.floor(math.log10(raw))
     return next(step * power for step in _STEPS if step * power >= raw * 0.999999)
+
+
+def px(value: float) -> str:
+    """Write a coordinate: one decimal, no trailing zero."""
+    text = f"{value:.1f}".removesuffix(".0")
+    return "0" if text == "-0" else text
