@@ -98,7 +98,6 @@ def roles() -> None:
 def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     """Serve API and pages, in one process."""
     from exceptiondrive_server.app import app_from_environment
-    from exceptiondrive_server.web.slow_clients import PatientProtocol
 
     application = app_from_environment()
     uvicorn.run(
@@ -106,7 +105,7 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
         host=host,
         port=port,
         forwarded_allow_ips=application.state.services.settings.trusted_proxies,
-        http=PatientProtocol,
+        http="httptools",  # refuses every head that two readers could read differently
         ws="none",
         log_config=None,
         access_log=False,
