@@ -16,8 +16,7 @@ from pydantic import Field, ValidationError
 
 from exceptiondrive_agent.errors import AgentError, Reason
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.planning import SampleId
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.submission_files import ReminderRecord, SampleId
 from exceptiondrive_schemas.taxonomy import Strategy
 
 MAX_RAW_CHARACTERS = 2000

@@ -36,7 +36,11 @@ from exceptiondrive_agent.questions import (
 from exceptiondrive_agent.report import Prices, RunReport, run_report
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.strategy import ReminderRecord, StrategyPrediction, StrategySubmission
+from exceptiondrive_schemas.submission_files import (
+    ReminderRecord,
+    StrategyPrediction,
+    StrategySubmission,
+)
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
 GIVE_UP_AFTER = 20

@@ -20,8 +20,7 @@ from exceptiondrive_records.splits.drawings import (
     keep_protocol_drawing,
 )
 from exceptiondrive_schemas import protocols
-from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.drawing.pictured import PACKAGED
+from exceptiondrive_schemas.drawing import PACKAGED, EntryDrawings
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.drawing import protocol_drawing

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
-from exceptiondrive_schemas.challenge_words import Outcome
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, Outcome
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import DASH, slug

@@ -19,10 +19,9 @@ from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.submissions.file_store import FileStore, run_sweeper
 from exceptiondrive_records.work.doorbell import Doorbell
 from exceptiondrive_records.work.reconciler import run_reconciler
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.launch import launch
-from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.launcher.plans import Address
+from exceptiondrive_server.launcher.layout import Address, Layout
 from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
 from exceptiondrive_server.operations.records_commands import (
     DataOption,
@@ -99,7 +98,6 @@ def roles() -> None:
 def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     """Serve API and pages, in one process."""
     from exceptiondrive_server.app import app_from_environment
-    from exceptiondrive_server.web.slow_clients import PatientProtocol
 
     application = app_from_environment()
     uvicorn.run(
@@ -107,7 +105,7 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
         host=host,
         port=port,
         forwarded_allow_ips=application.state.services.settings.trusted_proxies,
-        http=PatientProtocol,
+        http="httptools",  # refuses every head that two readers could read differently
         ws="none",
         log_config=None,
         access_log=False,

@@ -11,8 +11,7 @@ from fastapi.responses import RedirectResponse, Response
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.splits.drawings import protocol_drawing
-from exceptiondrive_schemas.check.messages import MESSAGES
-from exceptiondrive_schemas.faults import FaultCode, FaultGroup
+from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.publish.broken_files import report_of
 from exceptiondrive_server.boards.queries import latest_protocol
