@@ -19,10 +19,9 @@ from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.submissions.file_store import FileStore, run_sweeper
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.reconciler import run_reconciler
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.launch import launch
-from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.launcher.plans import Address
+from exceptiondrive_server.launcher.layout import Address, Layout
 from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
 from exceptiondrive_server.operations.records_commands import (
     DataOption,
