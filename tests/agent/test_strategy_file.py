@@ -11,7 +11,7 @@ from exceptiondrive_agent.run import (
     write_submission,
 )
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.strategy import ReminderRecord, StrategySubmission
+from exceptiondrive_schemas.submission_files import ReminderRecord, StrategySubmission
 from exceptiondrive_schemas.taxonomy import Strategy
 
 MANIFEST = Manifest(

@@ -19,6 +19,8 @@ OUTSIDE = re.compile(
 """Documents and folders that a clone does not have; real planner files may be looked for."""
 DOCUMENT = re.compile(r"docs/[\w./-]+\.md")
 SECTION = re.compile(r"docs/protocol\.md sections? (\d)(?: and (\d))?")
+FILE = re.compile(r"`(?:server/\.\.\./)?((?:[\w-]+/)*\w+\.(?:py|toml|html|conf))(?:::\w+)?`")
+OF_READERS = {"my_planner.py", "secrets/broker.conf"}
 LINK = re.compile(r"\]\(([^)\s#:]+)(#[\w-]+)?\)")
 
 
@@ -71,6 +73,17 @@ def test_every_section_of_the_protocol_that_is_named_is_there(texts: dict[str, s
         if section
     }
     assert named <= headings == set("12345678")
+
+
+def test_every_file_that_a_document_names_is_there(texts: dict[str, str]) -> None:
+    missing = {
+        (name, file)
+        for name, text in texts.items()
+        if name.endswith(".md")
+        for file in FILE.findall(text)
+        if file not in OF_READERS and not any(f"/{known}".endswith(f"/{file}") for known in texts)
+    }
+    assert missing == set()
 
 
 def test_links_between_documents_lead_somewhere(texts: dict[str, str]) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.leak.cells import PublishedCells
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.leakage import PublishedCells
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.challenge import SCORING, exact_sheet

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.planning import PlanningPrediction, PlanningSubmission
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.submission_files import PlanningPrediction, PlanningSubmission
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_scoring.sheet import Breakdown, aggregate

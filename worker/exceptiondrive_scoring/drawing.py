@@ -19,12 +19,12 @@ from exceptiondrive_schemas.drawing import (
     DrawnSample,
     EntryDrawings,
     Outline,
+    Position,
     ProtocolDrawing,
     SampleDrawing,
     pictured_digest,
     pictured_task,
 )
-from exceptiondrive_schemas.drawing.documents import Position
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol
 from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_scoring.aliases import FloatArray

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, Strate
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, Protocol
 from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays

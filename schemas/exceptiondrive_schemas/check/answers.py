@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy
 
 

@@ -4,12 +4,10 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, get_args
 
 from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocument
-from exceptiondrive_schemas.check.findings import Findings, Path
-from exceptiondrive_schemas.check.shown import kind, quoted
-from exceptiondrive_schemas.check.texts import check_text
+from exceptiondrive_schemas.check.findings import Findings, Path, check_text, kind, quoted
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.strategy import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
+from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
 
 STRATEGIES = frozenset(strategy.value for strategy in Strategy)

@@ -8,9 +8,8 @@ from typing import Any
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
-from exceptiondrive_schemas.planning import PlanningSubmission
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.strategy import StrategySubmission
+from exceptiondrive_schemas.submission_files import PlanningSubmission, StrategySubmission
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SPLIT_NAME, sample_scenes, sample_split
