@@ -15,12 +15,12 @@ from resvg_py import svg_to_bytes
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_server.boards.entry_facts import board_name, challenge_of, primary_metrics
 from exceptiondrive_server.boards.headline import headline
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.table import Row, RowBuilder
-from exceptiondrive_server.entries.facts import board_name, challenge_of, primary_metrics
 from exceptiondrive_server.entries.queries import EntryReading, read_entry
 from exceptiondrive_server.entries.view import Standing, standing_of
 from exceptiondrive_server.web.auth import ServicesOf
