@@ -139,6 +139,12 @@ def environment() -> Environment:
     return made
 
 
+def macro(template: str, name: str) -> Callable[..., Markup]:
+    """Return a macro of a template, for a part of a page that is made once."""
+    found: Callable[..., Markup] = getattr(environment().get_template(template).module, name)
+    return found
+
+
 def template_filter(function: F) -> F:
     """Let templates use a function of a noun as a filter of the same name."""
     environment().filters[function.__name__] = function
