@@ -24,7 +24,13 @@ from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.accounts.browser_session import PostedForm
 from exceptiondrive_server.audit.organizer_pages import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
-from exceptiondrive_server.rescoring.preview import preview_view
+from exceptiondrive_server.rescoring.preview import (
+    SHOWN,
+    Shifts,
+    rank_words,
+    slope_chart,
+    worst_first,
+)
 from exceptiondrive_server.rescoring.steps import (
     RUN_STEPS,
     RunStep,
@@ -34,7 +40,7 @@ from exceptiondrive_server.rescoring.steps import (
 )
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON
-from exceptiondrive_server.web.numbers import short_digest
+from exceptiondrive_server.web.numbers import short_digest, unit_of
 from exceptiondrive_server.web.organizer_frame import (
     NO_STORE,
     OrganizerBrowser,
@@ -131,7 +137,11 @@ def show_preview(
     with services.database.read() as session:
         seen = run_view(session, find_run(session, run_id))
         preview = preview_of(session, run_id)
-        protocol = find_protocol(session, preview.comparison.to_protocol.digest)
+        comparison = preview.comparison
+        protocol = find_protocol(session, comparison.to_protocol.digest)
+    ordered = worst_first(comparison)
+    n_pages = max(1, -(-len(ordered) // SHOWN))
+    page = min(page, n_pages)
     return organizer_page(
         request,
         browser,
@@ -139,7 +149,15 @@ def show_preview(
         "rescoring",
         line=run_line(seen),
         steps=offered(seen),
-        page=preview_view(preview, protocol, page),
+        preview=preview,
+        shown=ordered[(page - 1) * SHOWN : page * SHOWN],
+        shifts=Shifts(protocol, comparison),
+        rank_words=rank_words,
+        unit=unit_of,
+        number=page,
+        n_pages=n_pages,
+        wide=slope_chart(comparison, width=860, longest=28),
+        narrow=slope_chart(comparison, width=420, longest=15),
     )
 
 
