@@ -9,7 +9,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.phases.phases import list_phases
-from exceptiondrive_records.rescoring.verification import start_verification, verification_view
+from exceptiondrive_records.rescoring.runs import start_verification
+from exceptiondrive_records.rescoring.verification import verification_view
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.accounts.browser_session import PostedForm
 from exceptiondrive_server.web.auth import ServicesOf
