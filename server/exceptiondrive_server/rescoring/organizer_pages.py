@@ -13,14 +13,11 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.keys import find_run
-from exceptiondrive_records.rescoring.verification import (
-    list_verifications,
-    start_verification,
-    verification_view,
-)
+from exceptiondrive_records.rescoring.verification import list_verifications, verification_view
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.rescoring import RunKind
 from exceptiondrive_server.accounts.browser_session import PostedForm
 from exceptiondrive_server.audit.organizer_pages import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
@@ -110,7 +107,10 @@ def show_run(
 ) -> Response:
     """Show state, progress, what stands in the way, and what may be done."""
     with services.database.read() as session:
-        seen = run_view(session, find_run(session, run_id))
+        run = find_run(session, run_id)
+        if run.kind is RunKind.VERIFICATION:
+            return go(f"/organize/verifications/{run_id}")
+        seen = run_view(session, run)
         lines = history(session, run_id, limit=HISTORY)
         names = names_of_actors(session, [seen.actor])
     return organizer_page(
@@ -241,7 +241,7 @@ def post_verification(
     """Start a verification."""
 
     def take(session: Session, values: dict[str, Any]) -> str:
-        started = start_verification(
+        started = runs.start_verification(
             session, values.pop("phase"), **values, actor=browser.principal.actor
         )
         return f"/organize/verifications/{started.id}"
