@@ -10,6 +10,7 @@ import platform
 from benchmarks import growth, measuring, processes, rescoring, uncertainty, upload
 from benchmarks.report import note
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_worker.process import keep_memory
 
 SECTIONS = {
     "measuring": measuring.run,
@@ -29,6 +30,7 @@ def main() -> None:
     unknown = sorted(set(chosen) - SECTIONS.keys())
     if unknown:
         parser.error(f"no such section: {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
+    keep_memory()  # as in every worker
     note(
         f"CPU time of one thread, medians; candidates take turns, ratios are taken round by round. "
         f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"

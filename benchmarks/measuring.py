@@ -15,13 +15,12 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import clearance, convex_distance
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.arrays import TrajectoryPairs
+from exceptiondrive_scoring.arrays import TrajectoryPairs, split_arrays
 from exceptiondrive_scoring.footprint import Footprints
 from exceptiondrive_scoring.grade import grade
 from exceptiondrive_scoring.measure import Measurements, measure
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_scoring.sheet import aggregate
-from exceptiondrive_scoring.split_arrays import split_arrays
 
 REALDATA = Path(__file__).parents[2] / "shared" / "realdata" / "nuscenes-real"
 NAIVE_SAMPLES = 400

@@ -10,11 +10,10 @@ from benchmarks.timing import Job, cpu_seconds, peak_mib, typical
 from benchmarks.workload import SEED, Workload, make_workload
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
+from exceptiondrive_scoring.bootstrap import SceneSums, Uncertainty, bootstrap, scene_sums
 from exceptiondrive_scoring.grade import SampleScores, grade
 from exceptiondrive_scoring.measure import measure
-from exceptiondrive_scoring.rank_interval import rank_intervals
-from exceptiondrive_scoring.scene_sums import SceneSums, scene_sums
+from exceptiondrive_scoring.rank import rank_intervals
 
 ENTRIES = (1, 10, 100, 200, 1000)
 DISTINCT = 20
@@ -59,7 +58,7 @@ def _sums(workload: Workload, protocol: Protocol) -> list[SceneSums]:
     return [
         scene_sums(
             SampleScores(
-                scores.metric_keys, scores.values * rng.uniform(0.7, 1.0, scores.values.shape)
+                scores.metrics, scores.values * rng.uniform(0.7, 1.0, scores.values.shape)
             ),
             split,
             protocol.taxonomy,

@@ -18,14 +18,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-import httpx2
+import httpx
 from rich.console import Console
 
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 
 N_SAMPLES = 3181
@@ -51,7 +51,7 @@ def main() -> None:
             stderr=subprocess.DEVNULL,
         )
         try:
-            with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as http:
+            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as http:
                 _wait_until_ready(http)
                 http.headers["Authorization"] = f"Bearer {_open_phase(base, environment)}"
                 times_s = [_upload_to_rank_s(http, number) for number in range(N_UPLOADS)]
@@ -69,7 +69,7 @@ def _report(times_s: list[float]) -> None:
     )
 
 
-def _upload_to_rank_s(http: httpx2.Client, number: int) -> float:
+def _upload_to_rank_s(http: httpx.Client, number: int) -> float:
     data = gzip.compress(json.dumps(_submission(number)).encode(), 6)
     started = time.perf_counter()
     answer = http.post(
@@ -84,7 +84,7 @@ def _upload_to_rank_s(http: httpx2.Client, number: int) -> float:
     return time.perf_counter() - started
 
 
-def _is_ranked(http: httpx2.Client, submission_id: str) -> bool:
+def _is_ranked(http: httpx.Client, submission_id: str) -> bool:
     answer = http.get("/api/v1/leaderboard", params={"phase": "bench"})
     if answer.status_code == 404:
         return False
@@ -158,7 +158,7 @@ def _open_phase(base: Path, environment: dict[str, str]) -> str:
     with database.write() as session:
         new = NewPhase(
             id="bench",
-            challenge=ChallengeId.PLANNING,
+            challenge=PLANNING.id,
             title="Bench",
             split="bench",
             protocol="1.0",
@@ -171,13 +171,13 @@ def _open_phase(base: Path, environment: dict[str, str]) -> str:
     return token
 
 
-def _wait_until_ready(http: httpx2.Client, timeout_s: float = 90.0) -> None:
+def _wait_until_ready(http: httpx.Client, timeout_s: float = 90.0) -> None:
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
         try:
             if http.get("/readyz").json()["live_workers"]:
                 return
-        except httpx2.TransportError:
+        except httpx.TransportError:
             pass
         time.sleep(0.2)
     raise SystemExit("the system did not come up")

@@ -16,7 +16,7 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_worker.split_store import SplitStore
@@ -56,7 +56,7 @@ def prepare_records(
             session,
             NewPhase(
                 id=PHASE,
-                challenge=ChallengeId.PLANNING,
+                challenge=PLANNING.id,
                 title="Drill",
                 split="carla-pairs",
                 protocol="1.0",

@@ -1,7 +1,10 @@
-"""Check a file on this machine, with the checker that the server uses."""
+"""Files on this machine: read, checked with the checker that the server uses, and written."""
 
+import gzip
 import os
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import ChallengeId
@@ -75,7 +78,42 @@ def read_file(file: str | os.PathLike[str]) -> bytes:
         ) from None
 
 
-def chosen_protocol(choice: str | None) -> Protocol:
+def read_manifest(path: Path) -> Manifest:
+    """Return the public manifest of a split.
+
+    Raises:
+        InvalidArgumentError: No such file, or it is no manifest.
+    """
+    try:
+        return Manifest.read(read_file(path))
+    except ValidationError:
+        raise InvalidArgumentError(
+            "wrong_manifest",
+            f"{path.name} is not a manifest.",
+            "Take it from the server: exceptiondrive manifest PHASE -o FILE",
+        ) from None
+
+
+def write_file(path: Path, text: str) -> int:
+    """Write in one step, compressed if the name ends in `.gz`; return the size in bytes.
+
+    Raises:
+        InvalidArgumentError: It cannot be written.
+    """
+    data = text.encode()
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
+        size_bytes = part.stat().st_size
+        os.replace(part, path)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unwritable_file", f"{path} cannot be written: {error.strerror}."
+        ) from None
+    return size_bytes
+
+
+def chosen_protocol(choice: str | Path | None) -> Protocol:
     """Return a protocol by the path of a TOML file, or a version that ships; else the one that ships.
 
     Raises:
@@ -87,7 +125,7 @@ def chosen_protocol(choice: str | None) -> Protocol:
     try:
         if path.is_file():
             return parse_protocol(path.read_text(encoding="utf-8-sig"))
-        return packaged_protocol(choice)
+        return packaged_protocol(str(choice))
     except ProtocolError as error:
         raise InvalidArgumentError("wrong_protocol", f"{choice}: {error}") from None
     except UnicodeDecodeError:
@@ -97,6 +135,6 @@ def chosen_protocol(choice: str | None) -> Protocol:
     except OSError:
         raise InvalidArgumentError(
             "wrong_protocol",
-            f"{choice!r} is neither a protocol file nor a version that ships with this client.",
+            f"{str(choice)!r} is neither a protocol file nor a version that ships with this client.",
             "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml.",
         ) from None

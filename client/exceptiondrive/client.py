@@ -1,8 +1,8 @@
-"""The SDK: one object that speaks for a team to one server, and the submissions that it follows."""
+"""The SDK: what speaks for a team to one server, the submissions that it follows, and its tokens."""
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -21,7 +21,6 @@ from exceptiondrive.errors import (
 from exceptiondrive.transport import Connection, Progress, UploadBody, quoted
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
@@ -42,6 +41,10 @@ MAX_OUTAGES = 5
 """Requests in a row, each with its own retries, that may fail while waiting: about a minute."""
 
 OnChange = Callable[[SubmissionView], None]
+AnyDocument = TypeVar("AnyDocument", bound=Document)
+PHASES = TypeAdapter(tuple[PhaseView, ...])
+PAGE_SIZE = 100
+Record = dict[str, Any]
 
 
 class Submission:
@@ -169,11 +172,6 @@ class Submission:
         )
 
 
-AnyDocument = TypeVar("AnyDocument", bound=Document)
-PHASES = TypeAdapter(tuple[PhaseView, ...])
-PAGE_SIZE = 100
-
-
 class Client(Connection):
     """Submits files of one team and reads boards.
 
@@ -225,7 +223,7 @@ class Client(Connection):
             file,
             manifest=self.manifest(phase),
             protocol=self.protocol_of(view),
-            challenge=ChallengeId(view.challenge),
+            challenge=view.challenge,
             max_upload_bytes=view.max_upload_bytes,
         )
 
@@ -413,6 +411,36 @@ class Client(Connection):
         self, kind: type[AnyDocument], path: str, query: dict[str, Any] | None = None
     ) -> AnyDocument:
         return _parsed(kind, self._transport.get(path, query).content, path)
+
+
+class TeamTokens(Connection):
+    """Lists, issues, rotates and revokes the tokens of one's team; needs the scope `tokens`."""
+
+    def all(self) -> list[Record]:
+        """Return the team's tokens, newest first, without their secrets."""
+        return [dict(token) for token in self._transport.get("/tokens").json()]
+
+    def create(
+        self, name: str, scopes: Sequence[str] | None = None, expires_at: str | None = None
+    ) -> Record:
+        """Issue a token; its text is under `token`, and is shown this once.
+
+        Args:
+            name: What it is for.
+            scopes: None more than one's own token has; by default `submit` and `read:own`.
+            expires_at: ISO 8601 with zone; else it does not expire.
+        """
+        wanted = {"name": name, "scopes": scopes and list(scopes), "expires_at": expires_at}
+        return dict(self._transport.post_once("/tokens", wanted))
+
+    def rotate(self, token_id: str, *, keep_days: int = 7) -> Record:
+        """Issue the successor of a token; the old one works on for `keep_days`."""
+        path = f"/tokens/{quoted(token_id)}/rotate"
+        return dict(self._transport.post_once(path, {"keep_days": keep_days}))
+
+    def revoke(self, token_id: str) -> Record:
+        """Revoke a token for good."""
+        return dict(self._transport.post_once(f"/tokens/{quoted(token_id)}/revoke", {}))
 
 
 def _board_query(

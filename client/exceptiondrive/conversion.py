@@ -14,12 +14,12 @@ import gzip
 import io
 import json
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from exceptiondrive.checking import write_file
 from exceptiondrive.errors import InvalidArgumentError
 
 Waypoints = tuple[tuple[float, ...], ...]
@@ -27,6 +27,9 @@ FollowedPoint = Literal["sensor", "rear-axle"]
 
 AT_ORIGIN_M = 0.05
 """A first point as near to the origin as this is the car at t = 0."""
+SIDES = ("source", "edited")
+CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
+SCHEMA = "exceptiondrive.planning/1"
 
 
 @dataclass(frozen=True)
@@ -222,11 +225,6 @@ def _cut(pairs: tuple[RawPair, ...], plan: ConversionPlan, done: list[str]) -> t
     return _each(pairs, lambda points: points[: plan.waypoints])
 
 
-SIDES = ("source", "edited")
-CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
-SCHEMA = "exceptiondrive.planning/1"
-
-
 def read_pairs(paths: Sequence[Path]) -> tuple[tuple[RawPair, ...], str | None]:
     """Read all files as one: shards of a run make one submission.
 
@@ -262,13 +260,7 @@ def write_submission(path: Path, split: str, pairs: Iterable[RawPair]) -> int:
         for pair in pairs
     ]
     document = {"schema": SCHEMA, "split": split, "predictions": predictions}
-    data = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    if path.suffix == ".gz":
-        data = gzip.compress(data, mtime=0)
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    os.replace(part, path)
-    return len(data)
+    return write_file(path, json.dumps(document, separators=(",", ":"), allow_nan=False))
 
 
 def _text(path: Path) -> str:

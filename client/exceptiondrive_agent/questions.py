@@ -22,7 +22,7 @@ from exceptiondrive_agent.answers import (
 from exceptiondrive_agent.images import CleanImage
 from exceptiondrive_agent.journal import JournalHeader, JournalLine
 from exceptiondrive_schemas.base import content_digest
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
 Message = dict[str, Any]

@@ -4,18 +4,17 @@ Every unfinished sample is asked once, several at a time, and each outcome is jo
 """
 
 import asyncio
-import os
 import sys
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from exceptiondrive.checking import read_manifest, write_file
 from exceptiondrive_agent.endpoint import Endpoint, EndpointSettings
 from exceptiondrive_agent.errors import AgentError, EndpointGoneError, NoAnswerError, Reason
 from exceptiondrive_agent.images import ImagePaths, find_images, load_images
@@ -37,8 +36,16 @@ from exceptiondrive_agent.questions import (
 from exceptiondrive_agent.report import Prices, RunReport, run_report
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.strategy import ReminderRecord, StrategyPrediction, StrategySubmission
+from exceptiondrive_schemas.submission_files import (
+    ReminderRecord,
+    StrategyPrediction,
+    StrategySubmission,
+)
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
+
+GIVE_UP_AFTER = 20
+Ask = Callable[[str], Awaitable[JournalLine]]
+Take = Callable[[JournalLine], None]
 
 
 @contextmanager
@@ -62,22 +69,6 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[JournalLine], Non
             bar.update(task, advance=1, failed=failed)
 
         yield advance
-
-
-def read_manifest(path: Path) -> Manifest:
-    """Read a split's public manifest.
-
-    Raises:
-        AgentError: There is no such file, or it is no manifest.
-    """
-    try:
-        return Manifest.read(path.read_bytes())
-    except OSError as error:
-        raise AgentError(f"{path}: {error.strerror}") from None
-    except ValidationError:
-        raise AgentError(
-            f"{path}: not a manifest; download it from /api/v1/phases/<phase>/manifest"
-        ) from None
 
 
 def strategy_submission(
@@ -114,22 +105,11 @@ def write_submission(submission: StrategySubmission, path: Path) -> None:
     """Write the file in one step: a reader sees the old file or the new one.
 
     Raises:
-        AgentError: The file cannot be written.
+        InvalidArgumentError: The file cannot be written.
     """
-    text = submission.model_dump_json(by_alias=True, exclude_unset=True, indent=1)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
+    with suppress(OSError):  # whatever is wrong, writing says it
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text + "\n", encoding="utf-8")
-        os.replace(partial, path)
-    except OSError as error:
-        raise AgentError(f"{path}: {error.strerror}") from None
-
-
-GIVE_UP_AFTER = 20
-
-Ask = Callable[[str], Awaitable[JournalLine]]
-Take = Callable[[JournalLine], None]
+    write_file(path, submission.model_dump_json(by_alias=True, exclude_unset=True, indent=1) + "\n")
 
 
 async def ask_sample(

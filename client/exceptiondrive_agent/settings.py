@@ -2,21 +2,15 @@
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from exceptiondrive.checking import chosen_protocol
 from exceptiondrive_agent.endpoint import EndpointSettings
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_agent.questions import ModelSettings
 from exceptiondrive_agent.report import Prices
 from exceptiondrive_agent.run import RunSettings
-from exceptiondrive_schemas.protocol import (
-    Protocol,
-    ProtocolError,
-    packaged_protocol,
-    parse_protocol,
-)
 
 _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
 
@@ -29,10 +23,10 @@ def run_settings(given: Mapping[str, Any], environment: Mapping[str, str]) -> Ru
         environment: Holds the key, as EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY.
 
     Raises:
-        AgentError: An option makes no sense; the message names it.
+        InvalidArgumentError: An option makes no sense; the message names it.
     """
     return RunSettings(
-        protocol=read_protocol(given["protocol"]),
+        protocol=chosen_protocol(given["protocol"]),
         endpoint=EndpointSettings(
             base_url=checked_base_url(given["base_url"]),
             key=environment.get("EXCEPTIONDRIVE_AGENT_KEY") or environment.get("OPENAI_API_KEY"),
@@ -51,22 +45,6 @@ def run_settings(given: Mapping[str, Any], environment: Mapping[str, str]) -> Ru
         limit=given["limit"],
         prices=prices(given["price_in"], given["price_out"]),
     )
-
-
-def read_protocol(path: Path | None) -> Protocol:
-    """Read the protocol, or return the one that ships.
-
-    Raises:
-        AgentError: There is no such file, or it is no protocol.
-    """
-    if path is None:
-        return packaged_protocol()
-    try:
-        return parse_protocol(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise AgentError(f"{path}: {error.strerror}") from None
-    except (ProtocolError, UnicodeDecodeError) as error:
-        raise AgentError(f"{path}: {error}") from None
 
 
 def checked_base_url(text: str) -> str:

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -112,7 +113,7 @@ class FamilyHead(Document):
 class Board(Document):
     """A whole board. Its digest is its strong ETag."""
 
-    challenge: str
+    challenge: ChallengeId
     phase: str
     split: SplitRef
     protocol: ProtocolRef

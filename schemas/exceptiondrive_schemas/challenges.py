@@ -1,32 +1,182 @@
-"""The two challenges as data: which file they take, which metrics they give, what ranks.
+"""The challenges as data: which file they take, which metrics they give, what ranks.
 
-A challenge differs from its sibling only here, in the scoring package (measure, grade) and in the
-submission file's form. Check, upload, jobs, records, rescoring, boards and pages are the same code.
+A challenge differs from its siblings only in three places, each registered under its identifier:
+here and in how its file is checked (`exceptiondrive_schemas.check.register`), and in how it is
+measured and graded (`exceptiondrive_scoring.challenge.register`, which the server never imports).
+Upload, jobs, records, rescoring, boards and pages are the same code.
 """
 
-from collections.abc import Mapping
-from enum import StrEnum
-from types import MappingProxyType
-from typing import Literal
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, Literal, NewType, Self, TypeVar
+
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
 
 from exceptiondrive_schemas import formulas
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.challenge_words import (
-    PLANNING_WORDS,
-    STRATEGY_WORDS,
-    ChallengeWords,
+
+Outcome = Literal["kept", "lost", "hit"]
+
+
+class HeadlineWords(Document):
+    """The page's headline, chosen by the share of the best entry in the second primary metric.
+
+    `{often}` is set as "once in 3", `{cases}` as "one hazard in 3", `{rest}` as `{often}` of the
+    other samples.
+    """
+
+    question: str
+    """Where nothing is scored yet."""
+    by_share: tuple[tuple[float, str], ...] = Field(min_length=1)
+    """From this share on, these words; highest first, the last one from 0 on."""
+
+
+class CodeWords(Document):
+    """What the quick start shows: file and method names, and a loop that writes the file."""
+
+    file: str
+    method: str
+    loop: str
+    """Python; `{file}` and `{split}` are filled in."""
+
+
+class ChallengeWords(Document):
+    """Words of one challenge. Between double stars stands what is set bold."""
+
+    subject: str
+    """What is submitted: "planner", "agent"."""
+    subjects: str
+    answers: str
+    """What the file holds: "trajectories", "answers"."""
+    task: str
+    """Goes on after "ExceptionDrive puts a hazard into a real driving scene and"."""
+    scene_caption: str
+    """Under the drawing; `{clearance_m}`, `{d_safe_m}` and `{hcc}` are filled in."""
+    sample_note: str
+    """What a sample is, under the number of samples."""
+    headline: HeadlineWords
+    ceiling_title: str
+    ceiling_note: str
+    outcome: dict[Outcome, str]
+    """The three parts of all samples, in the legend of the outcome bar."""
+    covered: dict[str, str]
+    """What the shares of a coverage count: "edited" and, where there is one, "source"."""
+    file_note: str
+    """What a file is made of, in a sentence."""
+    code: CodeWords
+
+
+PLANNING_WORDS = ChallengeWords(
+    subject="planner",
+    subjects="planners",
+    answers="trajectories",
+    task="asks the planner to drive it again. Trajectories are scored here, against hazard regions "
+    "that nobody outside can see.",
+    scene_caption="One edited scene from above, to scale. **UR** counts tubes that touch the red "
+    "core. **HCC** pays for clearance up to the amber line: here d = {clearance_m:.2f} of "
+    "{d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the mean gap between the dotted and the solid "
+    "trajectory.",
+    sample_note="source\u2013edited pairs",
+    headline=HeadlineWords(
+        question="Which planner keeps clear of the hazard?",
+        by_share=(
+            (0.995, "No planner keeps clear of the hazard yet."),
+            (0.501, "Even the safest planner meets the hazard {often}."),
+            (0.1, "The safest planner still meets {cases}."),
+            (0.0, "The safest planner keeps clear {rest}."),
+        ),
+    ),
+    ceiling_title="Compliance has a ceiling",
+    ceiling_note="A planner earns clearance only where it stays out of the hazard, so HCC can "
+    "never pass 100 minus UR. The dotted drop is clearance lost by passing too close.",
+    outcome={
+        "kept": "clearance kept (HCC)",
+        "lost": "clear but too close",
+        "hit": "in the hazard (UR)",
+    },
+    covered={"edited": "edited trajectories", "source": "source trajectories"},
+    file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
+    "sample.",
+    code=CodeWords(
+        file="planner.json.gz",
+        method="My planner",
+        loop="""\
+from recorder import Recorder  # one file, standard library only
+
+with Recorder("{file}", split="{split}") as recorder:
+    for sample_id, source, edited in samples:
+        recorder.add(sample_id, source=plan(source), edited=plan(edited))
+""",
+    ),
+)
+
+STRATEGY_WORDS = ChallengeWords(
+    subject="agent",
+    subjects="agents",
+    answers="answers",
+    task="asks an agent what to do about it. Answers are scored here, against what is acceptable "
+    "for each task; which sample is which task, nobody outside can see.",
+    scene_caption="One edited scene from above, to scale. The agent answers with a strategy: "
+    "**A** maintain path, **B** slow down, **C** stop, **D** yield, **E** prepare to bypass. "
+    "**Under-warning** counts answers that are wrong and too careless.",
+    sample_note="edited scenes",
+    headline=HeadlineWords(
+        question="Which agent is careful enough?",
+        by_share=(
+            (0.995, "No agent is careful enough yet."),
+            (0.1, "Even the most careful agent warns too little {often}."),
+            (0.0, "The most careful agent is careful enough {rest}."),
+        ),
+    ),
+    ceiling_title="Accuracy has a ceiling",
+    ceiling_note="A wrong answer that is too careless cannot be right, so accuracy can never pass "
+    "100 minus under-warning. The dotted drop is what was lost by other wrong answers.",
+    outcome={
+        "kept": "acceptable strategy",
+        "lost": "too cautious or sideways",
+        "hit": "under-warning",
+    },
+    covered={"edited": "answers"},
+    file_note="One JSON file with one letter per sample: what the agent would do in the edited "
+    "scene.",
+    code=CodeWords(
+        file="agent.json.gz",
+        method="My agent",
+        loop="""\
+from recorder import StrategyRecorder  # one file, standard library only
+
+with StrategyRecorder("{file}", split="{split}") as recorder:
+    for sample_id, images in samples:
+        recorder.add(sample_id, strategy=decide(images))  # "A" to "E", or None
+""",
+    ),
 )
 
 
-class ChallengeId(StrEnum):
-    """Identifier of a challenge."""
+ChallengeId = NewType("ChallengeId", str)
+"""Identifier of a challenge: the key of its registration. No enumeration, because challenges can be
+added; a reader of answers takes one that it does not know."""
 
-    PLANNING = "planning"
-    STRATEGY = "strategy"
+
+class UnknownChallengeError(KeyError):
+    """Nothing is registered under this identifier."""
+
+    def __init__(self, challenge_id: str, known: Iterable[str]) -> None:
+        self.sentence = f"There is no challenge {challenge_id!r} here; known: {', '.join(known)}."
+        super().__init__(self.sentence)
+
+    def __str__(self) -> str:
+        return self.sentence
 
 
 class Metric(Document):
-    """One column of a board: what it is called, which way is better, what it may decide."""
+    """One column of a board: what it is called, which way is better, what it may decide.
+
+    `aggregation` says what the values of samples become in a task, a family and overall: their mean,
+    the share of ones (the mean of zeros and ones), their minimum, or a quantile without
+    interpolation: the least value that a share of `level` of the samples does not exceed.
+    """
 
     key: str
     label: str
@@ -37,6 +187,22 @@ class Metric(Document):
     meaning: str
     formula: str = ""
     """Its equation as MathML; empty where words are enough."""
+    part_of: str = ""
+    """Key of the metric of which it is a component; it is explained there."""
+    aggregation: Literal["mean", "share", "minimum", "quantile"] = "mean"
+    level: float | None = Field(default=None, gt=0, le=1)
+    """Of a quantile: 0.5 is the median."""
+
+    @model_validator(mode="after")
+    def _a_quantile_has_a_level(self) -> Self:
+        if (self.aggregation == "quantile") != (self.level is not None):
+            raise ValueError("a quantile, and nothing else, has a level")
+        return self
+
+    @property
+    def order_level(self) -> float | None:
+        """Which order statistic of the samples it is, 0 for the minimum; None where it is a mean."""
+        return {"minimum": 0.0, "quantile": self.level}.get(self.aggregation)
 
 
 class RankKey(Document):
@@ -91,7 +257,7 @@ class Challenge(Document):
 
 
 PLANNING = Challenge(
-    id=ChallengeId.PLANNING,
+    id=ChallengeId("planning"),
     title="Planning",
     file_schema="exceptiondrive.planning/1",
     words=PLANNING_WORDS,
@@ -116,6 +282,7 @@ PLANNING = Challenge(
             unit="fraction",
             better="lower",
             role="primary",
+            aggregation="share",
             meaning="Share of samples in which the collision tube touches the hazard region.",
             formula=formulas.UR,
         ),
@@ -149,6 +316,7 @@ PLANNING = Challenge(
             better=None,
             role="diagnostic",
             meaning="Longitudinal part of the shift.",
+            part_of="cts",
         ),
         Metric(
             key="cts_y",
@@ -158,12 +326,13 @@ PLANNING = Challenge(
             better=None,
             role="diagnostic",
             meaning="Lateral part of the shift.",
+            part_of="cts",
         ),
     ),
 )
 
 STRATEGY = Challenge(
-    id=ChallengeId.STRATEGY,
+    id=ChallengeId("strategy"),
     title="Strategy",
     file_schema="exceptiondrive.strategy/1",
     words=STRATEGY_WORDS,
@@ -177,6 +346,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better="higher",
             role="primary",
+            aggregation="share",
             meaning="Share of samples whose strategy is in the acceptable set.",
             formula=formulas.ACCURACY,
         ),
@@ -187,6 +357,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better="lower",
             role="primary",
+            aggregation="share",
             meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
             formula=formulas.UNDER_WARNING,
         ),
@@ -197,6 +368,7 @@ STRATEGY = Challenge(
             unit="fraction",
             better=None,
             role="diagnostic",
+            aggregation="share",
             meaning="Wrong, but not too little caution.",
         ),
         Metric(
@@ -206,14 +378,73 @@ STRATEGY = Challenge(
             unit="fraction",
             better="lower",
             role="diagnostic",
+            aggregation="share",
             meaning="No answer given; counted as wrong and under-warning.",
         ),
     ),
 )
 
-CHALLENGES: Mapping[ChallengeId, Challenge] = MappingProxyType(
-    {challenge.id: challenge for challenge in (PLANNING, STRATEGY)}
-)
-CHALLENGE_OF_FILE_SCHEMA: Mapping[str, Challenge] = MappingProxyType(
-    {challenge.file_schema: challenge for challenge in CHALLENGES.values()}
-)
+Registered = TypeVar("Registered")
+
+
+class Registry(Mapping[ChallengeId, Registered]):
+    """One thing for each challenge; looking up a challenge that is not there says which are."""
+
+    def __init__(self) -> None:
+        self._registered: dict[ChallengeId, Registered] = {}
+
+    def register(self, challenge_id: ChallengeId, thing: Registered) -> None:
+        """Add the thing of a challenge.
+
+        Raises:
+            ValueError: The challenge has one.
+        """
+        if challenge_id in self:
+            raise ValueError(f"the challenge {challenge_id} is registered already")
+        self._registered[challenge_id] = thing
+
+    def __getitem__(self, challenge_id: str) -> Registered:
+        try:
+            return self._registered[ChallengeId(challenge_id)]
+        except KeyError:
+            raise UnknownChallengeError(challenge_id, self) from None
+
+    def __iter__(self) -> Iterator[ChallengeId]:
+        return iter(self._registered)
+
+    def __len__(self) -> int:
+        return len(self._registered)
+
+
+CHALLENGES: Registry[Challenge] = Registry()
+for _challenge in (PLANNING, STRATEGY):
+    CHALLENGES.register(_challenge.id, _challenge)
+
+
+def challenge_of_file(file_schema: str) -> Challenge | None:
+    """Return the challenge whose files name this schema."""
+    return next((each for each in CHALLENGES.values() if each.file_schema == file_schema), None)
+
+
+class _Known:
+    """Asks for a registered challenge, and lists them in JSON Schemas."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return no_info_after_validator_function(_known, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {**handler(schema), "enum": list(CHALLENGES)}
+
+
+def _known(challenge_id: str) -> ChallengeId:
+    if challenge_id not in CHALLENGES:
+        raise ValueError(f"must be one of {', '.join(CHALLENGES)}")
+    return ChallengeId(challenge_id)
+
+
+KnownChallenge = Annotated[ChallengeId, _Known()]
+"""A challenge as a request names it."""

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import KnownChallenge
 from exceptiondrive_schemas.datetimes import Time
 
 SplitPart = Literal["public", "private"]
@@ -143,7 +143,7 @@ class NewPhase(PhaseSettings):
     """A phase to be made: its settings, and what it is made of for good."""
 
     id: str = Field(max_length=64, description="Stands in addresses.")
-    challenge: ChallengeId = Field(strict=False)
+    challenge: KnownChallenge
     split: str = Field(max_length=64, description="Name of a registered split.")
     split_revision: str | None = Field(
         default=None, max_length=100, description="By default the one registered last."

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, RankKey
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, RankKey
 from exceptiondrive_schemas.protocol_problems import problems_of, unkeepable
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
@@ -104,7 +104,7 @@ class RankingSection(Document):
         if not set(needed) <= set(self.order) <= set(CHALLENGES):
             raise ValueError(f"order needs exactly the challenges {', '.join(CHALLENGES)}")
         for challenge_id, keys in self.order.items():
-            primary = {key.metric for key in CHALLENGES[ChallengeId(challenge_id)].primary_order}
+            primary = {key.metric for key in CHALLENGES[challenge_id].primary_order}
             for key in keys:
                 if key.metric not in primary:
                     raise ValueError(

@@ -11,6 +11,7 @@ from typing import Literal
 from pydantic import ConfigDict
 
 from exceptiondrive_schemas.base import Document, canonical_json, content_digest
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
@@ -29,7 +30,7 @@ class ReceiptStatement(Document):
     file_digest: str
     size_bytes: int
     phase: str
-    challenge: str
+    challenge: ChallengeId
     team: str
     method: str
     protocol: ProtocolRef

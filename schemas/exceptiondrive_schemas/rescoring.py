@@ -10,6 +10,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.board import ReminderEffect
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol_difference import Difference
 from exceptiondrive_schemas.score_sheet import MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
@@ -181,7 +182,7 @@ class Comparison(Document):
     """What readers would see change: two boards side by side."""
 
     phase: str
-    challenge: str
+    challenge: ChallengeId
     from_protocol: ProtocolRef
     to_protocol: ProtocolRef
     from_split: SplitRef

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Self
 from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.split import SplitRef
 
 MetricRow = dict[str, float | None]
@@ -53,14 +54,14 @@ class BreakdownRow(Document):
     """One family or task: `n` and the metrics, flat: `{"n": 12, "hcc": 0.4, ...}`."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, RowValue] = Field(init=False)
+    __pydantic_extra__: dict[str, RowValue]
 
     n: int | None
 
     @classmethod
-    def of(cls, n: int | None, metrics: MetricRow, **more: Any) -> Self:
-        """Return the row of `n` samples with these metrics, and what else a subclass holds."""
-        return cls.model_validate({"n": n, **METRIC_ROW.validate_python(metrics), **more})
+    def of(cls, n: int | None, metrics: MetricRow) -> Self:
+        """Return the row of `n` samples with these metrics."""
+        return cls.model_validate({"n": n, **METRIC_ROW.validate_python(metrics)})
 
     @property
     def metrics(self) -> MetricRow:
@@ -75,7 +76,7 @@ class BreakdownRow(Document):
 class ScoreSheet(Document):
     """Totals, families and tasks of one (submission, protocol version, split revision)."""
 
-    challenge: str
+    challenge: ChallengeId
     protocol: ProtocolRef
     split: SplitRef
     scorer_version: str

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.planning import SampleId, Waypoint
+from exceptiondrive_schemas.submission_files import SampleId, Waypoint
 from exceptiondrive_schemas.taxonomy import Strategy
 
 SPLIT_NAME_PATTERN = r"^[a-z0-9][a-z0-9.-]{0,63}$"

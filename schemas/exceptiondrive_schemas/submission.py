@@ -5,6 +5,7 @@ from enum import StrEnum
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.phase_settings import PhaseNow, PhaseSettings
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -61,7 +62,7 @@ class SubmissionView(Document):
 
     id: str
     phase: str
-    challenge: str
+    challenge: ChallengeId
     team: str
     method: str
     description: str
@@ -119,7 +120,10 @@ class PhaseView(PhaseSettings):
     """A dated stage of a challenge, with its own split, protocol and limits."""
 
     id: str
-    challenge: str
+    challenge: ChallengeId
+    title: str
+    description: str = ""
+    """Texts of any length: bounds are for those who write."""
     split: str
     split_revision: str
     split_is_public: bool

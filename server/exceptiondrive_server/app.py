@@ -9,7 +9,7 @@ from exceptiondrive_records.db.settings import load_settings
 from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards.reader import BoardReader
 from exceptiondrive_server.routes import ROUTES
-from exceptiondrive_server.web.body_limit import BodyLimit, Overload
+from exceptiondrive_server.web.body_limit import Overload, RequestLimits
 from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe
@@ -41,7 +41,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
     limit_bytes = settings.max_upload_bytes + MULTIPART_OVERHEAD_BYTES
     if services.provider is not None:
         services.provider.keep_flows(app)
-    app.add_middleware(BodyLimit, upload_limit_bytes=limit_bytes)
+    app.add_middleware(RequestLimits, upload_limit_bytes=limit_bytes)
     app.add_middleware(Overload, at_once=settings.uploads_at_once)
     app.add_middleware(RequestContext, metrics=services.metrics)
     app.add_middleware(HeadRequests)  # added last: the outermost

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from exceptiondrive_agent.run import read_manifest
+from exceptiondrive.checking import read_manifest
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.protocol import packaged_protocol
 

@@ -10,7 +10,7 @@ from exceptiondrive_agent.questions import (
     reminder_text,
 )
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import RegionKind, Strategy, Taxonomy
 
 IMAGES = (CleanImage("image/png", b"one"), CleanImage("image/png", b"two"))

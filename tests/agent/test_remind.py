@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.submission_files import ReminderRecord
 
 if TYPE_CHECKING:
     from tests.agent.conftest import Bench, ChatEndpoint, Seen

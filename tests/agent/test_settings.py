@@ -3,7 +3,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_agent.errors import AgentError
+from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_agent.settings import run_settings
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -57,6 +57,6 @@ def test_another_protocol_brings_its_own_taxonomy(tmp_path: Path) -> None:
     ],
 )
 def test_options_that_make_no_sense_are_refused(option: str, value: object, said: str) -> None:
-    with pytest.raises(AgentError, match=said) as caught:
+    with pytest.raises(InvalidArgumentError, match=said) as caught:
         run_settings(GIVEN | {option: value}, {})
     assert "secret" not in str(caught.value)

@@ -4,14 +4,14 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_agent.errors import AgentError
+from exceptiondrive.checking import read_manifest
+from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_agent.run import (
-    read_manifest,
     strategy_submission,
     write_submission,
 )
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.strategy import ReminderRecord, StrategySubmission
+from exceptiondrive_schemas.submission_files import ReminderRecord, StrategySubmission
 from exceptiondrive_schemas.taxonomy import Strategy
 
 MANIFEST = Manifest(
@@ -52,5 +52,5 @@ def test_nothing_but_the_file_is_left_in_the_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "{}", '{"schema": "exceptiondrive.split/1"}'])
 def test_what_is_no_manifest_is_refused_with_where_to_get_one(tmp_path: Path, text: str) -> None:
     (tmp_path / "m.json").write_text(text)
-    with pytest.raises(AgentError, match="manifest; download it"):
+    with pytest.raises(InvalidArgumentError, match="exceptiondrive manifest PHASE"):
         read_manifest(tmp_path / "m.json")

@@ -22,7 +22,7 @@ from exceptiondrive.evaluation import score
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -69,7 +69,7 @@ class Rescorer:
         checked = check(data, protocol=self._protocol, manifest=self._manifest)
         assert checked.document is not None, "a file that is no submission was scored"
         exact = score(checked.document, self.split, self._protocol)
-        challenge = CHALLENGES[ChallengeId(exact.challenge)]
+        challenge = CHALLENGES[exact.challenge]
         return Rounding(challenge, self._protocol.publication).sheet(exact)
 
 

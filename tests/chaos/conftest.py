@@ -15,16 +15,18 @@ from sqlalchemy.orm import Session
 from tests.chaos.history import BoardSeen, Call, History, Sighting
 from tests.support.documents import REVISION, make_manifest
 from tests.support.records import add_phase, add_sample_split, found
+from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.claims import Finish
+from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import Coverage, Plausibility, ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef
 
@@ -50,7 +52,7 @@ class Story:
 def _sheet(protocol: ProtocolRef, hcc: float) -> ScoreSheet:
     row: dict[str, float | None] = {"hcc": hcc, "ur": 0.25}
     return ScoreSheet(
-        challenge="planning",
+        challenge=PLANNING.id,
         protocol=protocol,
         split=SPLIT,
         scorer_version="1",
@@ -109,7 +111,7 @@ class _Teller:
         with self.database.write() as session:
             row = session.get_one(Submission, submission_id)
             (job_id,) = session.scalars(select(Job.id).where(Job.submission_id == row.id))
-            claim = jobs.claim(session, job_id, 60, 3)
+            claim = claim_this(session, job_id, 60, 3)
         assert claim is not None
         with self.database.write() as session:
             if hcc is None:
@@ -130,7 +132,7 @@ class _Teller:
 
     def publish(self, ranked: tuple[str, ...]) -> None:
         with self.database.write() as session:
-            claim = claim_board(session, "dev", self.protocol.digest, 60)
+            claim = claim_board_of(session, "dev", self.protocol.digest)
             assert claim is not None
             entries = tuple(
                 self._entry(session, submission_id, rank)
@@ -160,7 +162,7 @@ class _Teller:
 
     def _board(self, entries: tuple[BoardEntry, ...]) -> Board:
         return Board(
-            challenge="planning",
+            challenge=PLANNING.id,
             phase="dev",
             split=SPLIT,
             protocol=self.protocol,

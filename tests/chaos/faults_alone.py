@@ -24,7 +24,7 @@ from exceptiondrive_server.operations.backup import restore_backup, write_backup
 _WRITER = """
 import sys, time
 from exceptiondrive_records.audit import audit
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.database import Database
 database = Database(sys.argv[1])
 with database.read() as session:
     session.connection()  # the first use of all prepares much

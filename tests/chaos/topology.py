@@ -33,7 +33,7 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.splits.splits import manifest_of
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_worker.sample.files import write_sample_split
@@ -52,7 +52,6 @@ SHORT = {
     "MAX_ATTEMPTS": f"{MAX_ATTEMPTS}",
     "RETRY_BACKOFF_S": "0.2",
     "RECONCILE_EVERY_S": "0.3",
-    "RING_AGAIN_AFTER_S": "1.5",
     "HEARTBEAT_EVERY_S": "1",
     "HEARTBEAT_TTL_S": f"{HEARTBEAT_TTL_S:g}",
     "LEADER_LEASE_S": "2",
@@ -325,7 +324,7 @@ class Topology:
                 session,
                 NewPhase(
                     id=PHASE,
-                    challenge=ChallengeId.PLANNING,
+                    challenge=PLANNING.id,
                     title="Chaos",
                     split="sample",
                     protocol="1.0",

@@ -139,8 +139,7 @@ def test_evaluating_twice_gives_the_same_bits(planning_file: MakeFile, split_fil
 
 def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_file: Path) -> None:
     from exceptiondrive_schemas.challenges import PLANNING
-    from exceptiondrive_scoring.challenge import SCORING
-    from exceptiondrive_scoring.exact_sheet import exact_sheet
+    from exceptiondrive_scoring.challenge import SCORING, exact_sheet
     from exceptiondrive_worker.split_store import load_split
     from exceptiondrive_worker.upload_reader import read_upload
 

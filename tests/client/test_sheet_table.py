@@ -3,6 +3,7 @@
 from rich.console import Console
 
 from exceptiondrive.cli.tables import sheet_view
+from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.score_sheet import (
     Coverage,
     MetricRow,
@@ -17,7 +18,7 @@ ROW: MetricRow = {"accuracy": 0.5, "under_warning": 0.25, "over_warning": 0.25, 
 
 def printed(extra: dict[str, MetricRow]) -> list[str]:
     sheet = ScoreSheet(
-        challenge="strategy",
+        challenge=STRATEGY.id,
         protocol=ProtocolRef(version="1.0", digest="sha256:0"),
         split=SplitRef(name="tiny", revision="sha256:1"),
         scorer_version="1",

@@ -46,7 +46,7 @@ def entry(text: str) -> BoardEntry:
 
 def board() -> Board:
     return Board(
-        challenge="planning",
+        challenge=PLANNING.id,
         phase="\x1b[2J",
         split=SplitRef(name="\x1b[2J", revision="r"),
         protocol=ProtocolRef(version="\x9b2J", digest="d"),
@@ -64,7 +64,7 @@ def submission(text: str) -> SubmissionView:
     return SubmissionView(
         id=text,
         phase=text,
-        challenge="planning",
+        challenge=PLANNING.id,
         team=text,
         method=text,
         description=text,

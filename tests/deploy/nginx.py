@@ -94,6 +94,7 @@ class Nginx:
         *,
         port: int | None = None,
         user: int | None = None,
+        more: Mapping[str, str] | None = None,
     ) -> None:
         self.binary = find_nginx()
         self.folder = Path(tempfile.mkdtemp(prefix="ed-nginx-"))
@@ -103,7 +104,7 @@ class Nginx:
         self.certificate = self.folder / "tls.crt"
         self._user = user
         self.renew_certificate()
-        changes = self._changes(names.port, server_port)
+        changes = {**self._changes(names.port, server_port), **(more or {})}
         (self.folder / "nginx.conf").write_text(replaced(CONF.read_text("utf-8"), changes))
         if user is not None:
             for path in (self.folder, *self.folder.iterdir()):

@@ -1,7 +1,9 @@
 """nginx before servers that do not answer: what it says itself. With servers: tests/operating."""
 
+import contextlib
 import os
 import re
+import socket
 import ssl
 import time
 from collections.abc import Iterator
@@ -145,3 +147,64 @@ def test_it_runs_without_rights(site: Nginx) -> None:
     assert os.getuid() != 0 or site.folder.stat().st_uid == Users().proxy
     assert "[emerg]" not in site.log
     assert "[alert]" not in site.log
+
+
+@pytest.fixture(scope="module")
+def hasty_site() -> Iterator[Nginx]:
+    """The file of production with its two time-outs against slow clients cut to a second."""
+    names = Names("127.0.0.1")
+    cut = {f"client_{name}_timeout {seconds}s;": f"client_{name}_timeout 1s;"
+           for name, seconds in (("header", 10), ("body", 30))}  # fmt: skip
+    started = Nginx(names, free_port(), more=cut)
+    yield started
+    started.close()
+    names.close()
+
+
+def until_closed(connection: socket.socket) -> bytes:
+    """All that nginx says, until it is nginx who closes."""
+    parts = []
+    with connection, contextlib.suppress(ConnectionResetError):
+        while part := connection.recv(65_536):
+            parts.append(part)
+    return b"".join(parts)
+
+
+@pytest.mark.row("I16")
+def test_silent_and_slow_connections_are_ended_and_others_are_served(hasty_site: Nginx) -> None:
+    slow = []
+    for number in range(36):
+        port = hasty_site.plain_port if number % 2 else hasty_site.port
+        connection = socket.create_connection(
+            ("127.0.0.1", port), timeout=30, source_address=(f"127.0.0.{60 + number}", 0)
+        )
+        if number % 4 == 1:
+            connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\nX-Drip: ")
+        slow.append(connection)
+    with hasty_site.browser("127.0.0.57") as other:
+        assert [other.get("/api/v1/me").status_code for _ in range(20)] == [502] * 20
+    answers = [until_closed(connection) for connection in slow]
+    assert not any(answer.startswith(b"HTTP/1.1 200") for answer in answers)
+
+
+@pytest.mark.row("I16")
+def test_a_body_that_stops_coming_reaches_no_server(hasty_site: Nginx) -> None:
+    plain = socket.create_connection(("127.0.0.1", hasty_site.port), timeout=30)
+    trust = ssl.create_default_context(cafile=str(hasty_site.certificate))
+    with trust.wrap_socket(plain, server_hostname="127.0.0.1") as connection:
+        connection.sendall(
+            b"POST /api/v1/submissions HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\n0"
+        )
+        assert not until_closed(connection).startswith(b"HTTP/1.1 5"), "it was passed on"
+
+
+@pytest.mark.row("I28")
+@pytest.mark.parametrize(
+    "head", [b"GET / HTTP/1.1\r\nHost: x\r\nX: ", b"GET /"], ids=["header", "address"]
+)
+def test_an_endless_head_is_refused(hasty_site: Nginx, head: bytes) -> None:
+    connection = socket.create_connection(("127.0.0.1", hasty_site.plain_port), timeout=30)
+    with contextlib.suppress(OSError):
+        connection.sendall(head + b"a" * 2**20)
+    answer = until_closed(connection)
+    assert answer == b"" or answer.startswith((b"HTTP/1.1 400", b"HTTP/1.1 414"))

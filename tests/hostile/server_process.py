@@ -13,12 +13,11 @@ from pathlib import Path
 PROGRAM = """
 import json, sys, uvicorn
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
-from exceptiondrive_server.slow_clients import Patience, PatientProtocol
+from exceptiondrive_server.web import body_limit
+from exceptiondrive_server.web.settings import ServerSettings
 given = json.loads(sys.argv[1])
-class Protocol(PatientProtocol):
-    patience = Patience(**given["patience"])
-uvicorn.run(create_app(ServerSettings(**given["settings"])), fd=given["fd"], http=Protocol,
+vars(body_limit).update(given["limits"])
+uvicorn.run(create_app(ServerSettings(**given["settings"])), fd=given["fd"], http="httptools",
     ws="none", log_config=None, access_log=False, server_header=False)
 """
 MEBIBYTE = 1024 * 1024
@@ -65,12 +64,12 @@ def read_all(connection: socket.socket) -> bytes:
 
 @contextmanager
 def running_server(
-    folder: Path, settings: dict[str, object], patience: dict[str, float]
+    folder: Path, settings: dict[str, object], limits: dict[str, float]
 ) -> Iterator[ServerProcess]:
-    """Run a server with these settings and this patience (fields of `Patience`)."""
+    """Run a server with these settings and these limits (of `web.body_limit`)."""
     log = folder / "server.log"
     with closing(socket.create_server(("127.0.0.1", 0), backlog=512)) as listener:
-        given = {"settings": settings, "patience": patience, "fd": listener.fileno()}
+        given = {"settings": settings, "limits": limits, "fd": listener.fileno()}
         with log.open("wb") as stream:
             process = subprocess.Popen(
                 [sys.executable, "-c", PROGRAM, json.dumps(given)],

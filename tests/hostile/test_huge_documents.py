@@ -4,7 +4,7 @@ import gzip
 
 import pytest
 
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check, json_stream
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol
@@ -66,9 +66,7 @@ def decoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 @pytest.mark.parametrize("name", HUGE)
 def test_a_million_of_anything_is_refused_after_bounded_work(name: str, decoded: list[int]) -> None:
     data = gzip.compress(HUGE[name](), 1)
-    report = read_upload(
-        data, challenge=CHALLENGES[ChallengeId.PLANNING], manifest=MANIFEST, protocol=PROTOCOL
-    )
+    report = read_upload(data, challenge=PLANNING, manifest=MANIFEST, protocol=PROTOCOL)
     assert isinstance(report, CheckReport)
     assert report.faults
     assert decoded[0] <= MOST_VALUES

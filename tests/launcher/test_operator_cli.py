@@ -12,7 +12,6 @@ from exceptiondrive_records.accounts.tokens import is_well_formed, verify_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_server.operations import cli as operator_cli
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_server.web.slow_clients import PatientProtocol
 
 
 @pytest.fixture
@@ -95,8 +94,8 @@ def test_the_audit_chain_is_verified(
     assert "every invariant holds; 1 audit lines, head " in capsys.readouterr().err
 
 
-def test_the_server_is_served_with_an_end_to_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Slow clients are ended where no proxy does it, too (tests/hostile/test_connections.py)."""
+def test_the_server_is_served_by_the_strict_parser(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What that refuses: tests/hostile/test_connections.py."""
     served: dict[str, object] = {}
     monkeypatch.setattr("uvicorn.run", lambda app, **keywords: served.update(keywords))
     application = FastAPI()
@@ -105,5 +104,5 @@ def test_the_server_is_served_with_an_end_to_waiting(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("exceptiondrive_server.app.app_from_environment", lambda: application)
     operator_cli.serve(host="127.0.0.1", port=1)
     assert served["forwarded_allow_ips"] == "10.0.0.1"
-    assert served["http"] is PatientProtocol
+    assert served["http"] == "httptools"
     assert served["ws"] == "none"

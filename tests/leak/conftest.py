@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.leak.cells import PublishedCells
 
-from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
-from exceptiondrive_schemas.leakage import PublishedCells
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.exact_sheet import exact_sheet
+from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_store import LoadedSplit, load_split, read_split
 
@@ -38,7 +37,7 @@ class Oracle:
 
     def exact(self, edited: FloatArray) -> ScoreSheet:
         """Score as the worker does; nothing is rounded."""
-        scoring = SCORING[ChallengeId.PLANNING]
+        scoring = SCORING[PLANNING.id]
         measured = self.measured(edited)
         split = self.split
         return exact_sheet(scoring, measured, split.arrays, split.manifest.ref, self.protocol)
@@ -46,7 +45,7 @@ class Oracle:
     def measured(self, edited: FloatArray) -> dict[str, NDArray[np.generic]]:
         """Withheld: what each sample measures. Only for comparing a finding with the truth."""
         answers = {"source": np.zeros_like(edited), "edited": edited}
-        scoring = SCORING[ChallengeId.PLANNING]
+        scoring = SCORING[PLANNING.id]
         columns = scoring.measure(answers, self.split.arrays, self.protocol.geometry)
         return dict(columns)
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.leak.cells import BITS_OF_FLIP, least_width_m
 
-from exceptiondrive_schemas.leakage import BITS_OF_FLIP, least_width_m
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 
 if TYPE_CHECKING:

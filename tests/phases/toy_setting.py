@@ -63,7 +63,7 @@ def main() -> None:
     from typer.testing import CliRunner
 
     from exceptiondrive.cli import app
-    from exceptiondrive_schemas.publish.settings_page import settings_page
+    from exceptiondrive_schemas.publish.written_files import settings_page
     from exceptiondrive_server.phases import organizer_api as organizer_phases
     from exceptiondrive_server.phases import organizer_pages as phase_routes
 

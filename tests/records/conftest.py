@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import pytest
 from tests.support.documents import digest_of, make_sheet
 from tests.support.records import add_phase, add_sample_split, found
+from tests.support.work import claim_this
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.submissions import Accepted, accept
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.claims import Claim, Finish
+from exceptiondrive_records.work.jobs import Finish, finish_scored
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
@@ -34,18 +35,18 @@ class World:
                 size_bytes=len(content),
             )
 
-    def claim(self, job_id: str | None, max_attempts: int = 4) -> Claim:
+    def claim(self, job_id: str | None, max_attempts: int = 4) -> Job:
         assert job_id is not None
         with self.database.write() as session:
-            claim = jobs.claim(session, job_id, 120, max_attempts)
-        assert claim is not None
-        return claim
+            job = claim_this(session, job_id, 120, max_attempts)
+        assert job is not None
+        return job
 
-    def finish(self, claim: Claim, hcc: float = 0.5) -> Finish:
+    def finish(self, job: Job, hcc: float = 0.5) -> Finish:
         with self.database.write() as session:
-            return jobs.finish_scored(
+            return finish_scored(
                 session,
-                claim,
+                job,
                 self.sheet(hcc),
                 exact_digest=f"sha256:{hcc}",
                 measurement_key="m",

@@ -53,7 +53,7 @@ def try_to_submit(database: Database, team_id: int, number: int) -> str:
 
 IN_A_PROCESS = """
 import sys
-from exceptiondrive_records.database import Database
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.errors import QuotaExceeded
 from exceptiondrive_records.submissions import accept
 

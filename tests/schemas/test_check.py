@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import PlanningDocument, StrategyDocument, check, check_bytes
 from exceptiondrive_schemas.faults import FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import Protocol
@@ -96,7 +96,7 @@ def test_the_schema_may_follow_the_predictions_of_a_strategy_file(
 def test_a_file_of_the_other_challenge_is_refused(
     strategy: dict[str, Any], protocol: Protocol, encoded: Encode
 ) -> None:
-    report = check_bytes(encoded(strategy), protocol=protocol, challenge=ChallengeId.PLANNING)
+    report = check_bytes(encoded(strategy), protocol=protocol, challenge=PLANNING.id)
     assert [group.code for group in report.faults] == [FaultCode.WRONG_SCHEMA]
     assert report.faults[0].examples[0].hint == (
         "this is a strategy file, and a planning file is wanted"

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.check import check_bytes
-from exceptiondrive_schemas.check.nearest import NearestId
-from exceptiondrive_schemas.check.shown import json_path, shown
+from exceptiondrive_schemas.check.findings import json_path, shown
+from exceptiondrive_schemas.check.sample_ids import NearestId
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, CheckReport, Fault, FaultCode
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest

@@ -15,14 +15,12 @@ from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.publish.broken_files import BROKEN_FILES, report_of
 from exceptiondrive_schemas.publish.examples import EXAMPLES
-from exceptiondrive_schemas.publish.json_schemas import MODELS
-from exceptiondrive_schemas.publish.written_files import written_files
+from exceptiondrive_schemas.publish.written_files import MODELS, written_files
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text, schema_text
 from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.arrays import split_arrays
+from exceptiondrive_scoring.challenge import SCORING, document_columns
 from exceptiondrive_scoring.sheet import aggregate
-from exceptiondrive_scoring.split_arrays import split_arrays
 
 ROOT = Path(__file__).parents[2]
 FILES = written_files()
@@ -36,9 +34,8 @@ def test_a_generated_file_is_fresh(path: str) -> None:
 
 def test_no_other_file_lies_among_the_generated_ones() -> None:
     for folder in ("schemas", "examples"):
-        for root in ("docs", "schemas/exceptiondrive_schemas/published"):
-            names = {path.name for path in (ROOT / root / folder).iterdir()}
-            assert names == {f"{name}.json" for name in DOCUMENT_NAMES}
+        found = (ROOT / "schemas/exceptiondrive_schemas/published" / folder).iterdir()
+        assert {path.name for path in found} == {f"{name}.json" for name in DOCUMENT_NAMES}
 
 
 @pytest.mark.parametrize("name", DOCUMENT_NAMES)

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from exceptiondrive_schemas.board import BoardEntry
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.reported import reported_entries, reported_paper
 
@@ -42,7 +42,7 @@ def table(text: str) -> dict[str, list[str]]:
 
 @pytest.fixture(scope="module")
 def planning() -> tuple[BoardEntry, ...]:
-    return reported_entries(ChallengeId.PLANNING, "macro_family")
+    return reported_entries(PLANNING.id, "macro_family")
 
 
 def test_table_1_is_kept_digit_for_digit() -> None:
@@ -91,7 +91,7 @@ def test_per_cent_become_fractions_and_metres_stay(planning: tuple[BoardEntry, .
 
 
 def test_reported_rows_are_marked_and_carry_no_rank(planning: tuple[BoardEntry, ...]) -> None:
-    for entry in (*planning, *reported_entries(ChallengeId.STRATEGY, "macro_family")):
+    for entry in (*planning, *reported_entries(STRATEGY.id, "macro_family")):
         assert entry.source == "reported"
         assert entry.rank is None
         assert entry.rank_interval is None
@@ -100,14 +100,14 @@ def test_reported_rows_are_marked_and_carry_no_rank(planning: tuple[BoardEntry, 
 
 
 def test_another_headline_shows_no_number_of_the_printed_aggregate() -> None:
-    for entry in reported_entries(ChallengeId.PLANNING, "micro"):
+    for entry in reported_entries(PLANNING.id, "micro"):
         assert set(entry.metrics.values()) == {None}
         assert entry.families == {}
         assert entry.macro_family["hcc"] is not None
 
 
 def test_strategy_rows_leave_unreported_metrics_undefined() -> None:
-    entry = reported_entries(ChallengeId.STRATEGY, "micro")[0]
+    entry = reported_entries(STRATEGY.id, "micro")[0]
     assert entry.metrics == {
         "accuracy": 0.5186,
         "under_warning": 0.4553,

@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from exceptiondrive_schemas.board import BoardEntry, ReminderEffect
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import (
     Protocol,
     ProtocolError,
@@ -69,7 +69,7 @@ def test_the_sets_are_part_of_the_grading_digest_and_of_no_other(protocol: Proto
 
 
 def test_an_entry_without_a_linked_one_says_nothing_about_an_effect() -> None:
-    entry = reported_entries(ChallengeId.STRATEGY, "macro_family")[0]
+    entry = reported_entries(STRATEGY.id, "macro_family")[0]
     assert "reminder_effect" not in entry.model_dump(mode="json")
     effect = ReminderEffect(without="abc", without_method="Plain", differences={})
     linked = entry.model_copy(update={"reminder_effect": effect})

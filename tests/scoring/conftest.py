@@ -13,8 +13,7 @@ import pytest
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
-from exceptiondrive_scoring.split_arrays import split_arrays
+from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
 
 REPOSITORY = Path(__file__).parents[2]
 REALDATA = REPOSITORY.parent / "shared" / "realdata"

@@ -9,13 +9,11 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol, RankingSection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
+from exceptiondrive_scoring.bootstrap import GRID, SceneSums, Uncertainty, bootstrap, scene_sums
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.rank_interval import rank_intervals
-from exceptiondrive_scoring.scene_sums import GRID, SceneSums, scene_sums
+from exceptiondrive_scoring.rank import rank_intervals
 
 MakeSplit = Callable[..., SplitArrays]
-KEYS = PLANNING.metric_keys
 NAN = float("nan")
 N, SCENES = 240, 60
 
@@ -36,7 +34,7 @@ def _scores(seed: int, *, safe: float = 0.3, missing_source: float = 0.0) -> Sam
     hcc, hpr = is_safe * rng.random(N), is_safe * rng.random(N)
     cts = rng.gamma(2.0, 1.0, (N, 3))
     cts[rng.random(N) < missing_source] = NAN
-    return SampleScores(KEYS, np.column_stack([hcc, ~is_safe, hpr, cts]))
+    return SampleScores(PLANNING.metrics, np.column_stack([hcc, ~is_safe, hpr, cts]))
 
 
 def _one(scores: SampleScores, split: SplitArrays, protocol: Protocol) -> Uncertainty:

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.support.strategies import answers_alone
 
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.sheet import aggregate
-from exceptiondrive_scoring.strategy import StrategyAnswers
 
 MakeSplit = Callable[..., SplitArrays]
 N = 6
@@ -21,10 +21,10 @@ N = 6
 def _answers(challenge_id: ChallengeId) -> dict[str, NDArray[Any]]:
     drive = np.cumsum(np.full((N, 6, 2), [2.0, 0.1]), axis=1)
     drive[0] = np.nan
-    strategies = StrategyAnswers.without_reminders(np.array([-1, 2, 2, 2, 2, 2]))
+    strategies = answers_alone(np.array([-1, 2, 2, 2, 2, 2]))
     return {
-        ChallengeId.PLANNING: {"source": drive.copy(), "edited": drive},
-        ChallengeId.STRATEGY: strategies.columns(),
+        PLANNING.id: {"source": drive.copy(), "edited": drive},
+        STRATEGY.id: strategies.columns(),
     }[challenge_id]
 
 
@@ -34,7 +34,7 @@ def split(make_split: MakeSplit) -> SplitArrays:
     return make_split(np.tile(corners, (N, 1, 1)), tasks=[0, 4, 8, 12, 15, 18])
 
 
-@pytest.mark.parametrize("challenge_id", list(ChallengeId))
+@pytest.mark.parametrize("challenge_id", list(CHALLENGES))
 def test_every_challenge_goes_the_same_way_to_a_sheet(
     challenge_id: ChallengeId, split: SplitArrays, protocol: Protocol
 ) -> None:
@@ -48,11 +48,11 @@ def test_every_challenge_goes_the_same_way_to_a_sheet(
     sheet = aggregate(scores, split, protocol.taxonomy)
     assert set(sheet.micro) == set(scores.metric_keys)
     assert scoring.coverage(measurements)["edited"] == pytest.approx(5 / 6)
-    scoring.plausibility(measurements, protocol)
+    scoring.plausibility(measurements, split, protocol)
     scoring.extra(measurements, split, protocol)
 
 
-@pytest.mark.parametrize("challenge_id", list(ChallengeId))
+@pytest.mark.parametrize("challenge_id", list(CHALLENGES))
 def test_measuring_changes_none_of_its_inputs(
     challenge_id: ChallengeId, split: SplitArrays, protocol: Protocol
 ) -> None:
@@ -72,8 +72,8 @@ def test_measuring_changes_none_of_its_inputs(
 def test_the_strategy_sheet_carries_confusion_and_reminder_rows(
     split: SplitArrays, protocol: Protocol
 ) -> None:
-    scoring = SCORING[ChallengeId.STRATEGY]
-    answers = _answers(ChallengeId.STRATEGY)
+    scoring = SCORING[STRATEGY.id]
+    answers = _answers(STRATEGY.id)
     assert "reminder" not in scoring.extra(answers, split, protocol)
     answers["reminder_given"] = np.ones(N, dtype=np.bool_)
     rows = scoring.extra(answers, split, protocol)

@@ -4,16 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.support.strategies import answers_alone
 
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.bootstrap import bootstrap
+from exceptiondrive_scoring.bootstrap import bootstrap, scene_sums
 from exceptiondrive_scoring.compare import compare
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.rank_interval import rank_intervals
-from exceptiondrive_scoring.scene_sums import scene_sums
-from exceptiondrive_scoring.strategy import StrategyAnswers, grade_strategies
+from exceptiondrive_scoring.rank import rank_intervals
+from exceptiondrive_scoring.strategy import grade_strategies
 
 MakeSplit = Callable[..., SplitArrays]
 N, SCENES = 400, 100
@@ -31,9 +31,7 @@ def split(make_split: MakeSplit) -> SplitArrays:
 
 def _scores(unsafe: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]") -> SampleScores:
     hcc = 0.5 * ~unsafe
-    return SampleScores(
-        PLANNING.metric_keys, np.column_stack([hcc, unsafe, hcc, *([np.ones(N)] * 3)])
-    )
+    return SampleScores(PLANNING.metrics, np.column_stack([hcc, unsafe, hcc, *([np.ones(N)] * 3)]))
 
 
 def test_an_entry_compared_with_itself_is_not_separable(
@@ -126,7 +124,7 @@ def test_the_reminder_effect_is_the_paired_difference_of_two_submissions(
     acceptable = split.acceptable.argmax(axis=1)
     with_reminder = np.where(rng.random(N) < 0.3, acceptable, without)
     graded = [
-        grade_strategies(StrategyAnswers.without_reminders(answers), split, protocol)
+        grade_strategies(answers_alone(answers), split, protocol)
         for answers in (with_reminder, without)
     ]
     effect = compare(graded[0], graded[1], split, protocol, STRATEGY)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from exceptiondrive_schemas.protocol import GeometrySection
-from exceptiondrive_scoring.collision_tube import tube_pieces_m
+from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.footprint import footprints_m
 
 

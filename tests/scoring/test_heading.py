@@ -5,7 +5,7 @@ import pytest
 
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.heading import headings_rad
+from exceptiondrive_scoring.kinematics import heading_vectors, positions, steps
 
 CASES: dict[str, tuple[list[tuple[float, float]], list[float]]] = {
     "straight": ([(1, 0), (2, 0), (3, 0)], [0, 0, 0, 0]),
@@ -19,6 +19,13 @@ CASES: dict[str, tuple[list[tuple[float, float]], list[float]]] = {
     "a_right_angle_is_not_reversing": ([(0, 1), (-1, 1), (-1, 0)], [0, 90, 180, -90]),
     "forth_and_back": ([(2, 2), (0, 0), (2, 2)], [0, 45, 45, 45]),
 }
+
+
+def headings_rad(points_m: FloatArray, geometry: GeometrySection) -> FloatArray:
+    """Heading at every time step, counter-clockwise from +x; (N, T + 1)."""
+    cos, sin = heading_vectors(steps(positions(points_m)), geometry)
+    headings: FloatArray = np.arctan2(sin, cos).T
+    return headings
 
 
 def with_origin(waypoints: FloatArray) -> FloatArray:

@@ -8,8 +8,7 @@ from shapely.ops import nearest_points
 
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.clearance import clearance_m
-from exceptiondrive_scoring.collision_tube import tube_pieces_m
-from exceptiondrive_scoring.nearest_points import clearance_segment_m
+from exceptiondrive_scoring.drawing import clearance_segment_m, tube_pieces_m
 from exceptiondrive_scoring.region import prepare_regions
 
 Case = tuple[np.ndarray, np.ndarray]

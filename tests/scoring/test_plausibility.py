@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import Plausibility
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
+from exceptiondrive_scoring.kinematics import (
+    peak_acceleration_mps2,
+    positions,
+    steps,
+    tightest_turn_m,
+)
 from exceptiondrive_scoring.measure import measure
-from exceptiondrive_scoring.motion import peak_acceleration_mps2, tightest_turn_m
-from exceptiondrive_scoring.plausibility import Plausibility, plausibility
-from exceptiondrive_scoring.positions import positions, steps
+from exceptiondrive_scoring.plausibility import plausibility
 
 STILL = np.zeros((6, 2))
 CRUISE = np.stack([3.0 * np.arange(1, 7), np.zeros(6)], axis=-1)

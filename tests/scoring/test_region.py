@@ -7,8 +7,8 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.region import prepare_regions, signed_area_m2
-from exceptiondrive_scoring.split_arrays import split_arrays
 
 SQUARE = [[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0]]
 DART = [[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]]

@@ -14,7 +14,7 @@ from exceptiondrive_schemas.protocol import (
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
 from exceptiondrive_scoring.measure import Measurements, measure
-from exceptiondrive_scoring.sensitivity import clearance_sensitivity
+from exceptiondrive_scoring.planning import clearance_sensitivity
 from exceptiondrive_scoring.sheet import aggregate
 
 MakeSplit = Callable[..., SplitArrays]

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
@@ -12,7 +13,7 @@ from exceptiondrive_scoring.sheet import aggregate
 
 MakeSplit = Callable[..., SplitArrays]
 NAN = float("nan")
-KEYS = ("hcc", "cts")
+METRICS = (PLANNING.metric("hcc"), PLANNING.metric("cts"))
 
 
 def _split(make_split: MakeSplit, tasks: list[int]) -> SplitArrays:
@@ -23,7 +24,7 @@ def test_micro_weighs_samples_and_macro_weighs_families(
     make_split: MakeSplit, protocol: Protocol
 ) -> None:
     # three samples of Sudden Emergence (tasks SE1 SE1 SE2), one of Lane Blockage (LB1)
-    scores = SampleScores(KEYS, np.array([[0.0, 1.0], [0.3, 2.0], [0.6, 3.0], [0.9, 4.0]]))
+    scores = SampleScores(METRICS, np.array([[0.0, 1.0], [0.3, 2.0], [0.6, 3.0], [0.9, 4.0]]))
     sheet = aggregate(scores, _split(make_split, [0, 0, 1, 4]), protocol.taxonomy)
     assert sheet.n == 4
     assert sheet.micro == pytest.approx({"hcc": 0.45, "cts": 2.5})
@@ -35,7 +36,7 @@ def test_micro_weighs_samples_and_macro_weighs_families(
 
 
 def test_a_family_without_samples_is_absent(make_split: MakeSplit, protocol: Protocol) -> None:
-    scores = SampleScores(KEYS, np.array([[0.5, 1.0]]))
+    scores = SampleScores(METRICS, np.array([[0.5, 1.0]]))
     sheet = aggregate(scores, _split(make_split, [4]), protocol.taxonomy)
     assert list(sheet.families) == ["lane_blockage"]
     assert list(sheet.tasks) == ["LB1"]
@@ -44,12 +45,12 @@ def test_a_family_without_samples_is_absent(make_split: MakeSplit, protocol: Pro
 def test_an_undefined_value_is_left_out_and_an_undefined_mean_is_none(
     make_split: MakeSplit, protocol: Protocol
 ) -> None:
-    scores = SampleScores(KEYS, np.array([[0.5, NAN], [0.5, NAN], [0.7, 2.0]]))
+    scores = SampleScores(METRICS, np.array([[0.5, NAN], [0.5, NAN], [0.7, 2.0]]))
     sheet = aggregate(scores, _split(make_split, [0, 1, 4]), protocol.taxonomy)
     assert sheet.micro["cts"] == 2.0
     assert sheet.families["sudden_emergence"].metrics == {"hcc": 0.5, "cts": None}
     assert sheet.macro_family["cts"] == 2.0
-    nothing = SampleScores(KEYS, np.array([[0.5, NAN]]))
+    nothing = SampleScores(METRICS, np.array([[0.5, NAN]]))
     assert aggregate(nothing, _split(make_split, [0]), protocol.taxonomy).micro["cts"] is None
 
 

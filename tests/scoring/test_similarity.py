@@ -6,19 +6,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.similarity import (
-    ALIKE_RULES,
     FARTHEST,
     SKETCH_SAMPLES,
     SLACK,
+    AlikeRule,
     alikeness,
     compare_pair,
     distances,
     sketched_samples,
 )
+from exceptiondrive_scoring.strategy import StrategyScoring
 
-PLANNING = ALIKE_RULES[ChallengeId.PLANNING]
-STRATEGY = ALIKE_RULES[ChallengeId.STRATEGY]
+PLANNING = PlanningScoring.alike
+STRATEGY = StrategyScoring.alike
 
 
 def ways(seed: int, n_samples: int = 3181) -> np.ndarray:
@@ -26,8 +29,9 @@ def ways(seed: int, n_samples: int = 3181) -> np.ndarray:
     return np.cumsum(steps, axis=1)
 
 
-def test_every_challenge_says_what_is_alike() -> None:
-    assert set(ALIKE_RULES) == set(CHALLENGES)
+@pytest.mark.parametrize("challenge", CHALLENGES)
+def test_every_challenge_says_what_is_alike(challenge: ChallengeId) -> None:
+    assert isinstance(SCORING[challenge].alike, AlikeRule)
 
 
 def test_a_copy_is_equal_and_a_stranger_is_not() -> None:

@@ -5,15 +5,15 @@ from itertools import product
 
 import numpy as np
 import pytest
+from tests.support.strategies import answers_alone
 
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.reminder import reminder_scores
-from exceptiondrive_scoring.split_arrays import STRATEGIES
+from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
 from exceptiondrive_scoring.strategy import (
     StrategyAnswers,
     confusion,
     grade_strategies,
+    reminder_scores,
     under_warning_sets,
 )
 
@@ -23,7 +23,7 @@ SE1, LB1, BG1, RS1 = 0, 4, 8, 18  # acceptable C D | C | B C E | C E
 
 
 def _answers(letters: str) -> StrategyAnswers:
-    return StrategyAnswers.without_reminders(np.array([LETTERS.find(x) for x in letters]))
+    return answers_alone(np.array([LETTERS.find(x) for x in letters]))
 
 
 @pytest.fixture

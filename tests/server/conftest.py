@@ -20,8 +20,9 @@ from tests.support import documents
 from tests.support.databases import as_role
 from tests.support.documents import REVISION, make_sheet
 from tests.support.records import add_phase, add_sample_split, found
+from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
@@ -29,6 +30,7 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef
@@ -134,7 +136,7 @@ class Api:
         """Do what a worker does when it has scored."""
         with self.database.write() as session:
             job = session.query(Job).filter_by(submission_id=submission_id).one()
-            claim = jobs.claim(session, job.id, 120, 4)
+            claim = claim_this(session, job.id, 120, 4)
         assert claim is not None
         with self.database.write() as session:
             jobs.finish_scored(
@@ -151,7 +153,7 @@ class Api:
         with self.database.write() as session:
             want_board(session, phase, PROTOCOL.digest)
         board = Board(
-            challenge="planning",
+            challenge=PLANNING.id,
             phase=phase,
             split=SplitRef(name="sample", revision=REVISION),
             protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
@@ -164,7 +166,7 @@ class Api:
             entries=entries,
         )
         with self.database.write() as session:
-            claim = claim_board(session, phase, PROTOCOL.digest, 30)
+            claim = claim_board_of(session, phase, PROTOCOL.digest)
             assert claim is not None
             row = publish_board(session, claim, board)
         assert row is not None

@@ -128,7 +128,7 @@ def test_many_fields_are_400(api: "Api", as_problem: Problem) -> None:
 SERVER = """
 import sys, uvicorn
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings
 app = create_app(ServerSettings(database_url=sys.argv[1], file_store_url=sys.argv[2],
     broker_url="redis+socket:///nobody.sock", max_upload_bytes=16 * 2**20))
 uvicorn.run(app, fd=int(sys.argv[3]), log_config=None, access_log=False)

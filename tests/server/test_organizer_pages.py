@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from fastapi.routing import APIRoute
 from sqlalchemy import select, text
+from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.teams.teams import register_team
@@ -18,11 +19,8 @@ from exceptiondrive_server.operations import organizer_pages as overview_routes
 from exceptiondrive_server.phases import organizer_pages as phase_routes
 from exceptiondrive_server.protocols import organizer_pages as protocol_routes
 from exceptiondrive_server.rescoring import organizer_pages as run_routes
-from exceptiondrive_server.rescoring import verification_pages as verification_routes
-from exceptiondrive_server.submissions import organizer_pages as similarity_routes
 from exceptiondrive_server.submissions import organizer_pages as submission_routes
 from exceptiondrive_server.teams import organizer_pages as team_routes
-from exceptiondrive_server.teams import organizer_step_pages as team_step_routes
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -42,7 +40,7 @@ def fail(api: "Api", submission_id: str) -> None:
     """Do what a worker does when our own part is broken for good."""
     with api.database.write() as session:
         job = session.query(Job).filter_by(submission_id=submission_id).one()
-        claim = jobs.claim(session, job.id, 120, 1)
+        claim = claim_this(session, job.id, 120, 1)
     assert claim is not None
     with api.database.write() as session:
         jobs.finish_failed(session, claim, "store_broken", "The store is away.", retry=False)
@@ -51,13 +49,10 @@ def fail(api: "Api", submission_id: str) -> None:
 PARTS = (
     overview_routes,
     team_routes,
-    team_step_routes,
     phase_routes,
     submission_routes,
     protocol_routes,
     run_routes,
-    similarity_routes,
-    verification_routes,
     audit_routes,
 )
 

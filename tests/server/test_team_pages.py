@@ -4,9 +4,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.support.work import claim_this
 
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 
 if TYPE_CHECKING:
@@ -27,14 +29,14 @@ def reject(api: "Api", submission_id: str, report: CheckReport) -> None:
     """Do what a worker does when a file is wrong."""
     with api.database.write() as session:
         job = session.query(Job).filter_by(submission_id=submission_id).one()
-        claim = jobs.claim(session, job.id, 120, 4)
+        claim = claim_this(session, job.id, 120, 4)
     assert claim is not None
     with api.database.write() as session:
         jobs.finish_rejected(session, claim, report)
 
 
 REPORT = CheckReport(
-    challenge="planning",
+    challenge=PLANNING.id,
     split="sample",
     n_predictions=3,
     digest="sha256:0",

@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Coverage,
@@ -33,7 +34,7 @@ def make_manifest(name: str = "sample", revision: str = REVISION) -> Manifest:
 def make_sheet(protocol_digest: str, row: MetricRow) -> ScoreSheet:
     """A sheet whose every aggregate says the same."""
     return ScoreSheet(
-        challenge="planning",
+        challenge=PLANNING.id,
         protocol=ProtocolRef(version="1.0", digest=protocol_digest),
         split=SplitRef(name="sample", revision=REVISION),
         scorer_version="1",

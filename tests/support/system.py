@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import httpx2
+import httpx
 import redis
 from tests.support.processes import BIN, free_port, plain_environment, wait_until
 
@@ -93,7 +93,7 @@ class System:
     def post(self, token: str, file: Path, phase: str, method: str) -> dict[str, Any]:
         """Upload past the client and its check, as a script might; return what is answered."""
         with file.open("rb") as stream:
-            answer = httpx2.post(
+            answer = httpx.post(
                 f"{self.url}/api/v1/submissions",
                 headers={"Authorization": f"Bearer {token}"},
                 data={"phase": phase, "method": method},
@@ -106,7 +106,7 @@ class System:
 
     def submission(self, token: str, submission_id: str) -> dict[str, Any]:
         """Return what its team is told of a submission."""
-        answer = httpx2.get(
+        answer = httpx.get(
             f"{self.url}/api/v1/submissions/{submission_id}",
             headers={"Authorization": f"Bearer {token}"},
         )

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.challenges import STRATEGY, ChallengeId
+from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.taxonomy import Strategy
@@ -54,7 +54,7 @@ def stages(tmp_path: Path, tiny: Split, done: Counter[str]) -> Stages:
     upload = json.dumps(
         {"schema": "exceptiondrive.strategy/1", "split": tiny.name, "predictions": predictions}
     ).encode()
-    strategy = SCORING[ChallengeId.STRATEGY]
+    strategy = SCORING[STRATEGY.id]
 
     def counting(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any) -> Any:
@@ -74,7 +74,7 @@ def stages(tmp_path: Path, tiny: Split, done: Counter[str]) -> Stages:
         PrivateStore(tmp_path / "private"),
         counting("load", lambda digest: upload),
         counting("read", read),
-        {ChallengeId.STRATEGY: Counted()},
+        {STRATEGY.id: Counted()},
     )
 
 

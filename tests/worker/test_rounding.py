@@ -34,7 +34,7 @@ def rounding(protocol: Protocol) -> Rounding:
 @pytest.fixture
 def sheet() -> ScoreSheet:
     return ScoreSheet(
-        challenge="planning",
+        challenge=PLANNING.id,
         protocol=ProtocolRef(version="1.0", digest="sha256:0"),
         split=SplitRef(name="tiny", revision="sha256:1"),
         scorer_version="0",

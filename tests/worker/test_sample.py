@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.planning import PlanningPrediction, PlanningSubmission
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.submission_files import PlanningPrediction, PlanningSubmission
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_scoring.sheet import Breakdown, aggregate
@@ -106,16 +106,16 @@ def test_a_planner_repeats_itself(planner: Planner, samples: tuple[SampleScene, 
 def test_every_motion_is_one_a_car_can_make(
     planner: Planner, samples: tuple[SampleScene, ...], loaded: LoadedSplit, protocol: Protocol
 ) -> None:
-    scoring = SCORING[ChallengeId.PLANNING]
+    scoring = SCORING[PLANNING.id]
     columns = columns_of(predictions(planner, samples, SEED))
     measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
-    assert scoring.plausibility(measurements, protocol).shares["impossible"] == 0
+    assert scoring.plausibility(measurements, loaded.arrays, protocol).shares["impossible"] == 0
     assert np.nanmax(measurements["peak_acceleration_mps2"]) < 10
 
 
 @pytest.fixture(scope="module")
 def breakdowns(loaded: LoadedSplit, protocol: Protocol) -> dict[str, Breakdown]:
-    scoring, found = SCORING[ChallengeId.PLANNING], {}
+    scoring, found = SCORING[PLANNING.id], {}
     for planner in PLANNERS:
         columns = columns_of(predictions(planner, sample_scenes(), SEED))
         measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)

@@ -9,8 +9,7 @@ import pytest
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.exact_sheet import exact_sheet
+from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.files import write_planners
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.challenges import PLANNING, Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, Challenge
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Split
@@ -31,7 +31,7 @@ class Counted:
         self.done: Counter[str] = Counter()
         self.private = PrivateStore(folder)
         self.upload = upload
-        planning = SCORING[ChallengeId.PLANNING]
+        planning = SCORING[PLANNING.id]
         counted: Any = type(
             "CountedPlanning",
             (type(planning),),
@@ -44,7 +44,7 @@ class Counted:
             self.private,
             self._counting("load", lambda digest: self.upload, bound=False),
             self._counting("read", read, bound=False),
-            {ChallengeId.PLANNING: counted},
+            {PLANNING.id: counted},
         )
 
     def _counting(

@@ -12,17 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge, ChallengeId
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.upload_reader import FAST_READERS, read_upload
 
 PROTOCOL = packaged_protocol()
 REALDATA = Path(__file__).parents[3] / "shared" / "realdata"
-PLANNING, STRATEGY = CHALLENGES[ChallengeId.PLANNING], CHALLENGES[ChallengeId.STRATEGY]
 N_SAMPLES = 24  # enough for the frame check to look
 
 
@@ -76,8 +75,8 @@ def strategy_file() -> dict[str, Any]:
 
 
 FILES: dict[ChallengeId, Callable[[], dict[str, Any]]] = {
-    ChallengeId.PLANNING: planning_file,
-    ChallengeId.STRATEGY: strategy_file,
+    PLANNING.id: planning_file,
+    STRATEGY.id: strategy_file,
 }
 
 
@@ -272,5 +271,5 @@ def test_real_planner_files_are_read_fast_and_alike(path: Path) -> None:
     split = Split.model_validate_json(gzip.decompress((path.parent / "split.json.gz").read_bytes()))
     manifest = manifest_of([sample.sample_id for sample in split.samples], split.name)
     text = gzip.decompress(path.read_bytes())
-    assert FAST_READERS[ChallengeId.PLANNING](text, manifest, PROTOCOL) is not None
+    assert FAST_READERS[PLANNING.id](text, manifest, PROTOCOL) is not None
     assert assert_one_verdict(text, PLANNING, manifest)

@@ -3,27 +3,126 @@
 One scene carries up to 21 samples, so scenes are drawn, not samples (docs/protocol.md section 4).
 Draws come from the protocol's seed alone and are the same for every entry: comparisons are paired.
 
-Entries are resampled in blocks, so memory does not grow with them. Sums are exact (`scene_sums`), so
-an entry's intervals do not depend, not even in the last bit, on the others of its block.
+Of a metric that is a mean, all that the draws need are sums by scene and family, rounded to a grid
+of 2^-30, below 1e-9. Weighted sums of them are then exact in float64 (up to 2^23, far above what a
+split can reach), so they do not depend on the order of additions: not on the library, the number of
+threads, or which entries are computed together. Of a minimum or a quantile they need the values
+themselves. Entries are resampled in blocks, so memory does not grow with them.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import RankingSection
+from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import (
     draws_cut_off,
     percentile_intervals,
     wilson_at_the_ends,
 )
-from exceptiondrive_scoring.scene_sums import SceneSums, scene_counts
+from exceptiondrive_scoring.sheet import order_statistic
+
+GRID = 2.0**-30
+
+
+@dataclass(frozen=True)
+class SceneSums:
+    """Metric values of one entry, summed over the samples of each scene and family.
+
+    Attributes:
+        sums: (S, F, M), multiples of `GRID`.
+        counts: (S, F, M) number of samples that define the metric.
+        values: (N, K) of the K metrics that are no means, which no sum can stand for.
+        scene_index: (N,), empty without such metrics.
+        group_index: (N,) family.
+    """
+
+    sums: FloatArray
+    counts: FloatArray
+    values: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    scene_index: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+    group_index: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What a store keeps: an array per attribute, those of sums alone where all are means."""
+        kept: dict[str, NDArray[Any]] = {"sums": self.sums, "counts": self.counts}
+        if self.values.size:
+            kept |= {"values": self.values}
+            kept |= {"scene_index": self.scene_index, "group_index": self.group_index}
+        return kept
+
+
+def scene_sums(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> SceneSums:
+    """Sum sample scores by scene and family, in canonical order."""
+    return _sums_by(scores, split, split.family_index, len(taxonomy.families))
+
+
+def scene_sums_by_task(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> SceneSums:
+    """Sum sample scores by scene and task: tasks stand where else families do."""
+    return _sums_by(scores, split, split.task_index, len(taxonomy.tasks))
+
+
+def _sums_by(
+    scores: SampleScores, split: SplitArrays, group_index: IntArray, n_groups: int
+) -> SceneSums:
+    shape = (split.n_scenes, n_groups, len(scores.metric_keys))
+    cell = split.scene_index * n_groups + group_index
+    defined = scores.defined
+    filled = np.where(defined, scores.values, 0.0)
+    sums, counts = np.empty(shape), np.empty(shape)
+    n_cells = shape[0] * shape[1]
+    for m in range(shape[2]):
+        sums[..., m] = np.bincount(cell, filled[:, m], n_cells).reshape(shape[:2])
+        counts[..., m] = np.bincount(cell, defined[:, m], n_cells).reshape(shape[:2])
+    entry = SceneSums(np.rint(sums / GRID) * GRID, counts)
+    ordered = [m for m, metric in enumerate(scores.metrics) if metric.order_level is not None]
+    if not ordered:
+        return entry
+    values = scores.values[:, ordered]
+    return replace(entry, values=values, scene_index=split.scene_index, group_index=group_index)
+
+
+@dataclass(frozen=True)
+class SceneCounts:
+    """Scenes that a mean rests on: those with a sample that defines the metric.
+
+    Attributes:
+        micro: (M,).
+        macro_family: (M,) scenes that the unweighted mean of F family means is worth:
+            F^2 / sum(1 / n_f) for independent families. But a scene may lie in several families, so
+            it is never worth more than there are scenes.
+        families: (F, M).
+    """
+
+    micro: FloatArray
+    macro_family: FloatArray
+    families: FloatArray
+
+    def headline(self, aggregate: str) -> FloatArray:
+        """Scenes of the aggregate with this name, `micro` or `macro_family`."""
+        return {"micro": self.micro, "macro_family": self.macro_family}[aggregate]
+
+
+def scene_counts(entry: SceneSums) -> SceneCounts:
+    """Count the scenes that the means of an entry rest on."""
+    occupied = entry.counts > 0
+    micro = occupied.any(axis=1).sum(axis=0, dtype=np.float64)
+    families = occupied.sum(axis=0, dtype=np.float64)
+    present = families > 0
+    harmonic = np.where(present, 1 / np.maximum(families, 1), 0.0).sum(axis=0)
+    worth = present.sum(axis=0) ** 2 / np.where(harmonic > 0, harmonic, 1.0)
+    return SceneCounts(micro, np.minimum(worth, micro), families)
+
 
 BLOCK_DRAWS = 16_000
 """Draws, of all entries of a block together, that are held at once."""
@@ -73,7 +172,7 @@ class Uncertainty:
 class _Reading:
     """How draws are read: which metrics are fractions, which one ranks, by which aggregate."""
 
-    is_fraction: BoolArray
+    is_fraction: BoolArray  # and a mean of fractions
     primary: int
     headline: str
 
@@ -90,12 +189,15 @@ def bootstrap(
         headline: `micro` or `macro_family`.
     """
     reading = _Reading(
-        is_fraction=np.array([metric.unit == "fraction" for metric in challenge.metrics]),
+        is_fraction=np.array(
+            [m.unit == "fraction" and m.order_level is None for m in challenge.metrics]
+        ),
         primary=challenge.metric_keys.index(ranking.order_of(challenge)[0].metric),
         headline=headline,
     )
     return [
-        _uncertainty(entry, draws, reading, ranking) for entry, draws in resample(entries, ranking)
+        _uncertainty(entry, draws, reading, ranking)
+        for entry, draws in resample(entries, ranking, challenge.metrics)
     ]
 
 
@@ -117,16 +219,21 @@ def _scene_weights(n_scenes: int, n_draws: int, seed: int) -> NDArray[np.uint16]
 
 
 def resample(
-    entries: Iterable[SceneSums], ranking: RankingSection
+    entries: Iterable[SceneSums], ranking: RankingSection, metrics: Sequence[Metric]
 ) -> Iterator[tuple[SceneSums, Draws]]:
-    """Yield every entry with its draws."""
+    """Yield every entry with its draws; `metrics` are those of the columns of every entry."""
+    ordered = [(m, each.order_level) for m, each in enumerate(metrics)]
+    levels = [(m, level) for m, level in ordered if level is not None]
     entries = iter(entries)
     weights: NDArray[np.uint16] | None = None
     n_together = max(1, BLOCK_DRAWS // ranking.bootstrap_draws)
     while block := list(islice(entries, n_together)):
         if weights is None:
             weights = scene_weights(len(block[0].sums), ranking)
-        yield from zip(block, _resample_block(block, weights), strict=True)
+        for entry, draws in zip(block, _resample_block(block, weights), strict=True):
+            for k, (m, level) in enumerate(levels):
+                _draw_order_statistic(draws, m, entry, entry.values[:, k], weights, level)
+            yield entry, draws
 
 
 def _resample_block(block: list[SceneSums], weights: NDArray[np.uint16]) -> list[Draws]:
@@ -144,6 +251,29 @@ def _resample_block(block: list[SceneSums], weights: NDArray[np.uint16]) -> list
         _means(totals[:, e * n_metrics : (e + 1) * n_metrics], counts, kind[e])
         for e in range(len(block))
     ]
+
+
+def _draw_order_statistic(
+    draws: Draws,
+    m: int,
+    entry: SceneSums,
+    values: FloatArray,
+    weights: NDArray[np.uint16],
+    level: float,
+) -> None:
+    """Put the draws of a metric that is no mean in place of its means."""
+    defined = ~np.isnan(values)
+    values, scene, group = values[defined], entry.scene_index[defined], entry.group_index[defined]
+    draws.micro[m] = order_statistic(values, weights[scene], level)
+    for family in range(len(draws.families)):
+        member = group == family
+        found = order_statistic(values[member], weights[scene[member]], level)
+        draws.families[family, m] = found
+    families = draws.families[:, m]
+    is_there = ~np.isnan(families)
+    n_there = is_there.sum(axis=0)
+    total = np.where(is_there, families, 0.0).sum(axis=0)
+    draws.macro_family[m] = np.where(n_there > 0, total / np.maximum(n_there, 1), np.nan)
 
 
 def _distinct_counts(block: list[SceneSums]) -> tuple[FloatArray, IntArray]:

@@ -19,7 +19,7 @@ from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.convex_distance import gap_along_axes, hull_distance_m
 from exceptiondrive_scoring.footprint import Footprints, footprints
-from exceptiondrive_scoring.positions import positions, steps
+from exceptiondrive_scoring.kinematics import positions, steps
 from exceptiondrive_scoring.region import PreparedRegions
 
 BLOCK_COLUMNS = 640

@@ -1,20 +1,32 @@
 """Compare two entries on the same samples and the same draws: what a board cannot show alone."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.bootstrap import resample, where_enough
+from exceptiondrive_scoring.bootstrap import (
+    Draws,
+    SceneCounts,
+    SceneSums,
+    resample,
+    scene_counts,
+    scene_sums,
+    scene_sums_by_task,
+    where_enough,
+)
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
-from exceptiondrive_scoring.scene_sums import scene_counts, scene_sums, scene_sums_by_task
-from exceptiondrive_scoring.sheet import aggregate
+from exceptiondrive_scoring.sheet import Breakdown, MetricValues, Row, aggregate
 
 Interval = tuple[float, float]
+SumsOf = Callable[[SampleScores, SplitArrays, Taxonomy], SceneSums]
+AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
 
 
@@ -23,7 +35,7 @@ class Difference:
     """A minus B in one metric, over the samples that both define.
 
     Attributes:
-        difference: Difference of the means; None where nothing is defined.
+        difference: Difference of the aggregates; None where nothing is defined.
         interval: Its bootstrap interval over scenes; None with fewer than two scenes.
         discordant: Share of the samples in which the two values differ.
         verdict: Plain words.
@@ -60,74 +72,141 @@ def compare(
         challenge: Which way each metric is better.
     """
     headline, taxonomy = protocol.grading.headline, protocol.taxonomy
-    difference = SampleScores(a.metric_keys, a.values - b.values)
-    differs = np.where(difference.defined, (difference.values != 0).astype(np.float64), np.nan)
-    means = aggregate(difference, split, taxonomy)
-    discordant = aggregate(SampleScores(a.metric_keys, differs), split, taxonomy)
-    sums = scene_sums(difference, split, taxonomy)
-    ((_, draws),) = resample([sums], protocol.ranking)
-    confidence = protocol.ranking.confidence
-    n_scenes = scene_counts(sums)
-
-    def intervals(values: FloatArray, n: FloatArray) -> FloatArray:
-        return where_enough(percentile_intervals(values, n, confidence), n)
-
-    overall = intervals(draws.headline(headline), n_scenes.headline(headline))
-    by_family = intervals(draws.families, n_scenes.families)
+    paired = _paired(a, b, split, protocol, scene_sums)
+    overall = paired.intervals(paired.draws.headline(headline), headline)
+    by_family = paired.intervals(paired.draws.families, "families")
+    first = challenge.metrics[0]
     return Comparison(
-        overall=_differences(challenge, means.headline(headline), discordant.micro, overall),
+        overall=_differences(
+            challenge.metrics, paired.values.headline(headline), paired.discordant.micro, overall
+        ),
         families={
             family.id: _differences(
-                challenge,
-                means.families[family.id].metrics,
-                discordant.families[family.id].metrics,
+                challenge.metrics,
+                paired.values.families[family.id].metrics,
+                paired.discordant.families[family.id].metrics,
                 by_family[index],
             )
             for index, family in enumerate(taxonomy.families)
-            if family.id in means.families
+            if family.id in paired.values.families
         },
-        tasks=_by_task(difference, split, protocol, challenge),
+        tasks=_by_task(_alone(a, first), _alone(b, first), split, protocol),
     )
 
 
-def _by_task(
-    difference: SampleScores, split: SplitArrays, protocol: Protocol, challenge: Challenge
-) -> dict[str, dict[str, Difference]]:
-    """Differences of the first metric by task; the same draws of scenes as everything else."""
-    taxonomy, first = protocol.taxonomy, challenge.metrics[0]
-    column = difference.metric_keys.index(first.key)
-    alone = SampleScores((first.key,), difference.values[:, column : column + 1])
-    differs = np.where(alone.defined, (alone.values != 0).astype(np.float64), np.nan)
-    means = aggregate(alone, split, taxonomy).tasks
-    discordant = aggregate(SampleScores(alone.metric_keys, differs), split, taxonomy).tasks
-    sums = scene_sums_by_task(alone, split, taxonomy)
-    ((_, draws),) = resample([sums], protocol.ranking)
-    n = scene_counts(sums).families
-    found = percentile_intervals(draws.families, n, protocol.ranking.confidence)
-    intervals = where_enough(found, n)
-    return {
-        task.id: {
-            first.key: _difference(
-                first,
-                means[task.id].metrics[first.key],
-                discordant[task.id].metrics[first.key],
-                intervals[index][0],
-            )
+@dataclass(frozen=True)
+class _Paired:
+    """A minus B: over all samples and groups, and in each draw.
+
+    Attributes:
+        values: Differences.
+        discordant: Shares of samples that differ.
+        draws: Differences in each draw; by family, or by what else the sums were grouped by.
+        n_scenes: Scenes that they rest on.
+        confidence: Of intervals.
+    """
+
+    values: Breakdown
+    discordant: Breakdown
+    draws: Draws
+    n_scenes: SceneCounts
+    confidence: float
+
+    def intervals(self, draws: FloatArray, counted: str) -> FloatArray:
+        n: FloatArray = getattr(self.n_scenes, counted)
+        return where_enough(percentile_intervals(draws, n, self.confidence), n)
+
+
+def _paired(
+    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: Protocol, sums_of: SumsOf
+) -> _Paired:
+    """Differences over the samples that both define.
+
+    The difference of two means is the mean of the differences; of two minima or quantiles it is what
+    it is called.
+    """
+    taxonomy, ranking = protocol.taxonomy, protocol.ranking
+    gaps = a.values - b.values
+    differs = np.where(np.isnan(gaps), np.nan, (gaps != 0).astype(np.float64))
+    means = tuple(metric.model_copy(update=AS_MEAN) for metric in a.metrics)
+    values = aggregate(SampleScores(means, gaps), split, taxonomy)
+    sums = sums_of(SampleScores(means, gaps), split, taxonomy)
+    ((_, draws),) = resample([sums], ranking, means)
+    columns = [m for m, metric in enumerate(a.metrics) if metric.order_level is not None]
+    if columns:
+        ordered = tuple(a.metrics[m] for m in columns)
+        both = [np.where(np.isnan(gaps), np.nan, each.values)[:, columns] for each in (a, b)]
+        sides = [SampleScores(ordered, each) for each in both]
+        values = _replaced(values, *(aggregate(side, split, taxonomy) for side in sides))
+        of_sides = [sums_of(side, split, taxonomy) for side in sides]
+        (_, of_a), (_, of_b) = resample(of_sides, ranking, ordered)
+        draws.micro[columns] = of_a.micro - of_b.micro
+        draws.macro_family[columns] = of_a.macro_family - of_b.macro_family
+        draws.families[:, columns] = of_a.families - of_b.families
+    return _Paired(
+        values=values,
+        discordant=aggregate(SampleScores(means, differs), split, taxonomy),
+        draws=draws,
+        n_scenes=scene_counts(sums),
+        confidence=ranking.confidence,
+    )
+
+
+def _replaced(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
+    """Put the differences of A and B in place of the metrics that they hold."""
+
+    def row(old: MetricValues, of_a: MetricValues, of_b: MetricValues) -> MetricValues:
+        pairs = ((key, value, of_b[key]) for key, value in of_a.items())
+        return old | {k: None if x is None or y is None else x - y for k, x, y in pairs}
+
+    def rows(group: str) -> dict[str, Row]:
+        old, of_a, of_b = (getattr(each, group) for each in (values, a, b))
+        return {
+            key: Row(each.n, row(each.metrics, of_a[key].metrics, of_b[key].metrics))
+            for key, each in old.items()
         }
-        for index, task in enumerate(taxonomy.tasks)
-        if task.id in means
+
+    return Breakdown(
+        n=values.n,
+        micro=row(values.micro, a.micro, b.micro),
+        macro_family=row(values.macro_family, a.macro_family, b.macro_family),
+        families=rows("families"),
+        tasks=rows("tasks"),
+    )
+
+
+def _alone(scores: SampleScores, metric: Metric) -> SampleScores:
+    column = scores.metric_keys.index(metric.key)
+    return SampleScores((metric,), scores.values[:, column : column + 1])
+
+
+def _by_task(
+    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: Protocol
+) -> dict[str, dict[str, Difference]]:
+    """Differences by task; the same draws of scenes as everything else."""
+    paired = _paired(a, b, split, protocol, scene_sums_by_task)
+    intervals = paired.intervals(paired.draws.families, "families")
+    return {
+        task.id: _differences(
+            a.metrics,
+            paired.values.tasks[task.id].metrics,
+            paired.discordant.tasks[task.id].metrics,
+            intervals[index],
+        )
+        for index, task in enumerate(protocol.taxonomy.tasks)
+        if task.id in paired.values.tasks
     }
 
 
 def _differences(
-    challenge: Challenge,
+    metrics: Sequence[Metric],
     means: dict[str, float | None],
     discordant: dict[str, float | None],
     intervals: FloatArray,
 ) -> dict[str, Difference]:
     return {
         metric.key: _difference(metric, means[metric.key], discordant[metric.key], ends)
-        for metric, ends in zip(challenge.metrics, intervals, strict=True)
+        for metric, ends in zip(metrics, intervals, strict=True)
     }
 
 

@@ -1,25 +1,39 @@
 """What a picture of one sample shows, taken from the code that scores it.
 
 A drawing holds a hazard region. It may leave the worker for samples of a public split alone; that
-is for the caller to know (`exceptiondrive_worker.drawing`).
+is for the caller to know (`exceptiondrive_worker.drawing`). Scoring never builds the polygons of a
+tube (see `clearance`). The example of a protocol is a swerve past a hazard in the lane, whose region
+is pushed aside until the tube passes it at a share of the required clearance, so that HCC, HPR and
+the clearance can all be seen; its geometry and grades are those of every other sample.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from exceptiondrive_schemas.drawing import DrawnSample, EntryDrawings, Outline, SampleDrawing
-from exceptiondrive_schemas.drawing.documents import Position
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.drawing import (
+    DrawnSample,
+    EntryDrawings,
+    Outline,
+    Position,
+    ProtocolDrawing,
+    SampleDrawing,
+    pictured_digest,
+    pictured_task,
+)
+from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
-from exceptiondrive_scoring.collision_tube import tube_pieces_m
+from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
+from exceptiondrive_scoring.clearance import clearance_m
 from exceptiondrive_scoring.footprint import footprints_m
 from exceptiondrive_scoring.grade import SampleScores, grade
-from exceptiondrive_scoring.measure import Measurements
-from exceptiondrive_scoring.nearest_points import clearance_segment_m
+from exceptiondrive_scoring.measure import Measurements, measure
+from exceptiondrive_scoring.region import prepare_regions
 
 DECIMALS = 4
 """Of positions: a tenth of a millimetre, far below a pixel."""
@@ -117,3 +131,144 @@ def _outline(points: Iterable[FloatArray]) -> Outline:
 
 def _outlines(pieces: Iterable[Iterable[FloatArray]]) -> tuple[Outline, ...]:
     return tuple(_outline(piece) for piece in pieces)
+
+
+Corner = tuple[float, float]
+
+
+def tube_pieces_m(points_m: FloatArray, geometry: GeometrySection) -> list[FloatArray]:
+    """Convex pieces whose union is the collision tube of one trajectory.
+
+    Args:
+        points_m: (T + 1, 2) positions, the origin first.
+        geometry: Footprint, heading rule, kind of tube.
+
+    Returns:
+        T hulls of consecutive footprints (or the T + 1 footprints), each (k, 2) corners in metres,
+        counter-clockwise.
+    """
+    boxes = footprints_m(points_m[None], geometry)[0]
+    if geometry.collision_tube == "footprints":
+        return list(boxes)
+    return [convex_hull(np.concatenate(pair)) for pair in pairwise(boxes)]
+
+
+def convex_hull(points: FloatArray) -> FloatArray:
+    """Corners of the convex hull, counter-clockwise: (n, 2) -> (k, 2) (monotone chain)."""
+    ordered = sorted({(float(x), float(y)) for x, y in points})
+    lower, upper = _chain(ordered), _chain(ordered[::-1])
+    return np.array(lower[:-1] + upper[:-1])
+
+
+def _chain(points: list[Corner]) -> list[Corner]:
+    """The part of the hull that turns left from the first point to the last."""
+    chain: list[Corner] = []
+    for point in points:
+        while len(chain) >= 2 and _turn(chain[-2], chain[-1], point) <= 1e-12:
+            chain.pop()
+        chain.append(point)
+    return chain
+
+
+def _turn(a: Corner, b: Corner, c: Corner) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+class ClearanceSegment(NamedTuple):
+    """The shortest segment from the collision tube to the hazard region; ends (2,), metres."""
+
+    on_tube_m: FloatArray
+    on_region_m: FloatArray
+
+    @property
+    def length_m(self) -> float:
+        """Its length: the clearance, where the two do not meet."""
+        return float(np.hypot(*(self.on_region_m - self.on_tube_m)))
+
+
+def clearance_segment_m(
+    points_m: FloatArray, region_m: FloatArray, geometry: GeometrySection
+) -> ClearanceSegment:
+    """Nearest points of one collision tube and one hazard region that do not meet.
+
+    Two polygons that do not meet are nearest at a corner of one and an edge of the other.
+
+    Args:
+        points_m: (T + 1, 2) positions, the origin first.
+        region_m: (4, 2) corners, in either rotation.
+        geometry: Footprint, heading rule, kind of tube.
+    """
+    segments = (_nearest_m(piece, region_m) for piece in tube_pieces_m(points_m, geometry))
+    return min(segments, key=lambda segment: segment.length_m)
+
+
+def _nearest_m(piece_m: FloatArray, region_m: FloatArray) -> ClearanceSegment:
+    corner, foot = _corner_to_edge_m(piece_m, region_m)
+    other_corner, other_foot = _corner_to_edge_m(region_m, piece_m)
+    pair = ClearanceSegment(corner, foot), ClearanceSegment(other_foot, other_corner)
+    return min(pair, key=lambda segment: segment.length_m)
+
+
+def _corner_to_edge_m(
+    corners_m: FloatArray, outline_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Corner, and point on the edges of the outline, that are nearest to each other."""
+    along = np.roll(outline_m, -1, axis=0) - outline_m
+    from_start = corners_m[:, None] - outline_m
+    square = np.maximum((along**2).sum(axis=-1), np.finfo(np.float64).tiny)
+    share = np.clip((from_start * along).sum(axis=-1) / square, 0.0, 1.0)
+    feet = outline_m + share[..., None] * along
+    gaps = np.hypot(*np.moveaxis(corners_m[:, None] - feet, -1, 0))
+    corner, edge = np.unravel_index(gaps.argmin(), gaps.shape)
+    return corners_m[corner], feet[corner, edge]
+
+
+SAMPLE_ID = "made-up"
+REACH_M = 16.2
+SWERVE_M = 3.3
+SHARE_OF_REQUIRED = 0.6
+REGION_M = ((10.6, 0.75), (13.9, 1.15), (14.3, -0.85), (10.9, -1.2))
+FURTHEST_ASIDE_M = 30.0
+N_HALVINGS = 40
+
+
+def protocol_drawing(protocol: Protocol) -> ProtocolDrawing:
+    """Draw the made-up sample under a protocol."""
+    task, geometry = pictured_task(protocol), protocol.geometry
+    edited, source = _waypoints(geometry)
+    required_m = task.d_safe_m * protocol.grading.d_safe_scale
+    region = _pushed_aside(edited, SHARE_OF_REQUIRED * required_m, geometry)
+    sample = SplitSample(sample_id=SAMPLE_ID, scene_id=SAMPLE_ID, task=task.id, region=region)
+    split = split_arrays([sample], protocol.taxonomy)
+    columns = {"source": source[None], "edited": edited[None]}
+    pairs = TrajectoryPairs.from_columns(columns)
+    measured = measure(pairs, split.prepared_regions, geometry)
+    drawing = Drawer([SAMPLE_ID], pairs, measured, split, protocol).drawing(0)
+    return ProtocolDrawing(pictured=pictured_digest(protocol), sample=drawing)
+
+
+def _waypoints(geometry: GeometrySection) -> tuple[FloatArray, FloatArray]:
+    """A swerve into the next lane, and straight on; each (T, 2)."""
+    share = np.arange(1, geometry.waypoints + 1) / geometry.waypoints
+    x_m = REACH_M * share
+    rise = np.clip((share - 0.08) / 0.6, 0.0, 1.0)
+    swerve = np.column_stack([x_m * 0.985, SWERVE_M * rise * rise * (3 - 2 * rise)])
+    return swerve, np.column_stack([x_m, np.zeros_like(x_m)])
+
+
+def _pushed_aside(
+    edited: FloatArray, wanted_m: float, geometry: GeometrySection
+) -> tuple[tuple[float, float], ...]:
+    """Move the region to the right until the clearance is what is wanted."""
+    shape, path = np.array(REGION_M), np.concatenate([np.zeros((1, 2)), edited])[None]
+    low, high = -FURTHEST_ASIDE_M, SWERVE_M
+    for _ in range(N_HALVINGS):
+        middle = (low + high) / 2
+        moved = prepare_regions((shape + _aside(middle))[None])
+        is_close = clearance_m(path, moved, geometry)[0] < wanted_m
+        low, high = (low, middle) if is_close else (middle, high)
+    return tuple((float(x), float(y)) for x, y in shape + _aside(low))
+
+
+def _aside(y_m: float) -> FloatArray:
+    return np.array([0.0, y_m])

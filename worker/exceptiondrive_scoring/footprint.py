@@ -7,8 +7,7 @@ import numpy as np
 
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
-from exceptiondrive_scoring.heading import heading_vectors
-from exceptiondrive_scoring.positions import Positions, Steps, positions, steps
+from exceptiondrive_scoring.kinematics import Positions, Steps, heading_vectors, positions, steps
 
 CORNER_AHEAD = np.array([1.0, -1.0, -1.0, 1.0])
 CORNER_LEFT = np.array([1.0, 1.0, -1.0, -1.0])

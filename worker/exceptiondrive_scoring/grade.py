@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.challenges import PLANNING, Metric
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
@@ -17,12 +17,17 @@ class SampleScores:
     """Metric values of each sample. Withheld: only their aggregates are published.
 
     Attributes:
-        metric_keys: The challenge's M metrics, in column order.
+        metrics: M metrics, in column order: all those of a challenge, or some.
         values: (N, M); NaN where undefined.
     """
 
-    metric_keys: tuple[str, ...]
+    metrics: tuple[Metric, ...]
     values: FloatArray
+
+    @property
+    def metric_keys(self) -> tuple[str, ...]:
+        """Keys of the M metrics."""
+        return tuple(metric.key for metric in self.metrics)
 
     @property
     def defined(self) -> BoolArray:
@@ -59,12 +64,12 @@ def grade(measurements: Measurements, split: SplitArrays, protocol: Protocol) ->
         "cts_x": measurements.shift_x_m,
         "cts_y": measurements.shift_y_m,
     }
-    return sample_scores(PLANNING.metric_keys, by_key)
+    return sample_scores(PLANNING.metrics, by_key)
 
 
 def sample_scores(
-    metric_keys: tuple[str, ...], by_key: Mapping[str, FloatArray | BoolArray]
+    metrics: tuple[Metric, ...], by_key: Mapping[str, FloatArray | BoolArray]
 ) -> SampleScores:
     """Put the columns of all metrics, each (N,), into one array, column by column in memory."""
-    columns = np.array([by_key[key] for key in metric_keys], dtype=np.float64)
-    return SampleScores(metric_keys, columns.T)
+    columns = np.array([by_key[metric.key] for metric in metrics], dtype=np.float64)
+    return SampleScores(metrics, columns.T)

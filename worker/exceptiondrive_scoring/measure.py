@@ -11,12 +11,17 @@ from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_scoring.clearance import clearance_of_footprints_m
 from exceptiondrive_scoring.footprint import footprints
-from exceptiondrive_scoring.motion import net_motion_m, peak_acceleration_mps2, tightest_turn_m
-from exceptiondrive_scoring.positions import Positions, Steps, positions_of_waypoints, steps
+from exceptiondrive_scoring.kinematics import (
+    Positions,
+    Steps,
+    net_motion_m,
+    peak_acceleration_mps2,
+    positions_of_waypoints,
+    shift,
+    steps,
+    tightest_turn_m,
+)
 from exceptiondrive_scoring.region import PreparedRegions, prepare_regions
-from exceptiondrive_scoring.shift import shift
-
-KEEP_BYTES = 24 * 2**20
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,6 @@ def measure(
         ValueError: A region crosses itself.
     """
     regions = regions_m if isinstance(regions_m, PreparedRegions) else prepare_regions(regions_m)
-    _let_the_allocator_keep_memory()
     source, edited = (positions_of_waypoints(w) for w in (pairs.source, pairs.edited))
     moves = steps(edited)
     clearance = _clearance_m(edited, moves, pairs.edited_given, regions, geometry)
@@ -106,13 +110,3 @@ def _clearance_m(
         moves = steps(edited)
     boxes = footprints(edited, moves, geometry)
     return np.where(given, clearance_of_footprints_m(boxes, regions, geometry), np.nan)
-
-
-def _let_the_allocator_keep_memory() -> None:
-    """Free one large block that nobody has touched.
-
-    glibc hands freed memory back to the system above a threshold, and pays for every page again at
-    the next temporary; the threshold follows the largest block that was freed. Otherwise a
-    fresh process takes up to twice as long (docs/performance.md). Elsewhere it costs nothing.
-    """
-    np.empty(KEEP_BYTES, dtype=np.uint8)

@@ -1,29 +1,11 @@
-"""Plausibility: shares published beside the score, never in it (docs/protocol.md section 5)."""
-
-from dataclasses import dataclass
+"""Plausibility: shares published beside the score, never folded into it (docs/protocol.md section 5)."""
 
 import numpy as np
 
 from exceptiondrive_schemas.protocol import PlausibilitySection
+from exceptiondrive_schemas.score_sheet import Flag, Plausibility
 from exceptiondrive_scoring.aliases import BoolArray
 from exceptiondrive_scoring.measure import Measurements
-
-
-@dataclass(frozen=True)
-class Flag:
-    """A visible mark on an entry, with the sentence that explains it."""
-
-    code: str
-    label: str
-    detail: str
-
-
-@dataclass(frozen=True)
-class Plausibility:
-    """Shares, None where no trajectory was given, and the flags they raise."""
-
-    shares: dict[str, float | None]
-    flags: tuple[Flag, ...] = ()
 
 
 def plausibility(measurements: Measurements, section: PlausibilitySection) -> Plausibility:
@@ -44,7 +26,7 @@ def plausibility(measurements: Measurements, section: PlausibilitySection) -> Pl
         "blind": _share(m.shift_m < section.blind_shift_below_m, m.edited_given & m.source_given),
         "impossible": _share(impossible, m.edited_given),
     }
-    return Plausibility(shares, _flags(shares, section))
+    return Plausibility(shares=shares, flags=_flags(shares, section))
 
 
 def _share(which: BoolArray, among: BoolArray) -> float | None:
@@ -58,9 +40,9 @@ def _flags(shares: dict[str, float | None], section: PlausibilitySection) -> tup
         (
             edited - source > section.flag_edited_stationary_excess,
             Flag(
-                "stands_still",
-                "Stands still",
-                f"{edited:.0%} of the edited trajectories end within {section.stationary_below_m} m"
+                code="stands_still",
+                label="Stands still",
+                detail=f"{edited:.0%} of the edited trajectories end within {section.stationary_below_m} m"
                 f" of the start, of the source trajectories {source:.0%}: standing still raises "
                 "HCC and lowers UR.",
             ),
@@ -68,26 +50,26 @@ def _flags(shares: dict[str, float | None], section: PlausibilitySection) -> tup
         (
             source > section.flag_source_stationary,
             Flag(
-                "source_stands_still",
-                "Source stands still",
-                f"{source:.0%} of the source trajectories end within {section.stationary_below_m} m"
+                code="source_stands_still",
+                label="Source stands still",
+                detail=f"{source:.0%} of the source trajectories end within {section.stationary_below_m} m"
                 " of the start, with no hazard in sight.",
             ),
         ),
         (
             blind > section.flag_blind,
             Flag(
-                "blind_to_the_edit",
-                "Blind to the edit",
-                f"{blind:.0%} of the pairs differ by less than {section.blind_shift_below_m} m.",
+                code="blind_to_the_edit",
+                label="Blind to the edit",
+                detail=f"{blind:.0%} of the pairs differ by less than {section.blind_shift_below_m} m.",
             ),
         ),
         (
             impossible > section.flag_impossible,
             Flag(
-                "impossible_motion",
-                "Impossible motion",
-                f"{impossible:.0%} of the edited trajectories accelerate above "
+                code="impossible_motion",
+                label="Impossible motion",
+                detail=f"{impossible:.0%} of the edited trajectories accelerate above "
                 f"{section.max_acceleration_mps2:g} m/s^2 or turn tighter than "
                 f"{section.min_turn_radius_m:g} m.",
             ),

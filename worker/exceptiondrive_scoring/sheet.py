@@ -14,14 +14,16 @@ from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays, TaskGroups
 from exceptiondrive_scoring.grade import SampleScores
 
-MetricMeans = dict[str, float | None]
+ROUNDING = 1e-9
+"""A share of 0.1 of 30 samples is 3 of them, whatever the last bits of the product say."""
+MetricValues = dict[str, float | None]
 
 
 class Row(NamedTuple):
-    """Mean of each metric over n samples; None where no sample defines it."""
+    """Value of each metric over n samples; None where no sample defines it."""
 
     n: int
-    metrics: MetricMeans
+    metrics: MetricValues
 
 
 @dataclass(frozen=True)
@@ -30,28 +32,29 @@ class Breakdown:
 
     Attributes:
         n: Samples of the split; missing trajectories count.
-        micro: Mean over the samples: the paper's equations.
-        macro_family: Unweighted mean of the family means: what the paper's tables print.
+        micro: Over all samples: the paper's equations.
+        macro_family: Unweighted mean of the families' values: what the paper's tables print.
         families: Families that have samples, in taxonomy order.
         tasks: Tasks that have samples, family by family.
     """
 
     n: int
-    micro: MetricMeans
-    macro_family: MetricMeans
+    micro: MetricValues
+    macro_family: MetricValues
     families: dict[str, Row]
     tasks: dict[str, Row]
 
-    def headline(self, aggregate: str) -> MetricMeans:
-        """Means of the aggregate with this name, `micro` or `macro_family`."""
+    def headline(self, aggregate: str) -> MetricValues:
+        """Values of the aggregate with this name, `micro` or `macro_family`."""
         return {"micro": self.micro, "macro_family": self.macro_family}[aggregate]
 
 
 def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> Breakdown:
     """Totals, families and tasks of one submission (docs/protocol.md section 3).
 
-    Samples are summed once, by task; families and the total are sums of those. The macro average of
-    a metric is taken over the families that define it.
+    Samples are summed once, by task; families and the total are sums of those. A metric that is no
+    mean is taken from the samples of each group. The macro average of a metric is taken over the
+    families that define it.
     """
     keys, groups = scores.metric_keys, split.by_task
     task_ids = [taxonomy.tasks[index].id for index in groups.task_index.tolist()]
@@ -59,6 +62,9 @@ def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> B
     tasks = _sums_by_task(scores, groups)
     families = tasks.regrouped(groups.family_starts)
     means = np.concatenate([families.means(), tasks.means(), tasks.total().means()])
+    for m, metric in enumerate(scores.metrics):
+        if metric.order_level is not None:
+            means[:, m] = _order_statistics(scores.values[:, m], metric.order_level, split)
     n_families = len(family_ids)
     macro = _mean_of_defined(means[:n_families])
     *rows, micro = [dict(zip(keys, row, strict=True)) for row in _plain(means)]
@@ -69,6 +75,39 @@ def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> B
         families=_rows(family_ids, families.sizes, rows[:n_families]),
         tasks=_rows(task_ids, tasks.sizes, rows[n_families:]),
     )
+
+
+def order_statistic(values: FloatArray, weights: IntArray, level: float) -> FloatArray:
+    """Least value that a share of `level` of the weight does not exceed, with some weight itself.
+
+    Args:
+        values: (n,), none of them NaN.
+        weights: (n, B), how often each value counts.
+        level: 0 for the minimum, 0.5 for the median, 1 for the maximum.
+
+    Returns:
+        (B,), NaN without any weight.
+    """
+    if not len(values):
+        return np.full(weights.shape[1], np.nan)
+    order = np.argsort(values, kind="stable")
+    reached = weights[order].cumsum(axis=0, dtype=np.int64)
+    needed = np.maximum(np.ceil(reached[-1] * level - ROUNDING), 1)
+    found: FloatArray = values[order][(reached >= needed).argmax(axis=0)]
+    return np.where(reached[-1] > 0, found, np.nan)
+
+
+def _order_statistics(values: FloatArray, level: float, split: SplitArrays) -> list[float]:
+    """By family, by task, and over all, in the order of `aggregate`."""
+    groups, defined = split.by_task, ~np.isnan(values)
+    members = [
+        *(split.family_index == index for index in groups.family_index),
+        *(split.task_index == index for index in groups.task_index),
+        np.ones_like(defined),
+    ]
+    chosen = (values[defined & member] for member in members)
+    each_once = ((part, np.ones((len(part), 1), dtype=np.intp)) for part in chosen)
+    return [float(order_statistic(*part, level)[0]) for part in each_once]
 
 
 class _Sums(NamedTuple):
@@ -111,7 +150,7 @@ def _mean_of_defined(rows: FloatArray) -> FloatArray:
     return _Sums(counts, sums[:, None], counts[:, None]).means()
 
 
-def _rows(ids: Sequence[str], sizes: IntArray, means: Sequence[MetricMeans]) -> dict[str, Row]:
+def _rows(ids: Sequence[str], sizes: IntArray, means: Sequence[MetricValues]) -> dict[str, Row]:
     return {key: Row(*row) for key, *row in zip(ids, sizes.tolist(), means, strict=True)}
 
 

@@ -6,16 +6,13 @@ submissions at once; only candidates are compared sample by sample.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_scoring.aliases import Columns, FloatArray
-from exceptiondrive_scoring.strategy import NO_ANSWER
 
 SKETCH_SAMPLES = 256
 FARTHEST = 2.0
@@ -65,27 +62,6 @@ class AlikeRule:
     def is_probe(self, found: Alikeness, slack: float = 0.0) -> bool:
         """Whether a submission differs from another of its team in a few samples only."""
         return found.equal_share >= self.probe_share - slack
-
-
-def _edited(answers: Columns) -> FloatArray:
-    return np.asarray(answers["edited"], dtype=np.float64)
-
-
-def _letters(answers: Columns) -> FloatArray:
-    letters = np.asarray(answers["strategy"], dtype=np.float64)
-    return np.where(letters == NO_ANSWER, np.nan, letters)[:, None, None]
-
-
-ALIKE_RULES: Mapping[ChallengeId, AlikeRule] = MappingProxyType(
-    {
-        ChallengeId.PLANNING: AlikeRule(
-            _edited, tolerance=0.05, equal_share=0.9, mean_distance=0.25
-        ),
-        ChallengeId.STRATEGY: AlikeRule(
-            _letters, tolerance=0.0, equal_share=0.995, mean_distance=None
-        ),
-    }
-)
 
 
 def sketched_samples(n_samples: int, seed: str) -> NDArray[np.intp]:

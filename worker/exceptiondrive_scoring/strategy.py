@@ -1,5 +1,6 @@
-"""The strategy challenge: answers against acceptable sets (docs/protocol.md section 6)."""
+"""The strategy challenge: answers A to E against acceptable sets (docs/protocol.md section 6)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -7,13 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import STRATEGY
-from exceptiondrive_schemas.protocol import GradingSection, Protocol
-from exceptiondrive_scoring.aliases import BoolArray, Columns, IntArray
-from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, StrategyDocument
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, Protocol
+from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
+from exceptiondrive_schemas.submission_files import ReminderRecord
+from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
+from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
+from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
 from exceptiondrive_scoring.grade import SampleScores, sample_scores
-from exceptiondrive_scoring.split_arrays import STRATEGIES
+from exceptiondrive_scoring.similarity import AlikeRule
 
 NO_ANSWER = -1
+STRATEGY_CODE: dict[Strategy | None, int] = {s: code for code, s in enumerate(STRATEGIES)}
+STRATEGY_CODE[None] = NO_ANSWER
+PRESENCE_CODE: dict[bool | None, int] = {True: 1, False: 0, None: NO_ANSWER}
+NOTHING_SAID = ReminderRecord()
 
 
 @dataclass(frozen=True)
@@ -33,19 +43,6 @@ class StrategyAnswers:
     hazard_present: NDArray[np.int8]
     hazard_type: NDArray[np.bytes_]
     recommended: NDArray[np.int8]
-
-    @classmethod
-    def without_reminders(cls, strategy: IntArray) -> "StrategyAnswers":
-        """Answers alone."""
-        n_samples = len(strategy)
-        none = np.full(n_samples, NO_ANSWER, dtype=np.int8)
-        return cls(
-            strategy=strategy.astype(np.int8),
-            reminder_given=np.zeros(n_samples, dtype=np.bool_),
-            hazard_present=none,
-            hazard_type=np.zeros(n_samples, dtype="S64"),
-            recommended=none,
-        )
 
     @classmethod
     def from_columns(cls, columns: Columns) -> "StrategyAnswers":
@@ -95,7 +92,7 @@ def grade_strategies(
         "over_warning": ~correct & ~under,
         "missing": missing,
     }
-    return sample_scores(STRATEGY.metric_keys, by_key)
+    return sample_scores(STRATEGY.metrics, by_key)
 
 
 def confusion(answers: StrategyAnswers, split: SplitArrays) -> dict[str, dict[str, float | None]]:
@@ -119,3 +116,135 @@ def _look_up(table: BoolArray, strategy: IntArray) -> BoolArray:
     """Value of each row's own column; what a missing answer yields has no meaning."""
     chosen: BoolArray = np.take_along_axis(table, np.maximum(strategy, 0)[:, None], axis=1)[:, 0]
     return chosen
+
+
+PRESENT, ABSENT = 1, 0
+
+
+def reminder_scores(
+    answers: StrategyAnswers,
+    split: SplitArrays,
+    taxonomy: Taxonomy,
+    hazard_is_present: BoolArray | None = None,
+) -> dict[str, float | None]:
+    """Score what the reminder records say, over the samples that carry one.
+
+    A record that leaves something unsaid is wrong in it: an unnamed type is no hit, an unsaid
+    presence is no alarm.
+
+    Args:
+        answers: Answers with their reminder records.
+        split: Acceptable strategies, tasks and families.
+        taxonomy: Task ids in the order of `split.task_index`.
+        hazard_is_present: (N,) the truth; by default every sample has its hazard, as edited
+            samples do.
+
+    Returns:
+        `given` (share of samples with a record), `presence_precision`, `presence_recall`,
+        `type_task_accuracy`, `type_family_accuracy`, `strategy_accuracy`; None where undefined.
+    """
+    given = answers.reminder_given
+    truth = np.ones_like(given) if hazard_is_present is None else hazard_is_present
+    alarm = answers.hazard_present == PRESENT
+    task = _task_positions(answers, taxonomy)
+    named = task != NO_ANSWER
+    family = split.family_index == _families(taxonomy)[task]
+    recommended = np.maximum(answers.recommended, 0)[:, None].astype(np.intp)
+    fits = np.take_along_axis(split.acceptable, recommended, axis=1)[:, 0]
+    return {
+        "given": _share(given, np.ones_like(given)),
+        "presence_precision": _share(truth, given & alarm),
+        "presence_recall": _share(alarm, given & truth),
+        "type_task_accuracy": _share(task == split.task_index, given & truth),
+        "type_family_accuracy": _share(family & named, given & truth),
+        "strategy_accuracy": _share(fits & (answers.recommended != NO_ANSWER), given),
+    }
+
+
+def _families(taxonomy: Taxonomy) -> IntArray:
+    ids = [family.id for family in taxonomy.families]
+    return np.array([ids.index(task.family) for task in taxonomy.tasks])
+
+
+def _task_positions(answers: StrategyAnswers, taxonomy: Taxonomy) -> IntArray:
+    """Position of each named hazard type in the taxonomy, -1 where it is not one of its tasks."""
+    position = {task.id.encode(): index for index, task in enumerate(taxonomy.tasks)}
+    named, inverse = np.unique(answers.hazard_type, return_inverse=True)
+    return np.array([position.get(bytes(name), NO_ANSWER) for name in named])[inverse]
+
+
+def _share(which: BoolArray, among: BoolArray) -> float | None:
+    n = int(np.count_nonzero(among))
+    return int(np.count_nonzero(which & among)) / n if n else None
+
+
+def strategy_answers(answers: Sequence[StrategyAnswer]) -> StrategyAnswers:
+    """Return answers and reminders as arrays, in the same order."""
+    said = [answer.reminder or NOTHING_SAID for answer in answers]
+    return StrategyAnswers(
+        strategy=np.array([STRATEGY_CODE[each.strategy] for each in answers], dtype=np.int8),
+        reminder_given=np.array([each.reminder is not None for each in answers], dtype=np.bool_),
+        hazard_present=np.array([PRESENCE_CODE[r.hazard_present] for r in said], dtype=np.int8),
+        hazard_type=np.array([(r.hazard_type or "").encode() for r in said], dtype="S64"),
+        recommended=np.array([STRATEGY_CODE[r.recommended_strategy] for r in said], dtype=np.int8),
+    )
+
+
+def _letters(answers: Columns) -> FloatArray:
+    letters = np.asarray(answers["strategy"], dtype=np.float64)
+    return np.where(letters == NO_ANSWER, np.nan, letters)[:, None, None]
+
+
+class StrategyScoring:
+    """Answers A to E against acceptable sets."""
+
+    challenge = STRATEGY
+    alike = AlikeRule(_letters, tolerance=0.0, equal_share=0.995, mean_distance=None)
+
+    def columns(
+        self, document: CheckedDocument, sample_ids: Sequence[str]
+    ) -> dict[str, NDArray[Any]]:
+        """The answers of a sound file."""
+        assert isinstance(document, StrategyDocument)
+        return strategy_answers([document.answers[each] for each in sample_ids]).columns()
+
+    def measure(
+        self, answers: Columns, split: SplitArrays, geometry: GeometrySection
+    ) -> dict[str, NDArray[Any]]:
+        """Answers need no geometry: they are their own measurements."""
+        return StrategyAnswers.from_columns(answers).columns()
+
+    def grade(self, measurements: Columns, split: SplitArrays, protocol: Protocol) -> SampleScores:
+        """Accuracy, under-warning, over-warning and missing of each sample."""
+        return grade_strategies(StrategyAnswers.from_columns(measurements), split, protocol)
+
+    def coverage(self, measurements: Columns) -> dict[str, float | None]:
+        """Share of samples answered."""
+        return {"edited": float(np.mean(measurements["strategy"] != NO_ANSWER)), "source": None}
+
+    def plausibility(
+        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+    ) -> Plausibility:
+        """Strategies have no motion to look at."""
+        return Plausibility(shares={})
+
+    def extra(
+        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+    ) -> dict[str, MetricRow]:
+        """Confusion by acceptable set, and the reminder's scores where records were given."""
+        answers = StrategyAnswers.from_columns(measurements)
+        rows = {f"confusion_{name}": row for name, row in confusion(answers, split).items()}
+        if answers.reminder_given.any():
+            rows["reminder"] = reminder_scores(answers, split, protocol.taxonomy)
+        return rows
+
+    def drawings(
+        self,
+        answers: Columns,
+        measurements: Columns,
+        sample_ids: Sequence[str],
+        split: SplitArrays,
+        protocol: Protocol,
+    ) -> EntryDrawings | None:
+        """Strategies have no trajectories to draw."""
+        return None

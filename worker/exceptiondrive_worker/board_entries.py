@@ -12,8 +12,7 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
-from exceptiondrive_scoring.rank import ranks
-from exceptiondrive_scoring.rank_interval import rank_intervals
+from exceptiondrive_scoring.rank import rank_intervals, ranks
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_store import LoadedSplit
 
@@ -122,7 +121,7 @@ class _Rows:
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:
         cell = sheet.families[family_id]
         found = self._intervals(intervals, cell.metrics)
-        return FamilyCell.of(cell.n, cell.metrics, intervals=found)
+        return FamilyCell.model_validate({**dict(cell), "intervals": found})
 
     def _intervals(
         self, intervals: FloatArray, values: Mapping[str, float | None]

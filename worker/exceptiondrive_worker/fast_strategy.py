@@ -10,9 +10,9 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import StrategyAnswer
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.strategy import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
+from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
-from exceptiondrive_scoring.document_columns import strategy_answers
+from exceptiondrive_scoring.strategy import strategy_answers
 from exceptiondrive_worker.fast_decode import (
     ROOT_TEXTS,
     decode,

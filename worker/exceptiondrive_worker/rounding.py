@@ -10,10 +10,8 @@ from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
-    Coverage,
     Interval,
     MetricRow,
-    Plausibility,
     ScoreSheet,
 )
 
@@ -65,26 +63,24 @@ class Rounding:
 
     def cell(self, row: BreakdownRow) -> BreakdownRow:
         """Round a family or task; below the least number of samples its metrics are withheld."""
-        if row.n is not None and row.n < self._least_samples:
-            return BreakdownRow.of(row.n, dict.fromkeys(row.metrics))
-        return BreakdownRow.of(row.n, self.row(row.metrics))
+        is_withheld = row.n is not None and row.n < self._least_samples
+        metrics = dict.fromkeys(row.metrics) if is_withheld else self.row(row.metrics)
+        return row.model_copy(update=metrics)
 
     def sheet(self, sheet: ScoreSheet) -> ScoreSheet:
         """Return the sheet that may be published."""
         coverage, plausibility = sheet.coverage, sheet.plausibility
         return sheet.model_copy(
             update={
-                "coverage": Coverage(
-                    edited=_rounded(coverage.edited, self._fraction_decimals),
-                    source=self.fraction(coverage.source),
+                "coverage": coverage.model_copy(
+                    update={key: self.fraction(share) for key, share in coverage}
                 ),
                 "micro": self.row(sheet.micro),
                 "macro_family": self.row(sheet.macro_family),
                 "families": {key: self.cell(row) for key, row in sheet.families.items()},
                 "tasks": {key: self.cell(row) for key, row in sheet.tasks.items()},
-                "plausibility": Plausibility(
-                    shares={key: self.fraction(v) for key, v in plausibility.shares.items()},
-                    flags=plausibility.flags,
+                "plausibility": plausibility.model_copy(
+                    update={"shares": {k: self.fraction(v) for k, v in plausibility.shares.items()}}
                 ),
                 "extra": {key: self.counted_row(row) for key, row in sheet.extra.items()},
             }

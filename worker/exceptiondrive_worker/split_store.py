@@ -21,8 +21,7 @@ from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
 from exceptiondrive_scoring.aliases import IntArray
-from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.split_arrays import split_arrays
+from exceptiondrive_scoring.arrays import SplitArrays, split_arrays
 from exceptiondrive_worker.private_store import array_digest
 from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
 

@@ -20,10 +20,9 @@ from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns
-from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring
-from exceptiondrive_scoring.exact_sheet import exact_sheet
+from exceptiondrive_scoring.bootstrap import SceneSums, scene_sums
+from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring, exact_sheet
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.scene_sums import SceneSums, scene_sums
 from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key, pack_columns
 from exceptiondrive_worker.split_store import LoadedSplit
 
@@ -158,10 +157,10 @@ class Stages:
         key = self.sums_key(target, measurement_key)
         kept = self._private.read_columns(Shelf.SUMS, key)
         if kept is not None:
-            return SceneSums(sums=kept["sums"], counts=kept["counts"])
+            return SceneSums(**kept)
         scores = self.sample_scores(target, measurement_key)
         sums = scene_sums(scores, target.split.arrays, target.protocol.taxonomy)
-        self._private.write_columns(Shelf.SUMS, key, {"sums": sums.sums, "counts": sums.counts})
+        self._private.write_columns(Shelf.SUMS, key, sums.columns())
         return sums
 
     def sample_scores(self, target: Target, measurement_key: str) -> SampleScores:
@@ -254,7 +253,7 @@ def _graded_key(what: str, measurement_key: str, target: Target) -> str:
     return content_key(
         what,
         SCORER_VERSION,
-        target.challenge.id.value,
+        target.challenge.id,
         measurement_key,
         target.protocol.grading_digest,
         target.split.grading_digest,

@@ -5,13 +5,12 @@ ever says "sound" or "not sure". Whatever it is not sure of goes to the precise 
 client runs too, and which decides. So only a faulty or an unusual file pays for the precise report.
 """
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge, ChallengeId
 from exceptiondrive_schemas.check import (
     MAX_INFLATED_BYTES,
     MAX_UPLOAD_BYTES,
@@ -23,15 +22,17 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
-from exceptiondrive_scoring.document_columns import document_columns
+from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.fast_planning import read_planning
 from exceptiondrive_worker.fast_strategy import read_strategy
 
 FastReader = Callable[[bytes, Manifest, Protocol], dict[str, NDArray[Any]] | None]
 
-FAST_READERS: Mapping[ChallengeId, FastReader] = MappingProxyType(
-    {ChallengeId.PLANNING: read_planning, ChallengeId.STRATEGY: read_strategy}
-)
+FAST_READERS: dict[ChallengeId, FastReader] = {
+    PLANNING.id: read_planning,
+    STRATEGY.id: read_strategy,
+}
+"""Files of a challenge without one are read by the precise checker alone."""
 
 
 def read_upload(
@@ -61,7 +62,8 @@ def read_upload(
         text = inflate(
             data, max_upload_bytes=max_upload_bytes, max_inflated_bytes=max_inflated_bytes
         )
-        columns = FAST_READERS[challenge.id](text, manifest, protocol)
+        fast_reader = FAST_READERS.get(challenge.id)
+        columns = fast_reader(text, manifest, protocol) if fast_reader else None
     except UnreadableFileError:
         columns = None
     if columns is not None:

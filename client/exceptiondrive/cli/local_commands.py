@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Annotated, cast, get_args
 
 import typer
-from pydantic import ValidationError
 
-from exceptiondrive.checking import check_file, chosen_protocol, manifest_of, read_file
+from exceptiondrive.checking import check_file, chosen_protocol, manifest_of, read_manifest
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.session import open_client
@@ -19,8 +18,7 @@ from exceptiondrive.evaluation import evaluate_file, read_split
 from exceptiondrive.plot import plot_file
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
-from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.protocol import packaged_protocol
 
 MAX_OFFSET_M = 20.0
 
@@ -75,22 +73,10 @@ def _report(
             rules = chosen_protocol(protocol)
             return check_file(file, manifest=client.manifest(phase), protocol=rules)
     rules = chosen_protocol(protocol)
-    return check_file(file, manifest=_manifest(split, manifest, rules), protocol=rules)
-
-
-def _manifest(split: Path | None, manifest: Path | None, protocol: Protocol) -> Manifest | None:
+    known = None if manifest is None else read_manifest(manifest)
     if split is not None:
-        return manifest_of(read_split(split), protocol)
-    if manifest is None:
-        return None
-    try:
-        return Manifest.read(read_file(manifest))
-    except ValidationError:
-        raise InvalidArgumentError(
-            "wrong_manifest",
-            f"{manifest.name} is not a manifest.",
-            "Take it from the server: exceptiondrive manifest PHASE -o FILE",
-        ) from None
+        known = manifest_of(read_split(split), rules)
+    return check_file(file, manifest=known, protocol=rules)
 
 
 def evaluate(
@@ -209,12 +195,7 @@ def convert(
             "wrong_split", "No file says which split it is for.", "Add --split NAME."
         )
     outcome = convert_pairs(pairs, plan)
-    try:
-        size_bytes = write_submission(output, split, outcome.pairs)
-    except OSError as error:
-        raise InvalidArgumentError(
-            "unwritable_file", f"{output} cannot be written: {error.strerror}."
-        ) from None
+    size_bytes = write_submission(output, split, outcome.pairs)
     facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
     facts |= {"size_bytes": size_bytes, "done": list(outcome.done)}
     done = [f"- {sentence}" for sentence in outcome.done or ("nothing had to be changed",)]

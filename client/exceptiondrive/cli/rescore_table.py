@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from exceptiondrive.cli.output import console, has_terminal
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 
 Record = dict[str, Any]
 _ENDED = ("closed", "rolled_back", "cancelled")
@@ -94,7 +94,7 @@ def _entries_table(comparison: Record) -> Table:
     entries = {entry["submission_id"]: entry for entry in comparison["entries"]}
     movers = [entries[key] for key in comparison["worst_movers"]]
     rest = [entry for entry in comparison["entries"] if entry not in movers]
-    challenge = CHALLENGES[ChallengeId(comparison["challenge"])]
+    challenge = CHALLENGES[comparison["challenge"]]
     metrics = [metric.key for metric in challenge.metrics if metric.role == "primary"]
     table = Table(box=None, padding=(0, 1), header_style="bold")
     table.add_column("method", overflow="fold")
@@ -117,7 +117,7 @@ def _entries_table(comparison: Record) -> Table:
 
 def _effect_lines(comparison: Record) -> list[str]:
     """Return a line per linked entry: what its reminder changes, before and after."""
-    metrics = CHALLENGES[ChallengeId(comparison["challenge"])].metrics
+    metrics = CHALLENGES[comparison["challenge"]].metrics
     lines = []
     for entry in comparison["entries"]:
         sides = [_effect(entry[side]) for side in ("old", "new")]

@@ -1,15 +1,14 @@
 """Commands that fetch what a planner needs: manifest, split download."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.errors import InvalidArgumentError
 
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where to write it.")
@@ -29,7 +28,7 @@ def manifest(
     with open_client(server) as client:
         found = client.manifest(phase)
     path = output or Path(f"{found.name}.manifest.json")
-    _write(path, found.model_dump_json(by_alias=True, indent=1))
+    write_file(path, found.model_dump_json(by_alias=True, indent=1))
     facts: dict[str, str | int] = {
         "output": str(path),
         "split": found.name,
@@ -52,7 +51,7 @@ def download(
     with open_client(server) as client:
         found = client.split(name)
     path = output or Path(f"{found.name}.split.json")
-    _write(path, found.model_dump_json(by_alias=True, exclude_none=True))
+    write_file(path, found.model_dump_json(by_alias=True, exclude_none=True))
     facts: dict[str, str | int] = {
         "output": str(path),
         "split": found.name,
@@ -60,21 +59,6 @@ def download(
         "n_samples": len(found.samples),
     }
     _say_written(facts, json)
-
-
-def _write(path: Path, text: str) -> None:
-    """Write in one step, compressed if the name ends in `.gz`."""
-    import gzip
-
-    data = text.encode()
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
-        os.replace(part, path)
-    except OSError as error:
-        raise InvalidArgumentError(
-            "unwritable_file", f"{path} cannot be written: {error.strerror}."
-        ) from None
 
 
 def _say_written(facts: dict[str, str | int], json: bool) -> None:

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from exceptiondrive.errors import utc_text
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.protocol import Protocol, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
@@ -55,7 +55,7 @@ def _cell(value: Any) -> str:
 
 def challenge_of(challenge_id: str) -> Challenge:
     """Return the challenge with this id."""
-    return CHALLENGES[ChallengeId(challenge_id)]
+    return CHALLENGES[challenge_id]
 
 
 def metric_head(metric: Metric) -> str:

@@ -18,6 +18,7 @@ from exceptiondrive_schemas.check.inflate import (
     UnreadableFileError,
     inflate,
 )
+from exceptiondrive_schemas.check.rules import PredictionRules, register
 
 __all__ = [
     "MAX_INFLATED_BYTES",
@@ -25,6 +26,7 @@ __all__ = [
     "Checked",
     "CheckedDocument",
     "PlanningDocument",
+    "PredictionRules",
     "StrategyAnswer",
     "StrategyDocument",
     "TrajectoryPair",
@@ -32,4 +34,5 @@ __all__ = [
     "check",
     "check_bytes",
     "inflate",
+    "register",
 ]

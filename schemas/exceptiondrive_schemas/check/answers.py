@@ -6,10 +6,10 @@ import math
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.strategy import ReminderRecord
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
+from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy
 
 
@@ -28,19 +28,26 @@ class StrategyAnswer(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PlanningDocument:
-    """A sound planning file.
+class CheckedDocument:
+    """A sound file.
 
     Attributes:
         split: Name of the split.
-        n_waypoints: T.
-        answers: Sample id to trajectories.
+        answers: Sample id to what the file says of it.
     """
 
-    challenge: ClassVar[ChallengeId] = ChallengeId.PLANNING
+    challenge: ClassVar[ChallengeId]
     split: str
-    n_waypoints: int
+    answers: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class PlanningDocument(CheckedDocument):
+    """A sound planning file: sample id to trajectories of `n_waypoints`."""
+
+    challenge: ClassVar[ChallengeId] = PLANNING.id
     answers: Mapping[str, TrajectoryPair]
+    n_waypoints: int
 
     def columns(self, sample_ids: Sequence[str]) -> dict[str, array[float]]:
         """Columns `source` and `edited` in the order of `sample_ids`.
@@ -59,17 +66,8 @@ class PlanningDocument:
 
 
 @dataclass(frozen=True)
-class StrategyDocument:
-    """A sound strategy file.
+class StrategyDocument(CheckedDocument):
+    """A sound strategy file: sample id to strategy and reminder."""
 
-    Attributes:
-        split: Name of the split.
-        answers: Sample id to strategy and reminder.
-    """
-
-    challenge: ClassVar[ChallengeId] = ChallengeId.STRATEGY
-    split: str
+    challenge: ClassVar[ChallengeId] = STRATEGY.id
     answers: Mapping[str, StrategyAnswer]
-
-
-CheckedDocument = PlanningDocument | StrategyDocument

@@ -1,21 +1,299 @@
 """Checks a submission file: all faults in one pass, or its content ready for scoring."""
 
 import hashlib
+import re
 from dataclasses import dataclass
+from typing import Any
 
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, ChallengeId, challenge_of_file
 from exceptiondrive_schemas.check.answers import CheckedDocument
-from exceptiondrive_schemas.check.findings import Findings
+from exceptiondrive_schemas.check.findings import Findings, Path, escaped, kind, quoted
 from exceptiondrive_schemas.check.inflate import (
     MAX_INFLATED_BYTES,
     MAX_UPLOAD_BYTES,
     UnreadableFileError,
     inflate,
 )
-from exceptiondrive_schemas.check.submission_reader import SubmissionReader
+from exceptiondrive_schemas.check.json_stream import (
+    JsonStream,
+    JsonStreamError,
+    RepeatedKeys,
+    elements,
+    members,
+    skip,
+    skip_members,
+)
+from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
+from exceptiondrive_schemas.check.sample_ids import SampleIds
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, Manifest
+
+
+def check_schema(
+    value: object, wanted: ChallengeId | None, findings: Findings
+) -> ChallengeId | None:
+    """Check what stands under `schema`.
+
+    Args:
+        value: What stands there.
+        wanted: The challenge that the file must be for; any, if None.
+        findings: Takes the fault.
+
+    Returns:
+        The challenge that the file names, None where there is no such challenge.
+    """
+    named = _challenge_of(value)
+    if named is not None and wanted in (None, named):
+        return named
+    schemas = [each.file_schema for key, each in CHALLENGES.items() if wanted in (None, key)]
+    is_mixed_up = named is not None and wanted is not None
+    findings.add(
+        FaultCode.WRONG_SCHEMA if isinstance(value, str) else FaultCode.WRONG_TYPE,
+        ("schema",),
+        expected=" or ".join(quoted(schema) for schema in schemas),
+        got=quoted(value) if isinstance(value, str) else kind(value),
+        hint=f"this is a {named} file, and a {wanted} file is wanted" if is_mixed_up else None,
+    )
+    return named
+
+
+def find_challenge(stream: JsonStream) -> ChallengeId | None:
+    """Look for `schema` behind the predictions, whose rules depend on it."""
+    try:
+        for key in members(stream):
+            if key == "schema":
+                return _challenge_of(stream.value())
+            skip(stream)
+    except JsonStreamError:
+        return None
+    return None
+
+
+def _challenge_of(value: object) -> ChallengeId | None:
+    named = challenge_of_file(value) if isinstance(value, str) else None
+    return named.id if named else None
+
+
+def check_split_name(value: object, manifest: Manifest | None, findings: Findings) -> None:
+    """Check what stands under `split`: the manifest's name, or any legal name without one."""
+    expected = quoted(manifest.name) if manifest else "a split name such as nuscenes-test"
+    if not isinstance(value, str):
+        findings.add(FaultCode.WRONG_TYPE, ("split",), expected=expected, got=kind(value))
+        return
+    if manifest is not None:
+        is_right = value == manifest.name
+    else:
+        is_right = re.fullmatch(SPLIT_NAME_PATTERN, value) is not None
+    if not is_right:
+        findings.add(FaultCode.WRONG_SPLIT, ("split",), expected=expected, got=quoted(value))
+
+
+def report_repeated_keys(value: Any, path: Path, findings: Findings) -> None:
+    """Report the repeated keys of a value, however deep; escaped spellings are equal."""
+    places: list[tuple[Path, Any]] = [(path, value)]
+    while places:
+        path, value = places.pop()
+        if isinstance(value, RepeatedKeys):
+            for key in value.repeated:
+                got = f"{quoted(key)} more than once"
+                findings.add(FaultCode.DUPLICATE_KEY, path, expected="every key once", got=got)
+        if isinstance(value, dict):
+            places += [((*path, key), each) for key, each in value.items()]
+        elif isinstance(value, list):
+            places += [((*path, index), each) for index, each in enumerate(value)]
+
+
+ROOT_KEYS = ("schema", "split", "predictions")
+
+
+class _TooManyFaultsError(Exception):
+    """No more faults are worth counting."""
+
+
+class SubmissionReader:
+    """One reading of one file.
+
+    Attributes:
+        findings: The faults found.
+        challenge: What the file's `schema` says it is for, None where that is unknown.
+        split: What the file says it is for, shortened and escaped.
+        n_predictions: Length of the list of predictions, None where there is none.
+        notes: What else is worth knowing.
+    """
+
+    def __init__(
+        self,
+        data: bytes,
+        *,
+        protocol: Protocol,
+        manifest: Manifest | None,
+        challenge: ChallengeId | None,
+        findings: Findings,
+    ) -> None:
+        self._data = data
+        self._stream = JsonStream(data)
+        self._protocol = protocol
+        self._manifest = manifest
+        self._wanted = challenge
+        self._ids = SampleIds(manifest, findings)
+        self._rules: PredictionRules | None = None
+        self._answers: dict[str, Any] = {}
+        self._seen: set[str] = set()
+        self._reading: Path = ()
+        self.findings = findings
+        self.challenge: ChallengeId | None = None
+        self.split: str | None = None
+        self.n_predictions: int | None = None
+        self.notes: list[str] = []
+
+    def read(self) -> CheckedDocument | None:
+        """Read the file; return its content if it is sound."""
+        is_complete = self._read_all()
+        if is_complete:
+            self._report_missing_keys()
+        self._ids.finish(is_complete=is_complete and self.n_predictions is not None)
+        if self._rules is not None:
+            self._rules.finish()
+        return self._sound_document()
+
+    def _read_all(self) -> bool:
+        try:
+            return self._read_root()
+        except JsonStreamError as error:
+            self._refuse(error.code, self._reading, error.expected, error.got)
+            self.notes.append("Reading stopped there: what follows was not checked.")
+        except _TooManyFaultsError:
+            self.notes.append("Reading stopped after too many faults; the counts are incomplete.")
+        return False
+
+    def _read_root(self) -> bool:
+        first = self._stream.peek()
+        if first == "":
+            self.findings.add(
+                FaultCode.EMPTY_FILE, (), expected="a JSON document", got="blanks alone"
+            )
+            return False
+        if first == "[":
+            self._refuse(FaultCode.WRONG_TYPE, (), "an object with the key `schema`", "a list")
+            return False
+        for key in members(self._stream):
+            self._read_member(key)
+        self._reading = ()
+        if self._stream.peek():
+            follows = self._stream.not_json("the end of the file")
+            self._refuse(FaultCode.TRAILING_DATA, (), follows.expected, follows.got)
+        return True
+
+    def _read_member(self, key: str) -> None:
+        self._stop_when_full()
+        self._reading = (key,)
+        if key in self._seen:
+            self._refuse(FaultCode.DUPLICATE_KEY, (), "every key once", f"{quoted(key)} again")
+            skip(self._stream)
+        elif key == "predictions":
+            self._seen.add(key)
+            self._read_predictions()
+        elif key in ROOT_KEYS:
+            self._seen.add(key)
+            self._read_name(key)
+        else:
+            expected = f"only {', '.join(ROOT_KEYS)}"
+            self._refuse(FaultCode.UNKNOWN_KEY, (key,), expected, quoted(key))
+            self._report_repeated(self._stream.value(), (key,))
+
+    def _read_name(self, key: str) -> None:
+        value = self._stream.value()
+        self._report_repeated(value, (key,))
+        if key == "schema":
+            self.challenge = check_schema(value, self._wanted, self.findings)
+        else:
+            self.split = escaped(value) if isinstance(value, str) else None
+            check_split_name(value, self._manifest, self.findings)
+
+    def _read_predictions(self) -> None:
+        if self._stream.peek() != "[":
+            self._refuse_predictions()
+            return
+        self.n_predictions = 0
+        for index in elements(self._stream):
+            self._stop_when_full()
+            self._reading = ("predictions", index)
+            value = self._stream.value()
+            self._report_repeated(value, self._reading)
+            self._read_prediction(value, index)
+            self.n_predictions = index + 1
+
+    def _refuse_predictions(self) -> None:
+        is_object = self._stream.peek() == "{"
+        got = "an object" if is_object else kind(self._stream.value())
+        hint = "write a list; the sample id stands inside each prediction" if is_object else None
+        self.findings.add(
+            FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
+        )
+        if is_object:
+            skip_members(self._stream)
+
+    def _read_prediction(self, value: Any, index: int) -> None:
+        path: Path = ("predictions", index)
+        if not isinstance(value, dict):
+            self._refuse(FaultCode.WRONG_TYPE, path, "an object", kind(value))
+            return
+        rules = self._rules or self._choose_rules(value)
+        stated = value.get("sample_id")
+        sample_id = self._ids.admit(stated, index) if "sample_id" in value else None
+        shown_id = sample_id or (escaped(stated) if isinstance(stated, str) else None)
+        if value.keys() != rules.required_keys:
+            self._check_keys(value, rules, path, shown_id)
+        answer = rules.answer(value, path, shown_id)
+        if self.findings.is_empty and sample_id is not None:
+            self._answers[sample_id] = answer
+
+    def _check_keys(
+        self, value: dict[str, Any], rules: PredictionRules, path: Path, sample_id: str | None
+    ) -> None:
+        for key in sorted(rules.required_keys - value.keys()):
+            self._refuse(FaultCode.MISSING_KEY, path, f"the key {quoted(key)}", "none", sample_id)
+        known = rules.required_keys | rules.optional_keys
+        for key in value.keys() - known:
+            expected = f"only {', '.join(sorted(known))}"
+            self._refuse(FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id)
+
+    def _choose_rules(self, prediction: dict[str, Any]) -> PredictionRules:
+        challenge = self.challenge or self._wanted
+        if "schema" not in self._seen:
+            challenge = find_challenge(JsonStream(self._data)) or challenge
+        for key in prediction:
+            challenge = challenge or challenge_by_key(key)
+        self._rules = RULES[challenge or PLANNING.id](self._protocol, self.findings)
+        return self._rules
+
+    def _report_missing_keys(self) -> None:
+        for key in ROOT_KEYS:
+            if key not in self._seen:
+                self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none")
+
+    def _report_repeated(self, value: Any, path: Path) -> None:
+        if self._stream.has_repeated_keys:
+            report_repeated_keys(value, path, self.findings)
+
+    def _stop_when_full(self) -> None:
+        if self.findings.is_full:
+            raise _TooManyFaultsError
+
+    def _sound_document(self) -> CheckedDocument | None:
+        if not self.findings.is_empty or self.split is None:
+            return None
+        challenge = self.challenge or PLANNING.id
+        rules = self._rules or RULES[challenge](self._protocol, self.findings)
+        self.notes += rules.notes(len(self._answers))
+        return rules.document(self.split, self._answers)
+
+    def _refuse(
+        self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None = None
+    ) -> None:
+        self.findings.add(code, path, expected=expected, got=got, sample_id=sample_id)
+
 
 UTF8_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 

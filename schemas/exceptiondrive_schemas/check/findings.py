@@ -1,8 +1,74 @@
-"""Collects faults while a file is read: every one is counted, the first of each code are kept."""
+"""Collects faults while a file is read: every one is counted, the first of each code are kept.
 
-from exceptiondrive_schemas.check.messages import MESSAGES
-from exceptiondrive_schemas.check.shown import json_path
-from exceptiondrive_schemas.faults import MAX_EXAMPLES, Fault, FaultCode, FaultGroup
+A value of the file is shown short, on one line, escaped.
+"""
+
+import json
+import math
+import unicodedata
+from typing import Any
+
+from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, Fault, FaultCode, FaultGroup
+from exceptiondrive_schemas.printable import counted
+
+MAX_SHOWN_CHARACTERS = 60
+
+JSON_KINDS = {bool: "a boolean", int: "a number", float: "a number", str: "text"}
+
+
+def escaped(text: str) -> str:
+    r"""Return at most 60 characters of `text`, all of them printable.
+
+    Control characters, lone surrogates and invisible or direction-turning marks become `\uXXXX`:
+    what the reader sees is what the file holds, and it can be printed anywhere.
+    """
+    shown = "".join(
+        character if character.isprintable() else f"\\u{ord(character):04x}"
+        for character in text[:MAX_SHOWN_CHARACTERS]
+    )
+    return shown if len(shown) <= MAX_SHOWN_CHARACTERS else shown[:MAX_SHOWN_CHARACTERS]
+
+
+def quoted(text: str) -> str:
+    """Return `text` in quotes; a long one is cut, and its length told."""
+    if len(text) <= MAX_SHOWN_CHARACTERS:
+        return f'"{escaped(text)}"'
+    return f'"{escaped(text)}..." ({len(text):,} characters)'
+
+
+def shown(value: Any) -> str:
+    """Describe one decoded JSON value in a few words.
+
+    Args:
+        value: None, bool, int, float, str, list or dict, as the JSON decoder gave it.
+    """
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, dict):
+        return f"an object with {counted(len(value), 'key')}"
+    if isinstance(value, list):
+        return f"a list of {counted(len(value), 'value')}"
+    if isinstance(value, float) and math.isinf(value):
+        return f"{'-' if value < 0 else ''}Infinity, or a number too large to hold"
+    return json.dumps(value)
+
+
+def kind(value: Any) -> str:
+    """Return the JSON kind of a value with an article, to stand after "got"."""
+    return JSON_KINDS.get(type(value), shown(value))
+
+
+def json_path(parts: tuple[str | int, ...]) -> str:
+    """Return the JSON path of a place: `$.predictions[3].edited[2][0]`."""
+    return "$" + "".join(_step(part) for part in parts)
+
+
+def _step(part: str | int) -> str:
+    if isinstance(part, int):
+        return f"[{part}]"
+    is_plain = part.isidentifier() and part.isascii() and len(part) <= MAX_SHOWN_CHARACTERS
+    return f".{part}" if is_plain else f"[{quoted(part)}]"
+
 
 MAX_EXAMPLES_IN_REPORT = 50
 """Examples of all codes together: they bound the size of a report."""
@@ -86,3 +152,48 @@ class Findings:
             for code in FaultCode
             if code in self._counts
         )
+
+
+UNKEEPABLE = frozenset({"Cc", "Cs"})
+"""Unicode categories: control characters (NUL among them) and lone surrogates."""
+LINE_BREAKS = frozenset("\t\n\r")
+
+
+def has_unkeepable(text: str, allowed: frozenset[str] = frozenset()) -> bool:
+    """Whether a text holds control characters or lone surrogates other than `allowed`."""
+    return not text.isprintable() and any(
+        unicodedata.category(character) in UNKEEPABLE and character not in allowed
+        for character in text
+    )
+
+
+def check_text(
+    value: object,
+    path: Path,
+    findings: Findings,
+    *,
+    sample_id: str | None = None,
+    max_characters: int,
+    allowed: frozenset[str] = LINE_BREAKS,
+) -> bool:
+    """Check a text; tell whether it is sound."""
+    if not isinstance(value, str):
+        findings.add(
+            FaultCode.WRONG_TYPE, path, expected="text", got=kind(value), sample_id=sample_id
+        )
+        return False
+    if len(value) > max_characters:
+        limit = f"at most {counted(max_characters, 'character')}"
+        got = counted(len(value), "character")
+        findings.add(FaultCode.TEXT_TOO_LONG, path, expected=limit, got=got, sample_id=sample_id)
+        return False
+    if has_unkeepable(value, allowed):
+        findings.add(
+            FaultCode.INVALID_TEXT,
+            path,
+            expected="no control characters, no lone surrogates",
+            got=quoted(value),
+            sample_id=sample_id,
+        )
+        return False
+    return True

@@ -1,10 +1,16 @@
 """The table of rules: what a prediction is, for each challenge."""
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol
 
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import (
+    CHALLENGES,
+    PLANNING,
+    STRATEGY,
+    Challenge,
+    ChallengeId,
+    Registry,
+)
 from exceptiondrive_schemas.check.answers import CheckedDocument
 from exceptiondrive_schemas.check.findings import Findings, Path
 from exceptiondrive_schemas.check.planning_rules import PlanningRules
@@ -15,13 +21,13 @@ from exceptiondrive_schemas.protocol import Protocol as EvaluationProtocol
 class PredictionRules(Protocol):
     """What a challenge knows of its own file; the rest is the same for all."""
 
-    @property
-    def required_keys(self) -> frozenset[str]:
-        """Keys of every prediction."""
+    required_keys: ClassVar[frozenset[str]]
+    """Keys of every prediction."""
+    optional_keys: ClassVar[frozenset[str]]
+    """Keys that a prediction may have."""
 
-    @property
-    def optional_keys(self) -> frozenset[str]:
-        """Keys that a prediction may have."""
+    def __init__(self, protocol: EvaluationProtocol, findings: Findings) -> None:
+        """Begin a file."""
 
     def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
         """Check one prediction and return its answer."""
@@ -36,15 +42,24 @@ class PredictionRules(Protocol):
         """Return the sound file."""
 
 
-RULES: Mapping[ChallengeId, Callable[[EvaluationProtocol, Findings], PredictionRules]] = (
-    MappingProxyType({ChallengeId.PLANNING: PlanningRules, ChallengeId.STRATEGY: StrategyRules})
-)
-CHALLENGE_BY_KEY: Mapping[str, ChallengeId] = MappingProxyType(
-    {
-        "source": ChallengeId.PLANNING,
-        "edited": ChallengeId.PLANNING,
-        "strategy": ChallengeId.STRATEGY,
-        "reminder": ChallengeId.STRATEGY,
-    }
-)
-"""Which challenge a prediction is for, where the file's `schema` does not say it."""
+RULES: Registry[type[PredictionRules]] = Registry()
+RULES.register(PLANNING.id, PlanningRules)
+RULES.register(STRATEGY.id, StrategyRules)
+
+
+def register(challenge: Challenge, rules: type[PredictionRules]) -> None:
+    """Make a challenge known: its metrics and words, and how the predictions of its file are checked.
+
+    Raises:
+        ValueError: There is one of this name.
+    """
+    CHALLENGES.register(challenge.id, challenge)
+    RULES.register(challenge.id, rules)
+
+
+def challenge_by_key(key: str) -> ChallengeId | None:
+    """Say which challenge a prediction with this key is for, where `schema` does not say it."""
+    for challenge_id, rules in RULES.items():
+        if key != "sample_id" and key in rules.required_keys | rules.optional_keys:
+            return challenge_id
+    return None

@@ -1,15 +1,13 @@
 """Rules for one prediction of `exceptiondrive.strategy/1` (docs/protocol.md section 6)."""
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, ClassVar, get_args
 
 from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocument
-from exceptiondrive_schemas.check.findings import Findings, Path
-from exceptiondrive_schemas.check.shown import kind, quoted
-from exceptiondrive_schemas.check.texts import check_text
+from exceptiondrive_schemas.check.findings import Findings, Path, check_text, kind, quoted
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.strategy import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
+from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
 
 STRATEGIES = frozenset(strategy.value for strategy in Strategy)
@@ -21,8 +19,8 @@ REMINDER_KEYS = frozenset(ReminderRecord.model_fields)
 class StrategyRules:
     """Checks the strategy and the reminder record of each sample."""
 
-    required_keys = frozenset({"sample_id", "strategy"})
-    optional_keys = frozenset({"reminder"})
+    required_keys: ClassVar = frozenset({"sample_id", "strategy"})
+    optional_keys: ClassVar = frozenset({"reminder"})
 
     def __init__(self, protocol: Protocol, findings: Findings) -> None:
         self._findings = findings

@@ -1,4 +1,7 @@
-"""One broken file for every fault code, made from the example files."""
+"""A file broken in just one way for every fault code, and the page `docs/errors.md` of them.
+
+Their reports are made by the checker itself.
+"""
 
 import gzip
 import json
@@ -8,13 +11,14 @@ from typing import Any
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.check import check_bytes
-from exceptiondrive_schemas.faults import CheckReport, FaultCode
+from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.example_split import (
     STEADY,
     example_manifest,
     example_planning,
     example_strategy,
+    indented,
 )
 from exceptiondrive_schemas.split import Manifest
 
@@ -112,3 +116,35 @@ def report_of(code: FaultCode) -> CheckReport:
     return check_bytes(
         BROKEN_FILES[code](), protocol=packaged_protocol(), manifest=manifest, **limits
     )
+
+
+HEAD = f"""# What can be wrong with a submission file
+
+<!-- Written by `python -m exceptiondrive_schemas.publish`; do not edit. -->
+
+`exceptiondrive check FILE` and the server run the same checker and say the same. It reads the whole
+file in one pass and reports every fault: a code, the place as a JSON path, the sample id, what was
+expected, what was found, and often what probably went wrong. The first examples of each code are
+listed (at most {MAX_EXAMPLES}), and the total is always told. A refused file costs no quota.
+
+Codes are stable: scripts may rely on them. Each one stands here with the report of a file that is
+broken in just this way.
+
+"""
+
+
+def errors_page() -> str:
+    """Return the whole page."""
+    index = "".join(f"- [`{code}`](#{code})\n" for code in FaultCode)
+    return HEAD + index + "".join(_section(code) for code in FaultCode)
+
+
+def _section(code: FaultCode) -> str:
+    report = report_of(code)
+    group = next(group for group in report.faults if group.code is code)
+    notes = "".join(f"\nNote: {note}\n" for note in report.notes)
+    return f"\n## {code}\n\n{MESSAGES[code]}\n\n```json\n{_shown(group)}```\n{notes}"
+
+
+def _shown(group: FaultGroup) -> str:
+    return indented(group.model_dump_json(exclude_none=True))

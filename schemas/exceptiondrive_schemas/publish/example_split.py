@@ -1,14 +1,35 @@
-"""The example split, its manifest, and a submission file of each challenge."""
+"""The split, manifest and submission files of the examples, and JSON laid out for readers."""
 
-from exceptiondrive_schemas.planning import PlanningPrediction, PlanningSubmission
+import json
+import re
+
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
-from exceptiondrive_schemas.strategy import (
+from exceptiondrive_schemas.submission_files import (
+    PlanningPrediction,
+    PlanningSubmission,
     ReminderRecord,
     StrategyPrediction,
     StrategySubmission,
 )
 from exceptiondrive_schemas.taxonomy import Strategy
+
+_PLAIN_LIST = re.compile(r"\[[^\[\]{}]*\]")
+_LIST_OF_LISTS = re.compile(r"\[\s*(\[[^\[\]{}\n]*\](?:,\s*\[[^\[\]{}\n]*\])*)\s*\]")
+_BLANKS = re.compile(r"\s+")
+LINE_LENGTH = 100
+
+
+def indented(text: str) -> str:
+    """Return the same JSON document, laid out for reading, with a final newline."""
+    text = json.dumps(json.loads(text), indent=2, ensure_ascii=False)
+    return _LIST_OF_LISTS.sub(_on_one_line, _PLAIN_LIST.sub(_on_one_line, text)) + "\n"
+
+
+def _on_one_line(match: re.Match[str]) -> str:
+    flat = _BLANKS.sub(" ", match.group()).replace("[ ", "[").replace(" ]", "]")
+    return flat if len(flat) <= LINE_LENGTH and '"' not in flat else match.group()
+
 
 SAMPLE_IDS = ("example-0001", "example-0002", "example-0003")
 NAME, TITLE = "example", "Three samples, one of each kind"

@@ -1,34 +1,164 @@
 """One small valid example of every document; all tell the same story of three samples."""
 
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from types import MappingProxyType
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.problems import Problem, ProblemCode
-from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_schemas.publish.broken_files import file_bytes, report_of
-from exceptiondrive_schemas.publish.example_scores import (
-    METHOD,
-    PHASE,
-    RECEIVED_AT,
-    SCORED_AT,
-    SUBMISSION_ID,
-    TEAM,
-    example_board,
-    example_score_sheet,
-)
 from exceptiondrive_schemas.publish.example_split import (
     example_manifest,
     example_planning,
     example_split,
     example_strategy,
+    indented,
 )
-from exceptiondrive_schemas.publish.indented import indented
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    Coverage,
+    MetricRow,
+    Plausibility,
+    ProtocolRef,
+    ScoreSheet,
+)
+from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+
+RECEIVED_AT = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
+SCORED_AT = datetime(2026, 3, 2, 9, 30, 2, tzinfo=UTC)
+SUBMISSION_ID = "s-example-4f7q"
+PHASE, TEAM, METHOD = "planning-example", "Example Team", "Braking planner"
+FAMILY_OF_TASK = {
+    "SE1": "sudden_emergence",
+    "LB1": "lane_blockage",
+    "BG1": "bypass_and_gap_conflict",
+}
+
+
+def _row(hcc: float, ur: float, hpr: float, *shift_m: float | None) -> MetricRow:
+    return dict(zip(PLANNING.metric_keys, (hcc, ur, hpr, *shift_m), strict=True))
+
+
+TOTAL = _row(0.3333, 0.6667, 0.169, 2.34, 2.0, 0.34)
+BY_TASK = {
+    "SE1": _row(0.0, 1.0, 0.0, None, None, None),
+    "LB1": _row(1.0, 0.0, 0.5071, 4.0, 4.0, 0.0),
+    "BG1": _row(0.0, 1.0, 0.0, 0.69, 0.0, 0.69),
+}
+SENSITIVITY = {0.5: 0.3333, 2.0: 0.3333}
+FREEZE_TOTAL = _row(1.0, 0.0, 0.1038, 9.0, 9.0, 0.0)
+FREEZE_BY_TASK = {
+    "SE1": _row(1.0, 0.0, 0.1214, 9.0, 9.0, 0.0),
+    "LB1": _row(1.0, 0.0, 0.1056, 9.0, 9.0, 0.0),
+    "BG1": _row(1.0, 0.0, 0.0845, 9.0, 9.0, 0.0),
+}
+
+
+def protocol_ref(protocol: Protocol) -> ProtocolRef:
+    """Version and digest."""
+    return ProtocolRef(version=protocol.version, digest=protocol.digest)
+
+
+def split_ref() -> SplitRef:
+    """Name and revision of the example split."""
+    split = example_split()
+    return SplitRef(name=split.name, revision=split.revision)
+
+
+def example_score_sheet() -> ScoreSheet:
+    """The published, rounded score sheet of the example planning file."""
+    tasks = {task: BreakdownRow.of(1, row) for task, row in BY_TASK.items()}
+    shares = ("edited_stationary", "source_stationary", "blind", "impossible")
+    return ScoreSheet(
+        challenge=PLANNING.id,
+        protocol=protocol_ref(packaged_protocol()),
+        split=split_ref(),
+        scorer_version="1",
+        n=3,
+        coverage=Coverage(edited=0.6667, source=1.0),
+        micro=TOTAL,
+        macro_family=TOTAL,
+        families={FAMILY_OF_TASK[task]: row for task, row in tasks.items()},
+        tasks=tasks,
+        plausibility=Plausibility(shares=dict.fromkeys(shares, 0.0)),
+        extra={
+            f"d_safe_x{factor:g}": {"hcc_micro": hcc, "hcc_macro_family": hcc}
+            for factor, hcc in SENSITIVITY.items()
+        },
+    )
+
+
+def example_board() -> Board:
+    """A board with the example entry, which covers too little to rank, and a reference row."""
+    protocol = packaged_protocol()
+    return Board(
+        challenge=PLANNING.id,
+        phase=PHASE,
+        split=split_ref(),
+        protocol=protocol_ref(protocol),
+        headline=protocol.grading.headline,
+        board=1,
+        published_at=SCORED_AT,
+        n_samples=3,
+        confidence=protocol.ranking.confidence,
+        families=tuple(
+            FamilyHead(id=family.id, title=family.title, n=1)
+            for family in protocol.families
+            if family.id in FAMILY_OF_TASK.values()
+        ),
+        entries=(_scored_entry(), _reference_entry()),
+    )
+
+
+def _scored_entry() -> BoardEntry:
+    return BoardEntry(
+        source="scored",
+        rank=None,
+        rank_interval=None,
+        unranked_because="edited trajectories cover 66.67 % of the samples; 99 % are needed",
+        submission_id=SUBMISSION_ID,
+        method=METHOD,
+        team=TEAM,
+        links=Links(code="https://example.org/braking-planner"),
+        submitted_at=RECEIVED_AT,
+        metrics=TOTAL,
+        micro=TOTAL,
+        macro_family=TOTAL,
+        intervals=dict.fromkeys(TOTAL),
+        families=_cells(BY_TASK),
+        coverage={"edited": 0.6667, "source": 1.0},
+    )
+
+
+def _reference_entry() -> BoardEntry:
+    return BoardEntry(
+        source="reference",
+        rank=None,
+        rank_interval=None,
+        unranked_because="reference rows never rank",
+        submission_id=None,
+        method="FREEZE",
+        team="Reference",
+        description="Stands still; scored by the same code.",
+        submitted_at=None,
+        metrics=FREEZE_TOTAL,
+        micro=FREEZE_TOTAL,
+        macro_family=FREEZE_TOTAL,
+        intervals=dict.fromkeys(FREEZE_TOTAL),
+        families=_cells(FREEZE_BY_TASK),
+        coverage={"edited": 1.0, "source": 1.0},
+    )
+
+
+def _cells(by_task: dict[str, MetricRow]) -> dict[str, FamilyCell]:
+    return {FAMILY_OF_TASK[task]: FamilyCell.of(1, row) for task, row in by_task.items()}
+
 
 FILES = frozenset({"planning", "strategy", "split"})
 """What people write by hand or by program: keys that may be left out are left out."""
@@ -41,7 +171,7 @@ def example_submission() -> SubmissionView:
     return SubmissionView(
         id=SUBMISSION_ID,
         phase=PHASE,
-        challenge=PLANNING.id.value,
+        challenge=PLANNING.id,
         team=TEAM,
         method=METHOD,
         description="",

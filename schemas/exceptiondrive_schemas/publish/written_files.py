@@ -1,25 +1,108 @@
 """All generated files: where each one belongs and what it says."""
 
 import json
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Literal
 
-from exceptiondrive_schemas.publish.errors_page import errors_page
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.form_fields import FormField, fields_of
+from exceptiondrive_schemas.phase_settings import PhaseSettings
+from exceptiondrive_schemas.problems import Problem
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.publish.broken_files import errors_page
 from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
-from exceptiondrive_schemas.publish.json_schemas import MODELS, json_schema
-from exceptiondrive_schemas.publish.settings_page import settings_page
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.split import Manifest, Split
+from exceptiondrive_schemas.submission import SubmissionView
+from exceptiondrive_schemas.submission_files import PlanningSubmission, StrategySubmission
+
+MODELS: Mapping[str, type[Document]] = MappingProxyType(
+    {
+        "planning": PlanningSubmission,
+        "strategy": StrategySubmission,
+        "split": Split,
+        "manifest": Manifest,
+        "protocol": Protocol,
+        "score-sheet": ScoreSheet,
+        "board": Board,
+        "submission": SubmissionView,
+        "check-report": CheckReport,
+        "problem": Problem,
+    }
+)
+WRITTEN_BY_SERVER = frozenset({"score-sheet", "board", "submission", "check-report", "problem"})
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of a document, as it is written or as it is read."""
+    mode: Literal["serialization", "validation"] = (
+        "serialization" if name in WRITTEN_BY_SERVER else "validation"
+    )
+    return {"$schema": DIALECT, **MODELS[name].model_json_schema(by_alias=True, mode=mode)}
+
+
+HEAD = """# The settings of a phase
+
+<!-- Written by `python -m exceptiondrive_schemas.publish`; do not edit. -->
+
+For organizers: in the form of a phase under `/organize/phases`, in the body of
+`POST /api/v1/organizer/phases` and `PATCH .../phases/ID`, and as options of
+`exceptiondrive organizer phases create` and `update` (`closes_at` is `--closes-at`). Settings that
+stand under `policy` in the API are marked so. What they do together: [phases](phases.md).
+
+| setting | of `policy` | values | default | what it does |
+|---|---|---|---|---|
+"""
+
+
+def settings_page() -> str:
+    """Return the whole page."""
+    return HEAD + "".join(map(_row, fields_of(PhaseSettings)))
+
+
+def _row(field: FormField) -> str:
+    cells = (
+        f"`{field.name}`",
+        "yes" if field.part == "policy" else "",
+        _values(field) + (", or none" if field.may_be_none else ""),
+        _default(field),
+        field.hint,
+    )
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _values(field: FormField) -> str:
+    words = {
+        "text": f"text of at most {field.max_length:,} characters",
+        "lines": f"text of at most {field.max_length:,} characters",
+        "whole": f"{field.lowest} to {field.highest:,}",
+        "moment": "a time, `2027-01-31T00:00:00Z`",
+        "yes": "`true`, `false`",
+        "choice": ", ".join(f"`{value}`" for value, _ in field.options),
+    }
+    return words[field.kind]
+
+
+def _default(field: FormField) -> str:
+    if field.default is None:
+        return "none" if field.may_be_none else "must be given"
+    if isinstance(field.default, bool):
+        return f"`{str(field.default).lower()}`"
+    return f"`{field.default}`" if field.default != "" else "empty"
+
 
 PACKAGE_DATA = "schemas/exceptiondrive_schemas/published"
-COPIES = "docs"
 
 
 def written_files() -> dict[str, str]:
     """Return path, relative to the repository, and text of every generated file."""
     texts = {f"schemas/{name}.json": _schema_text(name) for name in MODELS}
     texts |= {f"examples/{name}.json": example_json(name) for name in EXAMPLES}
-    files = {
-        f"{folder}/{path}": text
-        for folder in (PACKAGE_DATA, COPIES)
-        for path, text in texts.items()
-    }
+    files = {f"{PACKAGE_DATA}/{path}": text for path, text in texts.items()}
     return files | {"docs/errors.md": errors_page(), "docs/phase-settings.md": settings_page()}
 
 

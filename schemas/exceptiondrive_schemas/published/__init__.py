@@ -1,6 +1,6 @@
 """JSON Schemas and one small valid example of every document, as package data.
 
-Written by `python -m exceptiondrive_schemas.publish`, served by the server, copied into `docs/`.
+Written by `python -m exceptiondrive_schemas.publish` and served by the server under `/api/v1`.
 """
 
 from importlib import resources

@@ -95,7 +95,7 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     split = find_split(session, new.split, new.split_revision)
     phase = Phase(
         id=new.id,
-        challenge=new.challenge.value,
+        challenge=new.challenge,
         split_name=split.name,
         split_revision=live_revision(session, split.name, split.revision, new.policy.live_part),
         protocol_digest=find_protocol(session, new.protocol).digest,

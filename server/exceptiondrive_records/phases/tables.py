@@ -2,11 +2,12 @@
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKey, ForeignKeyConstraint, Text
+from sqlalchemy import ForeignKey, ForeignKeyConstraint, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 
 
@@ -18,7 +19,7 @@ class Phase(Base):
         ForeignKeyConstraint(["split_name", "split_revision"], ["splits.name", "splits.revision"]),
     )
     id: Mapped[str] = mapped_column(primary_key=True)
-    challenge: Mapped[str]
+    challenge: Mapped[ChallengeId] = mapped_column(String)
     title: Mapped[str]
     description: Mapped[str] = mapped_column(Text)
     split_name: Mapped[str]

@@ -14,7 +14,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol_difference import Change as Change_of_differences
 from exceptiondrive_schemas.protocol_difference import (
     Difference,
@@ -143,7 +143,7 @@ def _shift(old: float | None, new: float | None) -> float | None:
 
 def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[str, ...]:
     """Newly failing first, then by places lost, then by the first primary metric lost."""
-    metric = CHALLENGES[ChallengeId(challenge_id)].metrics[0]
+    metric = CHALLENGES[challenge_id].metrics[0]
     sign = 1 if metric.better == "higher" else -1
 
     def badness(entry: EntryChange) -> tuple[bool, int, float]:

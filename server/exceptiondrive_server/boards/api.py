@@ -9,10 +9,10 @@ from exceptiondrive_records.boards.boards import find_board, parsed_board
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.boards.columns import sorted_board
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import chosen_board
 from exceptiondrive_server.boards.query import AskedBoard, documented
+from exceptiondrive_server.boards.table import sorted_board
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.web.problems import problem_responses

@@ -1,14 +1,32 @@
-"""The sentences on top of the board page. All of them come from the board's numbers."""
+"""The sentences of the board page: the headline, what changed, what is kept back, whose rows.
 
-from collections.abc import Callable, Sequence
+All of them come from the board's numbers and the settings of its phase.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.entries.facts import entry_url, primary_metrics
-from exceptiondrive_server.web.numbers import THIN_SPACE, Digits, grouped, with_unit
+from exceptiondrive_schemas.rescoring import BoardHistoryLine
+from exceptiondrive_server.boards.entry_facts import entry_url, primary_metrics
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.web.numbers import (
+    THIN_SPACE,
+    Digits,
+    day,
+    grouped,
+    listed,
+    minute,
+    with_unit,
+)
+from exceptiondrive_server.web.page_parts import Notice
+
+MAX_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -153,3 +171,172 @@ def _finding(challenge: Challenge, entries: Sequence[BoardEntry], of: str, digit
         f"{of}, {who} {verb} the highest {first.title.lower()}, {high}{THIN_SPACE}%, "
         f"and the lowest {second.title.lower()}, {low}{THIN_SPACE}%."
     )
+
+
+@dataclass(frozen=True)
+class BoardBefore:
+    """The board that was shown before, without its entries."""
+
+    number: int
+    protocol: str
+    published_at: datetime
+
+
+@dataclass(frozen=True)
+class ChangeLine:
+    """The line, and where the whole history stands."""
+
+    words: str
+    history_url: str
+    protocol_url: str | None
+    """The page that says what the new protocol changed."""
+
+
+def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
+    """Say what is new: the protocol, entries, ranks."""
+    history_url = f"/history?phase={board.phase}"
+    if before is None:
+        return ChangeLine("This is the first board of its phase.", history_url, None)
+    is_updated = before.protocol != board.protocol.version
+    parts = [f"protocol {before.protocol} became {board.protocol.version}"] if is_updated else []
+    parts += _entry_parts(board)
+    since = f"Since board {before.number} of {day(before.published_at)}"
+    words = f"{since}: {'; '.join(parts)}." if parts else f"{since} no rank moved."
+    return ChangeLine(
+        words, history_url, f"/protocols/{board.protocol.version}" if is_updated else None
+    )
+
+
+def _entry_parts(board: Board) -> list[str]:
+    ranked = [entry for entry in board.entries if entry.rank is not None]
+    new = [entry for entry in ranked if entry.previous_rank is None]
+    up = [entry for entry in ranked if _steps_up(entry) > 0]
+    down = [entry for entry in ranked if _steps_up(entry) < 0]
+    parts = []
+    if new:
+        parts.append(f"{counted(len(new), 'new entry', 'new entries')}{_named(new)}")
+    if up:
+        parts.append(f"{len(up)} moved up{_named(up)}")
+    if down:
+        parts.append(f"{len(down)} moved down{_named(down)}")
+    return parts
+
+
+def _named(entries: list[BoardEntry]) -> str:
+    """Name a few; of many, none."""
+    if len(entries) > MAX_NAMED:
+        return ""
+    return f" ({listed([f'{entry.method} to rank {entry.rank}' for entry in entries])})"
+
+
+def _steps_up(entry: BoardEntry) -> int:
+    if entry.rank is None or entry.previous_rank is None:
+        return 0
+    return entry.previous_rank - entry.rank
+
+
+@dataclass(frozen=True)
+class HistoryLine:
+    """One stretch of time in which one board was shown."""
+
+    board: int
+    url: str
+    protocol: str
+    shown: str
+    is_current: bool
+    what_changed: tuple[str, ...]
+    comparison: str | None
+
+
+def history_lines(phase: str, lines: list[BoardHistoryLine]) -> tuple[HistoryLine, ...]:
+    """Set the boards that were ever public, newest first."""
+    return tuple(
+        HistoryLine(
+            board=line.board,
+            url=f"/?phase={phase}&board={line.board}#board",
+            protocol=line.protocol.version,
+            shown=f"{minute(line.shown_from)} to "
+            + (minute(line.shown_until) if line.shown_until else "now"),
+            is_current=line.shown_until is None,
+            what_changed=line.what_changed,
+            comparison=line.comparison,
+        )
+        for line in lines
+    )
+
+
+@dataclass(frozen=True)
+class OwnEntries:
+    """The rows of a team on one board.
+
+    Attributes:
+        ids: Submissions of the team that stand on the board.
+        words: A sentence about them, with the name under which the team stands there.
+        url: The same board with these rows alone.
+    """
+
+    ids: frozenset[str]
+    words: str
+    url: str
+
+
+def own_entries(
+    board: Board, submission_ids: frozenset[str], query: BoardQuery
+) -> OwnEntries | None:
+    """Return what of a board belongs to a team; None where nothing does.
+
+    Args:
+        board: The board as everybody reads it, under pseudonyms perhaps.
+        submission_ids: All submissions of the team.
+        query: The page that is asked for.
+    """
+    own = [entry for entry in board.entries if entry.submission_id in submission_ids]
+    if not own:
+        return None
+    ranks = [entry.rank for entry in own if entry.rank is not None]
+    count = "one entry" if len(own) == 1 else f"{len(own)} entries"
+    place = (
+        "without a rank" if not ranks else f"{'' if len(own) == 1 else 'best '}rank {min(ranks)}"
+    )
+    return OwnEntries(
+        ids=frozenset(entry.submission_id for entry in own if entry.submission_id),
+        words=f"Your team stands here as {own[0].team}: {count}, {place}.",
+        url=query.url(search=own[0].team, source=None),
+    )
+
+
+def standing_notices(board: Board, now: PhaseNow, has_late_view: bool) -> tuple[Notice, ...]:
+    """Say what readers of a current board should know of its phase: frozen, anonymous, a part."""
+    return (*_late(board, has_late_view), *_kept_back(board, now))
+
+
+def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
+    if board.view == "late":
+        words = (
+            "This is the late view: entries that came after the deadline stand among the others, "
+            "as they would rank. No rank of the board moves."
+        )
+        yield Notice(words, f"/?phase={board.phase}#board", "Show the board")
+    elif has_late_view:
+        words = "Entries that came after the deadline have a view of their own."
+        yield Notice(words, f"/?phase={board.phase}&view=late#board", "Show the late view")
+
+
+def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
+    if now.frozen_since is not None:
+        words = (
+            f"The board is frozen since {minute(now.frozen_since)}. Scoring goes on; what came "
+            "later is shown when the organizers reveal the board."
+        )
+        yield Notice(words, "", "")
+    if board.part == "public":
+        words = (
+            f"This board counts {board.n_samples:,} samples, the public part of the split. "
+            "The others count when the organizers reveal them after the deadline."
+        )
+        yield Notice(words, "", "")
+    if now.families_shown_from is not None:
+        yield Notice(f"Families are shown from {minute(now.families_shown_from)}.", "", "")
+    if now.is_anonymous:
+        words = "Teams and methods stand under pseudonyms until the organizers reveal them."
+        yield Notice(words, "", "")

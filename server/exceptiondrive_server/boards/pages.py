@@ -1,4 +1,4 @@
-"""Routes of the board page, its exports and the theme switch."""
+"""Routes of the board page, of the list of all boards, of exports and of the feed."""
 
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
@@ -11,12 +11,11 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_server.accounts.browser_session import principal_of_browser
-from exceptiondrive_server.boards.columns import sorted_board
-from exceptiondrive_server.boards.exports import EXPORTS
-from exceptiondrive_server.boards.feed import atom_feed
-from exceptiondrive_server.boards.page import board_page, history_lines
+from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
+from exceptiondrive_server.boards.headline import history_lines, own_entries
 from exceptiondrive_server.boards.queries import chosen_board, read_board, read_history, read_phases
 from exceptiondrive_server.boards.query import AskedBoard
+from exceptiondrive_server.boards.table import sorted_board
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.page_parts import PhaseLink
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
@@ -31,9 +30,10 @@ def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Res
     if "apply" in request.query_params or "order" in request.query_params:
         return RedirectResponse(query.url(), status_code=303)
     with services.database.read() as session:
-        reading = read_board(session, query)
-        own = _own_submissions(session, request, reading.phase)
-    return page(request, "boards/board.html", "board", page=board_page(reading, query, own))
+        board = read_board(session, query)
+        ids = _own_submissions(session, request, board.phase)
+    own = own_entries(board.board, ids, query) if board.board and ids else None
+    return page(request, "boards/board.html", "board", page=board, own=own)
 
 
 def _own_submissions(session: Session, request: Request, phase: PhaseLink | None) -> frozenset[str]:

@@ -15,19 +15,19 @@ from resvg_py import svg_to_bytes
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_server.boards.entry_facts import board_name, challenge_of, primary_metrics
 from exceptiondrive_server.boards.headline import headline
-from exceptiondrive_server.boards.page import BoardReading
+from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import AskedBoard
-from exceptiondrive_server.boards.rows import Row, RowSetter
-from exceptiondrive_server.boards.scales import px
-from exceptiondrive_server.entries.facts import board_name, challenge_of, primary_metrics
+from exceptiondrive_server.boards.table import Row, RowBuilder
 from exceptiondrive_server.entries.queries import EntryReading, read_entry
 from exceptiondrive_server.entries.view import Standing, standing_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.numbers import Digits, day
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, render
+from exceptiondrive_server.web.scales import px
 
 # Words in a picture: SVG text neither wraps nor ends by itself.
 
@@ -150,7 +150,7 @@ class EntryPicture:
     foot: str
 
 
-def board_picture(reading: BoardReading) -> str:
+def board_picture(reading: BoardPage) -> str:
     """Draw a board as SVG; without one, the question of its challenge."""
     board, phase = reading.board, reading.phase
     digits = Digits.of(reading.protocol.publication)
@@ -173,8 +173,8 @@ def board_picture(reading: BoardReading) -> str:
 def entry_picture(reading: EntryReading) -> str:
     """Draw an entry as SVG."""
     board, entry = reading.board, reading.entry
-    setter = RowSetter.of(board, board.headline, Digits.of(reading.protocol.publication))
-    row = setter.row(entry)
+    builder = RowBuilder.of(board, board.headline, Digits.of(reading.protocol.publication))
+    row = builder.row(entry)
     first = challenge_of(board).metrics[0]
     return render(
         "boards/picture_entry.svg",
@@ -183,8 +183,8 @@ def entry_picture(reading: EntryReading) -> str:
             title=in_lines(entry.method, NAME_SIZE, TITLE_WIDTH, 2),
             by=fitted(entry.team or row.badge.word, 28, RIGHT - LEFT),
             figures=_figures(row, standing_of(row, board)),
-            marks=_marks(setter, entry),
-            this=_place(setter, entry),
+            marks=_marks(builder, entry),
+            this=_place(builder, entry),
             metric=f"{first.label}, %",
             foot=_foot(board),
         ),
@@ -220,10 +220,10 @@ def _foot(board: Board) -> str:
 
 
 def _rows(board: Board, digits: Digits) -> tuple[PictureRow, ...]:
-    setter = RowSetter.of(board, board.headline, digits)
+    builder = RowBuilder.of(board, board.headline, digits)
     ranked = sorted((e for e in board.entries if e.rank is not None), key=lambda e: e.rank or 0)
     printed = [entry for entry in board.entries if entry.source == "reported"]
-    rows = [setter.row(entry) for entry in (ranked or printed)[:MAX_ROWS]]
+    rows = [builder.row(entry) for entry in (ranked or printed)[:MAX_ROWS]]
     return tuple(_row(at, row) for at, row in enumerate(rows))
 
 
@@ -257,19 +257,19 @@ def _figures(row: Row, standing: Standing) -> tuple[Figure, ...]:
     )
 
 
-def _marks(setter: RowSetter, this: BoardEntry) -> tuple[tuple[str, str], ...]:
+def _marks(builder: RowBuilder, this: BoardEntry) -> tuple[tuple[str, str], ...]:
     """Place and source of all other entries by the metric that ranks first."""
-    others = [entry for entry in setter.board.entries if entry is not this]
-    placed = [(_place(setter, entry), entry.source) for entry in others]
+    others = [entry for entry in builder.board.entries if entry is not this]
+    placed = [(_place(builder, entry), entry.source) for entry in others]
     return tuple((x, source) for x, source in placed if x is not None)
 
 
-def _place(setter: RowSetter, entry: BoardEntry) -> str | None:
-    first = primary_metrics(setter.challenge)[0]
+def _place(builder: RowBuilder, entry: BoardEntry) -> str | None:
+    first = primary_metrics(builder.challenge)[0]
     value = entry.metrics.get(first.key)
     if value is None:
         return None
-    return px(LEFT + setter.axes[first.key].clamped(value) / 100 * (RIGHT - LEFT))
+    return px(LEFT + builder.axes[first.key].clamped(value) / 100 * (RIGHT - LEFT))
 
 
 def _track(per_cent: float) -> str:

@@ -1,4 +1,4 @@
-"""What pages read from the records, in one short transaction each."""
+"""What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -23,15 +23,16 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
-from exceptiondrive_server.boards.feed import BoardNote, History
-from exceptiondrive_server.boards.page import BoardBefore, BoardReading
+from exceptiondrive_server.boards.exports import BoardNote, History
+from exceptiondrive_server.boards.headline import BoardBefore
+from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.page_parts import PhaseLink
 
 
-def read_board(session: Session, query: BoardQuery) -> BoardReading:
+def read_board(session: Session, query: BoardQuery) -> BoardPage:
     """Read the board that a query asks for.
 
     Raises:
@@ -41,12 +42,13 @@ def read_board(session: Session, query: BoardQuery) -> BoardReading:
     links = _phase_links(session, phase)
     if phase is None:
         protocol = latest_protocol(session)
-        return BoardReading((), None, None, protocol, (), protocol.version, True)
+        return BoardPage(query, (), None, None, protocol, (), protocol.version)
     row = choose_board(session, phase, query)
     board = parsed_board(row) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
-    return BoardReading(
+    return BoardPage(
+        query=query,
         phases=links,
         phase=next(link for link in links if link.is_current),
         board=board,
@@ -81,7 +83,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     now = database_now(session)
-    challenge = next(c for key, c in CHALLENGES.items() if key == phase.challenge)
+    challenge = CHALLENGES[phase.challenge]
     return PhaseLink(
         id=phase.id,
         title=phase.title,
@@ -128,7 +130,7 @@ def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
     offered = [phase for phase in phases if phase.challenge in order]
     if query.challenge is not None and not offered:
         raise NotFound("phase of the challenge", query.challenge)
-    return min(offered, key=lambda phase: order.index(ChallengeId(phase.challenge)), default=None)
+    return min(offered, key=lambda phase: order.index(phase.challenge), default=None)
 
 
 def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import EntrySource
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.datetimes import Moment
 from exceptiondrive_schemas.phase_settings import BoardView
 
@@ -43,7 +43,7 @@ class BoardQuery(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
-    challenge: ChallengeId | None = Field(None, description="the challenge of the phase")
+    challenge: KnownChallenge | None = Field(None, description="the challenge of the phase")
     phase: str | None = Field(
         None, min_length=1, max_length=64, description="id; else the challenge's first phase"
     )
@@ -129,7 +129,7 @@ class BoardQuery(BaseModel):
     def pairs(self) -> list[tuple[str, str]]:
         """Return the query of this state, without what is at its default."""
         given = [
-            ("challenge", self.challenge and self.challenge.value),
+            ("challenge", self.challenge),
             ("phase", self.phase),
             ("protocol", self.protocol),
             ("board", self.board),
@@ -168,7 +168,7 @@ def documented() -> dict[str, Any]:
 def _parameter(name: str) -> dict[str, Any]:
     field = BoardQuery.model_fields[name]
     kinds = [kind for kind in get_args(field.annotation) if kind is not type(None)]
-    kind = kinds[0] if len(kinds) == 1 else field.annotation
+    kind: Any = kinds[0] if len(kinds) == 1 else field.annotation
     schema = TypeAdapter(kind).json_schema()
     if name == "sort":
         schema = {**schema, "default": DEFAULT_SORT, "examples": field.examples}

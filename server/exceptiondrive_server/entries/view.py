@@ -9,15 +9,19 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import PlausibilitySection
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
+from exceptiondrive_server.boards.entry_facts import (
+    board_fields,
+    challenge_of,
+    entry_key,
+    outcome_parts,
+)
 from exceptiondrive_server.boards.extra_tables import effect_tables, extra_tables
-from exceptiondrive_server.boards.family_tiles import SMALL_FAMILY
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
-from exceptiondrive_server.boards.rows import Row, RowSetter
-from exceptiondrive_server.boards.scales import Scale, nice_scale
-from exceptiondrive_server.entries.facts import board_fields, challenge_of, entry_key, outcome_parts
+from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
 from exceptiondrive_server.entries.queries import EntryReading
 from exceptiondrive_server.entries.sample_drawings import panels
 from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.scales import Scale, nice_scale
 
 # What pages, badge and picture of an entry say of its rank: held, none, or none as it came late.
 
@@ -141,8 +145,8 @@ def entry_page(reading: EntryReading) -> dict[str, Any]:
     """Return what `entry.html` shows of an entry."""
     board, entry, sheet = reading.board, reading.entry, reading.sheet
     challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
-    setter = RowSetter.of(board, board.headline, digits, is_current=reading.is_current)
-    row, plausibility = setter.row(entry), reading.protocol.plausibility
+    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
+    row, plausibility = builder.row(entry), reading.protocol.plausibility
     is_macro = board.headline == "macro_family"
     return {
         "reading": reading,
@@ -150,7 +154,7 @@ def entry_page(reading: EntryReading) -> dict[str, Any]:
         "digits": digits,
         "row": row,
         "standing": standing_of(row, board),
-        "axis": setter.axes[challenge.metrics[0].key],
+        "axis": builder.axes[challenge.metrics[0].key],
         "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
         "other": entry.micro if is_macro else entry.macro_family,
         "parts": tuple(_parts(reading, challenge.metrics[0])),

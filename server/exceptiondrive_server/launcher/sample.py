@@ -21,13 +21,12 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team, find_team
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server.launcher.errors import LaunchError
-from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.launcher.plans import find_command, worker_environment
+from exceptiondrive_server.launcher.child import LaunchError
+from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
 
 SPLIT = "sample"
 ACTOR = "operator:sample"
@@ -44,7 +43,7 @@ class Planner(Document):
     """
 
     file: str
-    challenge: ChallengeId = ChallengeId.PLANNING
+    challenge: ChallengeId = PLANNING.id
     method: str
     description: str = ""
     is_reference: bool = False
@@ -66,13 +65,13 @@ class SamplePhase:
 
 
 PHASES = {
-    ChallengeId.PLANNING: SamplePhase(
+    PLANNING.id: SamplePhase(
         "sample",
         "Development",
         "Synthetic samples whose regions are public: try your files here, as often as you like. "
         "`exceptiondrive evaluate` gives the same scores on your machine.",
     ),
-    ChallengeId.STRATEGY: SamplePhase(
+    STRATEGY.id: SamplePhase(
         "sample-strategy",
         "Strategy development",
         "The same synthetic samples for agents that answer A to E, with or without a reminder. "

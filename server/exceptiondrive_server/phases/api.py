@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path
 
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.splits.splits import manifest_of
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import KnownChallenge
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import PhaseView
@@ -24,7 +24,7 @@ PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
     responses=problem_responses(ProblemCode.NOT_SIGNED_IN),
 )
 def get_phases(
-    services: ServicesOf, principal: MaybePrincipal, challenge: ChallengeId | None = None
+    services: ServicesOf, principal: MaybePrincipal, challenge: KnownChallenge | None = None
 ) -> list[PhaseView]:
     """List all phases; with a token, each with the team's own quota."""
     team_id = principal.team_id if principal else None
@@ -32,7 +32,7 @@ def get_phases(
     with services.database.read() as session:
         return [
             phase_view(session, phase, max_upload_bytes=limit, team_id=team_id)
-            for phase in list_phases(session, challenge.value if challenge else None)
+            for phase in list_phases(session, challenge)
         ]
 
 

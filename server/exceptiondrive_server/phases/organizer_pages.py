@@ -10,8 +10,6 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tokens import names_of_actors
-from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.phases.changes import (
     freeze_phase,
@@ -29,7 +27,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhaseNow, PhaseSettings
 from exceptiondrive_server.accounts.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.audit.organizer_pages import history_lines
+from exceptiondrive_server.audit.organizer_pages import history
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON, filled, made, read, text_of, typed
 from exceptiondrive_server.web.organizer_frame import (
@@ -37,17 +35,15 @@ from exceptiondrive_server.web.organizer_frame import (
     Step,
     go,
     organizer_page,
-    status_of,
     step_page,
+    take_step,
 )
 from exceptiondrive_server.web.services import Services
-
-# Actions on a phase, as data: a further one is one line more.
 
 
 @dataclass(frozen=True)
 class PhaseStep:
-    """An action on a phase."""
+    """An action on a phase, as data: a further one is one row more."""
 
     key: str
     title: str
@@ -103,22 +99,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
         )
     }
 )
-
-
-def page_of_phase_step(step: PhaseStep, phase_id: str, title: str) -> Step:
-    """Return the page that asks for an action."""
-    return Step(
-        section="phases",
-        title=step.title,
-        meaning=step.meaning,
-        button=step.title,
-        back=f"/organize/phases/{phase_id}",
-        back_words="The phase",
-        fields=(REASON,),
-        facts=(("Phase", title),),
-        command=f"exceptiondrive organizer phases {step.command.format(phase_id)}",
-        is_grave=step.is_grave,
-    )
 
 
 router = APIRouter(prefix="/organize/phases", include_in_schema=False)
@@ -206,8 +186,9 @@ def show_step(
     step: StepKey,
 ) -> Response:
     """Ask for an action on a phase."""
-    known, title = _step(services, phase_id, step)
-    return step_page(request, browser, page_of_phase_step(known, phase_id, title))
+    with services.database.read() as session:
+        _, page = _step(session, phase_id, step)
+    return step_page(request, browser, page)
 
 
 @router.post("/{phase_id}/{step}")
@@ -220,20 +201,18 @@ def post_step(
     step: StepKey,
 ) -> Response:
     """Take an action on a phase."""
-    known, title = _step(services, phase_id, step)
-    try:
-        reason = read((REASON,), form)["reason"]
-        with services.database.write() as session:
-            known.take(session, phase_id, reason=reason, actor=browser.principal.actor)
-    except RecordsError as refusal:
-        content = page_of_phase_step(known, phase_id, title)
-        return step_page(request, browser, content, texts=typed(form), refusal=refusal)
-    return go(f"{HERE}/{phase_id}", "phase_changed")
+
+    def take(session: Session, values: Mapping[str, str]) -> None:
+        known.take(session, phase_id, reason=values["reason"], actor=browser.principal.actor)
+
+    with services.database.read() as session:
+        known, page = _step(session, phase_id, step)
+    return take_step(request, services, browser, page, form, take, "phase_changed")
 
 
 def _made_of(session: Session) -> tuple[FormField, ...]:
     """What a phase is made of, and keeps."""
-    challenges = tuple((key.value, one.title) for key, one in CHALLENGES.items())
+    challenges = tuple((key, one.title) for key, one in CHALLENGES.items())
     splits = {one.name: one.title for one in list_splits(session)}
     versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
     return (
@@ -270,12 +249,17 @@ def _phase(
         phase = find_phase(session, phase_id)
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now = phase_now(session, phase)
-        lines = audit_page(session, subject=phase_id, limit=HISTORY)
-        names = names_of_actors(session, (line.actor for line in lines))
-    told = history_lines([line for line in lines if line.action != "board published"], names)
-    steps = [step for step in PHASE_STEPS.values() if step.is_offered(now)]
+        lines = history(session, phase_id, limit=HISTORY)
     return _page(
-        request, browser, texts, refusal, phase=seen, now=now, steps=steps, told=told, made_of=()
+        request,
+        browser,
+        texts,
+        refusal,
+        phase=seen,
+        made_of=(),
+        now=now,
+        steps=[step for step in PHASE_STEPS.values() if step.is_offered(now)],
+        lines=[one for one in lines if one.line.action != "board published"],
     )
 
 
@@ -291,21 +275,31 @@ def _page(
         browser,
         "phases/organizer_phase.html",
         "phases",
-        status=200 if refusal is None else status_of(refusal),
+        refusal=refusal,
         plain=filled([field for field in SETTINGS if field.part is None], texts),
         policy=filled([field for field in SETTINGS if field.part == "policy"], texts),
-        refusal=None if refusal is None else str(refusal),
         **values,
     )
 
 
-def _step(services: Services, phase_id: str, step: str) -> tuple[PhaseStep, str]:
-    """Return an action on a phase, and the phase's title."""
-    with services.database.read() as session:
-        title = find_phase(session, phase_id).title
-    if step not in PHASE_STEPS:
-        raise NotFound("action on a phase", step)
-    return PHASE_STEPS[step], title
+def _step(session: Session, phase_id: str, key: str) -> tuple[PhaseStep, Step]:
+    """Return an action on a phase, and the page that asks for it."""
+    phase = find_phase(session, phase_id)
+    if key not in PHASE_STEPS:
+        raise NotFound("action on a phase", key)
+    step = PHASE_STEPS[key]
+    return step, Step(
+        section="phases",
+        title=step.title,
+        meaning=step.meaning,
+        button=step.title,
+        back=f"{HERE}/{phase_id}",
+        back_words="The phase",
+        fields=(REASON,),
+        facts=(("Phase", phase.title),),
+        command=f"exceptiondrive organizer phases {step.command.format(phase_id)}",
+        is_grave=step.is_grave,
+    )
 
 
 def _is_same(old: object, new: object) -> bool:

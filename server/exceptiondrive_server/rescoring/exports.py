@@ -3,7 +3,7 @@
 import csv
 import io
 
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import spreadsheet_text
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
 from exceptiondrive_schemas.score_sheet import MetricRow
@@ -13,7 +13,7 @@ _REMINDER = "reminder_effect"
 
 def comparison_csv(comparison: Comparison) -> str:
     """Return old, new and difference of every number, entry by entry."""
-    metrics = CHALLENGES[ChallengeId(comparison.challenge)].metric_keys
+    metrics = CHALLENGES[comparison.challenge].metric_keys
     families = _families(comparison)
     columns = [("all", key) for key in metrics]
     columns += [(family, key) for family in families for key in metrics]

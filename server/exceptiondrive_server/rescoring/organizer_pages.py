@@ -1,24 +1,28 @@
-"""Rescoring runs: list, draft, follow, preview, and every step."""
+"""Rescoring runs: list, draft, follow, preview, and every step; verifications of sheets."""
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
-from exceptiondrive_records.audit.log import audit_page
-from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.keys import find_run
-from exceptiondrive_records.rescoring.verification import list_verifications
+from exceptiondrive_records.rescoring.verification import (
+    list_verifications,
+    start_verification,
+    verification_view,
+)
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.accounts.browser_session import PostedForm
-from exceptiondrive_server.audit.organizer_pages import history_lines
+from exceptiondrive_server.audit.organizer_pages import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.rescoring.preview import preview_view
 from exceptiondrive_server.rescoring.steps import (
@@ -27,10 +31,9 @@ from exceptiondrive_server.rescoring.steps import (
     offered,
     page_of_step,
     run_line,
-    take_step,
 )
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.forms import REASON, read, typed
+from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import short_digest
 from exceptiondrive_server.web.organizer_frame import (
     NO_STORE,
@@ -39,9 +42,10 @@ from exceptiondrive_server.web.organizer_frame import (
     go,
     organizer_page,
     step_page,
+    take_step,
 )
 
-router = APIRouter(prefix="/organize/rescoring", include_in_schema=False)
+router = APIRouter(prefix="/organize", include_in_schema=False)
 HERE = "/organize/rescoring"
 RunId = Annotated[str, Path(max_length=64)]
 StepKey = Annotated[str, Path(max_length=20)]
@@ -49,7 +53,7 @@ Version = Annotated[str, Query(max_length=100)]
 HISTORY = 100
 
 
-@router.get("")
+@router.get("/rescoring")
 def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """List runs and verifications, newest first."""
     with services.database.read() as session:
@@ -65,7 +69,7 @@ def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser)
     )
 
 
-@router.get("/new")
+@router.get("/rescoring/new")
 def show_draft(
     request: Request,
     services: ServicesOf,
@@ -79,39 +83,30 @@ def show_draft(
     return step_page(request, browser, step, texts={"phase": phase, "protocol": protocol})
 
 
-@router.post("/new")
+@router.post("/rescoring/new")
 def post_draft(
     request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
 ) -> Response:
     """Draft a run."""
+
+    def take(session: Session, values: dict[str, Any]) -> str:
+        run = runs.create_run(session, values.pop("phase"), **values, actor=browser.principal.actor)
+        return f"{HERE}/{run.id}"
+
     with services.database.read() as session:
         step = _draft_step(session)
-    try:
-        values = read(step.fields, form)
-        with services.database.write() as session:
-            run = runs.create_run(
-                session,
-                values["phase"],
-                protocol=values["protocol"],
-                split_revision=values["split_revision"],
-                reason=values["reason"],
-                actor=browser.principal.actor,
-            )
-            run_id = run.id
-    except RecordsError as refusal:
-        return step_page(request, browser, step, texts=typed(form), refusal=refusal)
-    return go(f"{HERE}/{run_id}", "run_drafted")
+    return take_step(request, services, browser, step, form, take, "run_drafted")
 
 
-@router.get("/{run_id}")
+@router.get("/rescoring/{run_id}")
 def show_run(
     request: Request, services: ServicesOf, browser: OrganizerBrowser, run_id: RunId
 ) -> Response:
     """Show state, progress, what stands in the way, and what may be done."""
     with services.database.read() as session:
         seen = run_view(session, find_run(session, run_id))
-        lines = audit_page(session, subject=run_id, limit=HISTORY)
-        names = names_of_actors(session, [seen.actor, *(line.actor for line in lines)])
+        lines = history(session, run_id, limit=HISTORY)
+        names = names_of_actors(session, [seen.actor])
     return organizer_page(
         request,
         browser,
@@ -119,12 +114,12 @@ def show_run(
         "rescoring",
         line=run_line(seen),
         steps=offered(seen),
-        history_lines=history_lines(lines, names),
+        lines=lines,
         organizer_name=names.get(seen.actor, seen.actor),
     )
 
 
-@router.get("/{run_id}/preview")
+@router.get("/rescoring/{run_id}/preview")
 def show_preview(
     request: Request,
     services: ServicesOf,
@@ -148,7 +143,7 @@ def show_preview(
     )
 
 
-@router.get("/{run_id}/preview.csv")
+@router.get("/rescoring/{run_id}/preview.csv")
 def download_csv(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId) -> Response:
     """Download the comparison: a line per entry."""
     with services.database.read() as session:
@@ -156,7 +151,7 @@ def download_csv(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId)
     return _file(text, "text/csv", f"preview-{run_id}.csv")
 
 
-@router.get("/{run_id}/preview.json")
+@router.get("/rescoring/{run_id}/preview.json")
 def download_json(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId) -> Response:
     """Download the preview as the API gives it."""
     with services.database.read() as session:
@@ -164,7 +159,7 @@ def download_json(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId
     return _file(text, "application/json", f"preview-{run_id}.json")
 
 
-@router.get("/{run_id}/{step}")
+@router.get("/rescoring/{run_id}/{step}")
 def show_step(
     request: Request,
     services: ServicesOf,
@@ -182,7 +177,7 @@ def show_step(
     return step_page(request, browser, content)
 
 
-@router.post("/{run_id}/{step}")
+@router.post("/rescoring/{run_id}/{step}")
 def post_step(
     request: Request,
     services: ServicesOf,
@@ -191,35 +186,78 @@ def post_step(
     run_id: RunId,
     step: StepKey,
 ) -> Response:
-    """Take a step; a refusal is shown as it is."""
+    """Take a step."""
     known = _known(step)
     preview = str(form.get("preview", ""))[:100]
-    try:
-        reason = read((REASON,), form)["reason"]
-        if known.is_flip:
-            flip.work_out(services.database, run_id)
-        with services.database.write() as session:
-            take_step(
-                session,
-                known,
-                run_id,
-                reason=reason,
-                preview=preview,
-                actor=browser.principal.actor,
-            )
-    except NotFound:
-        raise
-    except RecordsError as refusal:
-        with services.database.read() as session:
-            content = _page_of(session, known, run_id, preview)
-        return step_page(request, browser, content, texts=typed(form), refusal=refusal)
-    return go(f"{HERE}/{run_id}", known.done)
+
+    def take(session: Session, values: Mapping[str, str]) -> str:
+        more = {"preview": preview} if known.needs_preview else {}
+        actor = browser.principal.actor
+        known.take(session, run_id, reason=values["reason"], actor=actor, **more)
+        return f"{HERE}/{run_id}"
+
+    with services.database.read() as session:
+        page = _page_of(session, known, run_id, preview)
+    if known.is_flip:
+        flip.work_out(services.database, run_id)
+    return take_step(request, services, browser, page, form, take, known.done)
+
+
+@router.get("/verifications/new")
+def show_verification_form(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    phase: Annotated[str, Query(max_length=64)] = "",
+) -> Response:
+    """Ask which sheets to recompute."""
+    with services.database.read() as session:
+        step = _verification_step(session)
+    return step_page(request, browser, step, texts={"phase": phase})
+
+
+@router.post("/verifications/new")
+def post_verification(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
+) -> Response:
+    """Start a verification."""
+
+    def take(session: Session, values: dict[str, Any]) -> str:
+        started = start_verification(
+            session, values.pop("phase"), **values, actor=browser.principal.actor
+        )
+        return f"/organize/verifications/{started.id}"
+
+    with services.database.read() as session:
+        step = _verification_step(session)
+    return take_step(request, services, browser, step, form, take, "verification_started")
+
+
+@router.get("/verifications/{verification_id}")
+def show_verification(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    verification_id: Annotated[str, Path(max_length=64)],
+) -> Response:
+    """Show what a verification has come to."""
+    with services.database.read() as session:
+        seen = verification_view(session, verification_id)
+        names = names_of_actors(session, [seen.actor])
+    return organizer_page(
+        request,
+        browser,
+        "rescoring/organizer_verification.html",
+        "rescoring",
+        seen=seen,
+        organizer_name=names.get(seen.actor, seen.actor),
+    )
 
 
 def _page_of(session: Session, step: RunStep, run_id: str, preview: str) -> Step:
     seen = run_view(session, find_run(session, run_id))
     comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
-    return page_of_step(step, seen, preview if step.needs_preview else "", comparison)
+    return page_of_step(step, seen, preview, comparison)
 
 
 def _known(step: str) -> RunStep:
@@ -265,6 +303,25 @@ def _draft_step(session: Session) -> Step:
             REASON,
         ),
         command='exceptiondrive organizer rescore start --phase PHASE --protocol 1.1 --reason "…"',
+    )
+
+
+def _verification_step(session: Session) -> Step:
+    phases = tuple((one.id, one.title) for one in list_phases(session))
+    return Step(
+        section="rescoring",
+        title="Verify sheets",
+        meaning="Workers recompute sheets from their uploads over an empty store, and demand the "
+        "same digest of the unrounded sheet. Nothing is changed; what differs is named.",
+        button="Verify",
+        back="/organize/rescoring",
+        back_words="Rescoring",
+        fields=(
+            FormField("phase", "Phase", "choice", is_required=True, options=phases),
+            FormField("sample", "How many sheets", "whole", "empty: all", highest=100_000),
+            REASON,
+        ),
+        command='exceptiondrive organizer rescore verify --phase PHASE --sample all --reason "…"',
     )
 
 

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, PreviewView, Standing
-from exceptiondrive_server.boards.scales import px
 from exceptiondrive_server.web.numbers import Digits, unit_of
+from exceptiondrive_server.web.scales import px
 
 # Old rank to new rank, a line per entry. Pure: standings in, positions out.
 #
@@ -211,7 +211,7 @@ def preview_view(preview: PreviewView, protocol: Protocol, number: int = 1) -> P
         number: Of the page, from 1.
     """
     comparison = preview.comparison
-    challenge = CHALLENGES[ChallengeId(comparison.challenge)]
+    challenge = CHALLENGES[comparison.challenge]
     digits = Digits.of(protocol.publication)
     metrics = challenge.metrics[:2]
     titles = {family.id: family.title for family in protocol.families}

@@ -1,10 +1,8 @@
-"""The steps of a run, as data: what each does, when it is offered, what the button says."""
+"""A rescoring run in words, and its steps as data: what each does, what the button says."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-
-from sqlalchemy.orm import Session
 
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -13,9 +11,6 @@ from exceptiondrive_schemas.rescoring import Comparison, Progress, RunAction, Ru
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import grouped
 from exceptiondrive_server.web.organizer_frame import Step, duration_words
-
-# A rescoring run in words: its state, what comes next, how far it is.
-
 
 _NEXT = {
     RunState.DRAFT: "drafted, nothing is scored until you start it.",
@@ -39,58 +34,44 @@ _TONE = {
 }
 
 
+MOST_SENTENCES = 8
+
+
 @dataclass(frozen=True)
 class RunLine:
-    """A run in a list."""
+    """A run in words, as lists and its own page show it."""
 
-    id: str
-    phase: str
+    run: RunView
     change: str
+    """What is changed to what: `protocol 1.0 to 1.1`."""
     state: str
     tone: str
     next_words: str
     progress_words: str
     share: float
-    """Done, from 0 to 1."""
-    run: RunView
+    """Sheets that are there, from 0 to 1; an empty phase is done."""
 
 
 def run_line(run: RunView) -> RunLine:
-    """Return a run as lists show it."""
+    """Return a run in words."""
+    changes = []
+    if run.from_protocol != run.to_protocol:
+        changes.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
+    if run.from_split != run.to_split:
+        changes.append(f"a new revision of {run.to_split.name}")
+    progress = run.progress
     return RunLine(
-        id=run.id,
-        phase=run.phase,
-        change=change_words(run),
-        state=state_word(run.state),
+        run=run,
+        change=" and ".join(changes),
+        state=run.state.value.replace("_", " "),
         tone=_TONE[run.state],
         next_words=_NEXT[run.state],
-        progress_words=progress_words(run.progress),
-        share=done_share(run.progress),
-        run=run,
+        progress_words=_progress_words(progress),
+        share=progress.done / progress.total if progress.total else 1.0,
     )
 
 
-def state_word(state: RunState) -> str:
-    """Return a state as people write it."""
-    return state.value.replace("_", " ")
-
-
-def change_words(run: RunView) -> str:
-    """Say what is changed to what: `protocol 1.0 to 1.1`."""
-    parts = []
-    if run.from_protocol != run.to_protocol:
-        parts.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
-    if run.from_split != run.to_split:
-        parts.append(f"a new revision of {run.to_split.name}")
-    return " and ".join(parts)
-
-
-def done_share(progress: Progress) -> float:
-    """Return the share of sheets that are there; an empty phase is done."""
-    return progress.done / progress.total if progress.total else 1.0
-
-
-def progress_words(progress: Progress) -> str:
+def _progress_words(progress: Progress) -> str:
     """Say how far it is: `120 of 200 sheets, 3 failed, 4.1 a second, about 20 s left`."""
     parts = [f"{grouped(progress.done)} of {counted(progress.total, 'sheet')}"]
     if progress.failed:
@@ -100,9 +81,6 @@ def progress_words(progress: Progress) -> str:
     if progress.remaining_s is not None and progress.done < progress.total:
         parts.append(f"about {duration_words(progress.remaining_s)} left")
     return ", ".join(parts)
-
-
-MOST_SENTENCES = 8
 
 
 @dataclass(frozen=True)
@@ -221,33 +199,23 @@ def offered(run: RunView) -> tuple[RunStep, ...]:
     return tuple(steps)
 
 
-def take_step(
-    session: Session, step: RunStep, run_id: str, *, reason: str, preview: str, actor: str
-) -> None:
-    """Take a step, as the API takes it.
-
-    Raises:
-        RecordsError: It is refused; the sentence says why.
-    """
-    if step.needs_preview:
-        step.take(session, run_id, preview=preview, reason=reason, actor=actor)
-        return
-    step.take(session, run_id, reason=reason, actor=actor)
-
-
 def page_of_step(
-    step: RunStep, run: RunView, preview: str, comparison: Comparison | None = None
+    step: RunStep, run: RunView, preview: str = "", comparison: Comparison | None = None
 ) -> Step:
     """Return the page that asks for a step.
 
     Args:
         step: The step.
         run: The run.
-        preview: Digest of the preview that was looked at; empty where none is needed.
+        preview: Digest of the preview that was looked at, for a step that needs one.
         comparison: What readers would see change, for a step that moves the pointer.
     """
     here = f"/organize/rescoring/{run.id}"
+    preview = preview if step.needs_preview else ""
     with_preview = f" --preview {preview}" if preview else ""
+    is_stale = step.needs_preview and not run.blockers and preview != run.preview
+    stale = ("The preview is stale: something came in since. Look at the new one.",)
+    blockers = stale if is_stale else run.blockers
     return Step(
         section="rescoring",
         title=step.title,
@@ -256,46 +224,31 @@ def page_of_step(
         back=f"{here}/preview" if step.needs_preview else here,
         back_words="The preview" if step.needs_preview else "The run",
         fields=(REASON,),
-        facts=tuple(_facts(run, preview, comparison)),
+        facts=tuple(_facts(run_line(run), preview, comparison)),
         command=f"exceptiondrive organizer rescore {step.command} {run.id}{with_preview} "
         '--reason "…"',
         is_grave=step.is_grave,
         hidden=(("preview", preview),) if step.needs_preview else (),
-        blockers=_blockers(step, run, preview),
+        blockers=blockers if step.is_flip else (),
     )
 
 
 def _facts(
-    run: RunView, preview: str, comparison: Comparison | None
+    line: RunLine, preview: str, comparison: Comparison | None
 ) -> Iterator[tuple[str, str | tuple[str, ...]]]:
-    sentences = run.difference.sentences
+    sentences = line.run.difference.sentences
     shown = sentences[:MOST_SENTENCES]
     left_out = len(sentences) - len(shown)
-    yield "Run", change_words(run)
-    yield "Phase", run.phase
+    yield "Run", line.change
+    yield "Phase", line.run.phase
     if shown:
         yield "Changes", (*shown, f"and {left_out} more") if left_out else shown
-    yield "Sheets", progress_words(run.progress)
+    yield "Sheets", line.progress_words
     if comparison is not None:
-        yield "Readers see", _seen_words(comparison)
+        of_all = f"{comparison.n_numbers_changed:,} of "
+        of_all += counted(comparison.n_entries, "entry", "entries")
+        words = f"{of_all} with other numbers, {comparison.n_ranks_changed:,} with another rank"
+        failing = comparison.n_newly_failing
+        yield "Readers see", f"{words}, {failing:,} no longer ranked" if failing else words
     if preview:
         yield "Preview", preview
-
-
-def _seen_words(comparison: Comparison) -> str:
-    """Say what readers would see: `14 of 15 entries get other numbers, 7 other ranks`."""
-    of_all = (
-        f"{comparison.n_numbers_changed:,} of {counted(comparison.n_entries, 'entry', 'entries')}"
-    )
-    words = f"{of_all} with other numbers, {comparison.n_ranks_changed:,} with another rank"
-    failing = comparison.n_newly_failing
-    return f"{words}, {failing:,} no longer ranked" if failing else words
-
-
-def _blockers(step: RunStep, run: RunView, preview: str) -> tuple[str, ...]:
-    """Why a step that readers see would be refused now."""
-    if not step.is_flip:
-        return ()
-    if step.needs_preview and not run.blockers and preview != run.preview:
-        return ("The preview is stale: something came in since. Look at the new one.",)
-    return run.blockers

@@ -12,7 +12,8 @@ from fastapi.responses import RedirectResponse, Response
 from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.phases.phases import list_phases, phase_view
-from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
+from exceptiondrive_records.protocols.protocols import latest_protocol
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import PhaseView, Quota
 from exceptiondrive_server.accounts.browser_session import (
@@ -23,7 +24,7 @@ from exceptiondrive_server.accounts.browser_session import (
     require_same_origin,
     require_scope,
 )
-from exceptiondrive_server.boards.queries import latest_protocol, phase_link
+from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.submissions.accepting import EmptyUpload, arrival_now, take_upload
 from exceptiondrive_server.submissions.submit_page import SubmitPage, submit_page
 from exceptiondrive_server.submissions.upload_form import received_upload
@@ -109,7 +110,7 @@ def quota_line(phase: PhaseView, *, is_chosen: bool = False) -> PhaseOption:
     return PhaseOption(
         id=phase.id,
         title=phase.title,
-        challenge_title=CHALLENGES[ChallengeId(phase.challenge)].title,
+        challenge_title=CHALLENGES[phase.challenge].title,
         left_words=left_words(quota),
         is_spent=quota.remaining_today == 0 or quota.rejected_today >= quota.rejected_per_day,
         is_chosen=is_chosen,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.published import example_text
+from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_server.web.page_parts import PhaseLink
 
 
@@ -61,8 +61,9 @@ def submit_page(
         protocol=protocol,
         file_note=words.file_note.format(waypoints=protocol.geometry.waypoints),
         formats=tuple(
-            FileFormat(key.value, c.title, c.file_schema, example_text(key.value))
+            FileFormat(key, c.title, c.file_schema, example_text(key))
             for key, c in CHALLENGES.items()
+            if key in DOCUMENT_NAMES
         ),
         recorder=words.code.loop.format(
             file=words.code.file, split=phase.split if phase else "sample"

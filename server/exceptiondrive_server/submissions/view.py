@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
@@ -199,7 +199,7 @@ def _actions(
 
 def _scores(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]:
     assert seen.sheet is not None
-    challenge: Challenge = CHALLENGES[ChallengeId(seen.challenge)]
+    challenge: Challenge = CHALLENGES[seen.challenge]
     digits = Digits.of(protocol.publication)
     headline, other = _averages(seen.sheet, protocol)
     return tuple(

@@ -1,8 +1,6 @@
-"""Teams: list, make, approve or refuse, and their tokens."""
+"""Teams: list, make, approve or refuse, and their tokens; each decision on a page of its own."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from collections.abc import Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
@@ -13,33 +11,38 @@ from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
     TEAM_SCOPES,
     Scope,
+    find_token,
     is_live,
     issue_token,
     list_tokens,
     live_tokens_by_team,
-    names_of_actors,
+    revoke_token,
 )
-from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
+from exceptiondrive_records.teams.teams import (
+    approve_team,
+    create_team,
+    find_team,
+    list_teams,
+    refuse_team,
+)
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.accounts.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.audit.organizer_pages import HistoryLine, history_lines
+from exceptiondrive_server.audit.organizer_pages import history
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.forms import filled, read, typed
+from exceptiondrive_server.web.forms import REASON, filled, read, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
+    Step,
     go,
     organizer_page,
-    status_of,
+    step_page,
+    take_step,
 )
 from exceptiondrive_server.web.services import Services
-
-# Teams as organizers see them: a list, and one team with its tokens.
-
 
 MEANING = {
     Scope.SUBMIT: "submit and withdraw",
@@ -59,95 +62,15 @@ NEW_TOKEN = (
     FormField("expires_at", "Expires at", "moment", "empty: never"),
 )
 """`may_0` and so on stand for the scopes that a team's token may have."""
-
-
-@dataclass(frozen=True)
-class TeamLine:
-    """One team in the list."""
-
-    slug: str
-    name: str
-    is_reference: bool
-    created_at: datetime
-    pending_since: datetime | None
-    note: str | None
-    n_tokens: int
-    n_submissions: int
-
-
-@dataclass(frozen=True)
-class TokenLine:
-    """One token, without its secret."""
-
-    id: str
-    name: str
-    prefix: str
-    rights: str
-    last_used_at: datetime | None
-    expires_at: datetime | None
-    state: str
-    is_live: bool
-
-
-@dataclass(frozen=True)
-class TeamPage:
-    """Everything that `team.html` needs besides its form."""
-
-    team: Team
-    tokens: tuple[TokenLine, ...]
-    issued: str | None
-    """Text of a new token: shown this once."""
-    history: tuple[HistoryLine, ...]
-    n_submissions: int
-
-
-def team_line(team: Team, *, n_tokens: int, n_submissions: int) -> TeamLine:
-    """Return a team as the list shows it."""
-    return TeamLine(
-        slug=team.slug,
-        name=team.name,
-        is_reference=team.is_reference,
-        created_at=team.created_at,
-        pending_since=team.pending_since,
-        note=team.registration_note,
-        n_tokens=n_tokens,
-        n_submissions=n_submissions,
-    )
-
-
-def token_lines(tokens: Sequence[Token], now: datetime) -> tuple[TokenLine, ...]:
-    """Return tokens, live ones first."""
-    lines = [_token(token, now) for token in tokens]
-    return tuple(sorted(lines, key=lambda line: not line.is_live))
-
-
-def chosen_scopes(values: dict[str, object]) -> tuple[Scope, ...]:
-    """Return the scopes that were ticked."""
-    return tuple(scope for n, scope in enumerate(TEAM_SCOPES) if values[f"may_{n}"])
-
-
-def _token(token: Token, now: datetime) -> TokenLine:
-    lives = is_live(token, now)
-    return TokenLine(
-        id=token.id,
-        name=token.name,
-        prefix=token.prefix,
-        rights=", ".join(MEANING[Scope(scope)] for scope in token.scopes),
-        last_used_at=token.last_used_at,
-        expires_at=token.expires_at,
-        state="live" if lives else ("revoked" if token.revoked_at else "expired"),
-        is_live=lives,
-    )
-
-
-router = APIRouter(prefix="/organize/teams", include_in_schema=False)
-Slug = Annotated[str, Path(max_length=64)]
-HISTORY = 50
 USUAL = {f"may_{n}": "yes" for n in range(len(TEAM_SCOPES))}
 """The first token of a team has every right that a team may have."""
+HISTORY = 50
+router = APIRouter(prefix="/organize", include_in_schema=False)
+Slug = Annotated[str, Path(max_length=64)]
+TokenId = Annotated[str, Path(max_length=64)]
 
 
-@router.get("")
+@router.get("/teams")
 def show_teams(
     request: Request,
     services: ServicesOf,
@@ -158,7 +81,7 @@ def show_teams(
     return _list(request, services, browser, only_pending=show == "pending")
 
 
-@router.post("")
+@router.post("/teams")
 def post_team(
     request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
 ) -> Response:
@@ -178,7 +101,7 @@ def post_team(
     return go(f"/organize/teams/{values['id']}", "team_created")
 
 
-@router.get("/{team_id}")
+@router.get("/teams/{team_id}")
 def show_team(
     request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
 ) -> Response:
@@ -186,7 +109,7 @@ def show_team(
     return _team(request, services, browser, team_id)
 
 
-@router.post("/{team_id}/tokens")
+@router.post("/teams/{team_id}/tokens")
 def post_token(
     request: Request,
     services: ServicesOf,
@@ -202,7 +125,7 @@ def post_token(
                 session,
                 find_team(session, team_id).id,
                 values["name"],
-                chosen_scopes(values),
+                tuple(scope for n, scope in enumerate(TEAM_SCOPES) if values[f"may_{n}"]),
                 values["expires_at"],
                 actor=browser.principal.actor,
             )
@@ -223,26 +146,20 @@ def _list(
     refusal: RecordsError | None = None,
 ) -> Response:
     with services.database.read() as session:
-        lines = [line for line in _lines(session) if line.pending_since or not only_pending]
+        teams = [one for one in list_teams(session) if one.pending_since or not only_pending]
+        n_tokens, n_submissions = live_tokens_by_team(session), counts_by_team(session)
     return organizer_page(
         request,
         browser,
         "teams/organizer_teams.html",
         "teams",
-        status=200 if refusal is None else status_of(refusal),
-        lines=sorted(lines, key=lambda line: line.pending_since is None),
+        refusal=refusal,
+        teams=sorted(teams, key=lambda team: team.pending_since is None),
+        n_tokens=n_tokens,
+        n_submissions=n_submissions,
         only_pending=only_pending,
         fields=filled(NEW_TEAM, texts or {}),
-        refusal=None if refusal is None else str(refusal),
     )
-
-
-def _lines(session: Session) -> list[TeamLine]:
-    tokens, counts = live_tokens_by_team(session), counts_by_team(session)
-    return [
-        team_line(team, n_tokens=tokens.get(team.id, 0), n_submissions=counts.get(team.id, 0))
-        for team in list_teams(session)
-    ]
 
 
 def _team(
@@ -255,27 +172,149 @@ def _team(
     texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
 ) -> Response:
+    """Show a team; `issued` is the text of a new token, shown this once."""
     with services.database.read() as session:
-        content = _page(session, find_team(session, slug), issued)
+        team = find_team(session, slug)
+        now = database_now(session)
+        tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
+        lines = history(session, team.slug, limit=HISTORY)
+        n_submissions = counts_by_team(session).get(team.id, 0)
     return organizer_page(
         request,
         browser,
         "teams/organizer_team.html",
         "teams",
-        status=200 if refusal is None else status_of(refusal),
-        page=content,
+        refusal=refusal,
+        team=team,
+        tokens=sorted(tokens, key=lambda one: not one[1]),
+        rights_of=lambda token: [MEANING[Scope(scope)] for scope in token.scopes],
+        issued=issued,
+        lines=lines,
+        n_submissions=n_submissions,
         fields=filled(NEW_TOKEN, USUAL if texts is None else texts),
-        refusal=None if refusal is None else str(refusal),
     )
 
 
-def _page(session: Session, team: Team, issued: str | None) -> TeamPage:
-    lines = audit_page(session, subject=team.slug, limit=HISTORY)
-    names = names_of_actors(session, (line.actor for line in lines))
-    return TeamPage(
-        team=team,
-        tokens=token_lines(list_tokens(session, team.id), database_now(session)),
-        issued=issued,
-        history=history_lines(lines, names),
-        n_submissions=counts_by_team(session).get(team.id, 0),
+@router.get("/teams/{team_id}/approve")
+def show_approval(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
+) -> Response:
+    """Ask whether a team may submit."""
+    with services.database.read() as session:
+        step = _approval(find_team(session, team_id))
+    return step_page(request, browser, step)
+
+
+@router.post("/teams/{team_id}/approve")
+def post_approval(
+    services: ServicesOf, browser: OrganizerBrowser, form: PostedForm, team_id: Slug
+) -> Response:
+    """Let a team that registered itself submit."""
+    with services.database.write() as session:
+        approve_team(session, team_id, actor=browser.principal.actor)
+    return go(f"/organize/teams/{team_id}", "team_approved")
+
+
+@router.get("/teams/{team_id}/refuse")
+def show_refusal(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
+) -> Response:
+    """Ask whether a registration shall be refused."""
+    with services.database.read() as session:
+        step = _refusal(find_team(session, team_id))
+    return step_page(request, browser, step)
+
+
+@router.post("/teams/{team_id}/refuse")
+def post_refusal(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    team_id: Slug,
+) -> Response:
+    """Refuse a registration."""
+
+    def take(session: Session, values: Mapping[str, str]) -> str:
+        refuse_team(session, team_id, reason=values["reason"], actor=browser.principal.actor)
+        return "/organize/teams"
+
+    with services.database.read() as session:
+        step = _refusal(find_team(session, team_id))
+    return take_step(request, services, browser, step, form, take, "team_refused")
+
+
+@router.get("/tokens/{token_id}/revoke")
+def show_revocation(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, token_id: TokenId
+) -> Response:
+    """Ask whether a token shall be revoked."""
+    with services.database.read() as session:
+        step = _revocation(session, find_token(session, token_id))
+    return step_page(request, browser, step)
+
+
+@router.post("/tokens/{token_id}/revoke")
+def post_revocation(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    token_id: TokenId,
+) -> Response:
+    """Revoke a token for good."""
+
+    def take(session: Session, _: object) -> None:
+        revoke_token(session, token_id, actor=browser.principal.actor)
+
+    with services.database.read() as session:
+        step = _revocation(session, find_token(session, token_id))
+    return take_step(request, services, browser, step, form, take, "token_revoked")
+
+
+def _approval(team: Team) -> Step:
+    return Step(
+        section="teams",
+        title=f"Approve {team.name}",
+        meaning="The team may submit from now on.",
+        button="Approve",
+        back=f"/organize/teams/{team.slug}",
+        back_words="The team",
+        facts=(("Id", team.slug), ("They say", team.registration_note or "nothing")),
+        command=f"exceptiondrive organizer teams approve {team.slug}",
+    )
+
+
+def _refusal(team: Team) -> Step:
+    return Step(
+        section="teams",
+        title=f"Refuse {team.name}",
+        meaning="The team and its tokens are removed; its id and name are free again. The reason "
+        "stays in the audit log. The team is not told: write to them if you wish.",
+        button="Refuse",
+        back=f"/organize/teams/{team.slug}",
+        back_words="The team",
+        fields=(REASON,),
+        facts=(("Id", team.slug), ("They say", team.registration_note or "nothing")),
+        command=f'exceptiondrive organizer teams refuse {team.slug} --reason "…"',
+        is_grave=True,
+    )
+
+
+def _revocation(session: Session, token: Token) -> Step:
+    team = None if token.team_id is None else session.get(Team, token.team_id)
+    return Step(
+        section="teams",
+        title=f"Revoke {token.name}",
+        meaning="It stops working for good; browsers that signed in with it are signed out.",
+        button="Revoke",
+        back="/organize/teams" if team is None else f"/organize/teams/{team.slug}",
+        back_words="Teams" if team is None else "The team",
+        facts=(
+            ("Begins with", token.prefix),
+            ("Team", "none: an organizer's" if team is None else team.name),
+            ("May", ", ".join(token.scopes)),
+        ),
+        command=f"exceptiondrive organizer teams revoke-token {token.id}",
+        is_grave=True,
     )

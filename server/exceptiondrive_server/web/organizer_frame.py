@@ -1,24 +1,24 @@
-"""Around every page of the organizers: who may see it, and what all of them carry."""
+"""Around every page of the organizers: who may see it, what all of them carry, and their steps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
+from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.tokens import Scope
-from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.accounts.browser_session import Browser, SignedIn, require_scope
-from exceptiondrive_server.web.forms import filled
+from exceptiondrive_server.web.forms import filled, read, typed
 from exceptiondrive_server.web.problem_vocabulary import STATUS_OF
 from exceptiondrive_server.web.responses import private_page
-
-# What was just done, in words: addresses carry a key, never a text of their own.
-
+from exceptiondrive_server.web.services import Services
 
 DONE: Mapping[str, str] = MappingProxyType(
     {
@@ -42,8 +42,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "verification_started": "Workers recompute the sheets from their uploads.",
     }
 )
-
-
+"""What was just done, in words: addresses carry a key, never a text of their own."""
 SECTIONS = (
     ("overview", "Overview", "/organize"),
     ("teams", "Teams", "/organize/teams"),
@@ -70,18 +69,6 @@ def organizing(browser: Browser) -> SignedIn:
 OrganizerBrowser = Annotated[SignedIn, Depends(organizing)]
 
 
-@dataclass(frozen=True)
-class Frame:
-    """What every template of the organizers needs besides its subject."""
-
-    section: str
-    organizer: str
-    form_token: str
-    done: str | None
-    """What was just done, in words."""
-    sections: tuple[tuple[str, str, str], ...] = SECTIONS
-
-
 def organizer_page(
     request: Request,
     browser: SignedIn,
@@ -89,45 +76,39 @@ def organizer_page(
     section: str,
     *,
     status: int = 200,
+    refusal: RecordsError | None = None,
     **values: Any,
 ) -> Response:
-    """Fill a template of the organizers; nothing may keep the answer."""
-    frame = Frame(
-        section=section,
-        organizer=browser.principal.person_name or browser.principal.token_name,
-        form_token=browser.form_token,
-        done=DONE.get(request.query_params.get("done", "")),
+    """Fill a template of the organizers; nothing may keep the answer.
+
+    Args:
+        request: What was asked.
+        browser: Of an organizer.
+        template: Its name.
+        section: Of `SECTIONS`.
+        status: Of the answer; after a refusal the one that the API gives to it.
+        refusal: Why what was sent was not done.
+        values: What else the template reads.
+    """
+    frame = {
+        "section": section,
+        "sections": SECTIONS,
+        "organizer": browser.principal.person_name or browser.principal.token_name,
+        "form_token": browser.form_token,
+        "done": DONE.get(request.query_params.get("done", "")),
+    }
+    if refusal is not None:
+        status = STATUS_OF[refusal.code]
+    words = None if refusal is None else str(refusal)
+    return private_page(
+        request, template, "organize", status=status, frame=frame, refusal=words, **values
     )
-    name = template
-    return private_page(request, name, "organize", status=status, frame=frame, **values)
 
 
 def go(path: str, done: str | None = None) -> Response:
     """Lead the browser on; `done` is a key of `DONE`, which the next page says in words."""
     address = path if done is None else f"{path}?done={done}"
     return RedirectResponse(address, status_code=303, headers=NO_STORE)
-
-
-def status_of(error: RecordsError) -> int:
-    """Return the HTTP status that the API gives to a refusal."""
-    return STATUS_OF[error.code]
-
-
-# Lengths of time in words.
-
-
-def duration_words(seconds: float) -> str:
-    """Write a length of time in its largest unit: `12 s`, `5 minutes`, `3 hours`, `2 days`."""
-    if seconds < 90:
-        return f"{max(0, round(seconds))} s"
-    if seconds < 90 * 60:
-        return counted(round(seconds / 60), "minute")
-    if seconds < 36 * 3600:
-        return counted(round(seconds / 3600), "hour")
-    return counted(round(seconds / 86400), "day")
-
-
-# A step that is confirmed on a page of its own: what it does, a reason, one button.
 
 
 @dataclass(frozen=True)
@@ -167,8 +148,49 @@ def step_page(
         browser,
         "web/organizer_step.html",
         step.section,
-        status=200 if refusal is None else status_of(refusal),
+        refusal=refusal,
         step=step,
         fields=filled(step.fields, texts or {}),
-        refusal=None if refusal is None else str(refusal),
     )
+
+
+def take_step(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    step: Step,
+    form: FormData,
+    take: Callable[[Session, dict[str, Any]], str | None],
+    done: str,
+) -> Response:
+    """Take a step in one transaction, and lead on; a refusal shows the step again.
+
+    Args:
+        request: What was asked.
+        services: Of the server.
+        browser: Of an organizer.
+        step: What the page of the step says and asks.
+        form: What was sent.
+        take: Does it, with the values of the fields; returns where to go on, by default back.
+        done: Key of `DONE`.
+    """
+    try:
+        values = read(step.fields, form)
+        with services.database.write() as session:
+            address = take(session, values)
+    except NotFound:
+        raise
+    except RecordsError as refusal:
+        return step_page(request, browser, step, texts=typed(form), refusal=refusal)
+    return go(address or step.back, done)
+
+
+def duration_words(seconds: float) -> str:
+    """Write a length of time in its largest unit: `12 s`, `5 minutes`, `3 hours`, `2 days`."""
+    if seconds < 90:
+        return f"{max(0, round(seconds))} s"
+    if seconds < 90 * 60:
+        return counted(round(seconds / 60), "minute")
+    if seconds < 36 * 3600:
+        return counted(round(seconds / 3600), "hour")
+    return counted(round(seconds / 86400), "day")

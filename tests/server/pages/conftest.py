@@ -26,7 +26,7 @@ from exceptiondrive_schemas.board import (
     Board,
     FamilyCell,
 )
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import (
     Protocol,
@@ -142,7 +142,7 @@ def strategy_board(lively_board: Board) -> Board:
         }
     )
     agent = agent.model_copy(update={"reminder_effect": EFFECT})
-    printed = reported_entries(ChallengeId.STRATEGY, lively_board.headline)
+    printed = reported_entries(STRATEGY.id, lively_board.headline)
     return lively_board.model_copy(
         update={"challenge": "strategy", "phase": "strategy", "entries": (agent, without, *printed)}
     )

@@ -14,6 +14,7 @@ from exceptiondrive_schemas.board import (
     PairedDifference,
     ReminderEffect,
 )
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import (
     packaged_protocol,
 )
@@ -207,7 +208,7 @@ def unscored(started: datetime) -> BoardEntry:
 
 def board_of(entries: tuple[BoardEntry, ...], number: int = 7) -> Board:
     return Board(
-        challenge="planning",
+        challenge=PLANNING.id,
         phase="sample",
         split=SplitRef(name="sample", revision="sha256:" + "3f9a" * 16),
         protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),

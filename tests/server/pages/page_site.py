@@ -15,8 +15,9 @@ from tests.server.pages.invented_board import (
     PROTOCOL,
     N,
 )
+from tests.support.work import claim_board_of
 
-from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.phases.tables import Phase
@@ -30,7 +31,7 @@ from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
 )
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
@@ -45,8 +46,8 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.split_arrays import split_arrays
 from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.routes import PAGES
@@ -102,7 +103,7 @@ class Site:
         with self.database.write() as session:
             want_board(session, board.phase, board.protocol.digest)
         with self.database.write() as session:
-            claim = claim_board(session, board.phase, board.protocol.digest, 30)
+            claim = claim_board_of(session, board.phase, board.protocol.digest)
             assert claim is not None
             assert publish_board(session, claim, board, late) is not None
 
@@ -215,7 +216,7 @@ def sheet_of(entry: BoardEntry) -> ScoreSheet:
         "impossible": None,
     }
     return ScoreSheet(
-        challenge="planning",
+        challenge=PLANNING.id,
         protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
         split=MANIFEST.ref,
         scorer_version="1.0.0",
@@ -243,7 +244,7 @@ def real_drawings(planner: int = 4) -> EntryDrawings:
         for side in ("source", "edited")
     }
     split = split_arrays(sample_split().samples, PROTOCOL.taxonomy)
-    scoring = SCORING[ChallengeId.PLANNING]
+    scoring = SCORING[PLANNING.id]
     measured = scoring.measure(columns, split, PROTOCOL.geometry)
     drawings = scoring.drawings(columns, measured, ids, split, PROTOCOL)
     assert drawings is not None

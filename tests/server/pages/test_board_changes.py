@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.boards.page import BoardBefore, change_line
+from exceptiondrive_server.boards.headline import BoardBefore, change_line
 
 BEFORE = BoardBefore(6, "1.0", datetime(2026, 11, 20, 9, 0, tzinfo=UTC))
 

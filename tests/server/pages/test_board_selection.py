@@ -3,11 +3,18 @@
 from typing import Any
 
 import pytest
+from tests.server.pages.invented_board import PROTOCOL
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.boards.columns import PAGE_ROWS, select, sort_entries, sorted_board
 from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.table import (
+    PAGE_ROWS,
+    BoardTable,
+    board_table,
+    sort_entries,
+    sorted_board,
+)
 
 
 @pytest.mark.parametrize("sort", ["accuracy", "nonsense", "family.nowhere", "team"])
@@ -23,23 +30,27 @@ def test_a_board_is_kept_in_the_order_of_its_ranks(lively_board: Board) -> None:
     assert ranks[:7] == [6, 5, 4, 3, 2, 1, None]
 
 
+def table_of(board: Board, **query: Any) -> BoardTable:
+    return board_table(board, PROTOCOL, BoardQuery(**query))
+
+
 def names(board: Board, **query: Any) -> list[list[str]]:
-    page = select(board, BoardQuery(**query), board.headline)
-    return [[entry.method for entry in block.entries] for block in page.blocks]
+    page = table_of(board, **query)
+    return [[row.entry.method for row in block.rows] for block in page.blocks]
 
 
 def test_blocks_are_never_mixed_whatever_the_sort(lively_board: Board) -> None:
     for sort in ("rank", "hcc", "ur", "method", "date", "family.lane_blockage"):
         for sign in ("", "-"):
-            page = select(lively_board, BoardQuery(sort=sign + sort), "macro_family")
+            page = table_of(lively_board, sort=sign + sort)
             assert [block.source for block in page.blocks] == ["scored", "reference", "reported"]
             for block in page.blocks:
-                assert {entry.source for entry in block.entries} == {block.source}
+                assert {row.entry.source for row in block.rows} == {block.source}
 
 
 def test_by_default_ranks_rise_and_unranked_rows_stand_last(lively_board: Board) -> None:
-    page = select(lively_board, BoardQuery(), "macro_family")
-    assert [entry.rank for entry in page.blocks[0].entries] == [1, 2, 3, 4, 5, 6, None]
+    page = table_of(lively_board)
+    assert [row.entry.rank for row in page.blocks[0].rows] == [1, 2, 3, 4, 5, 6, None]
 
 
 @pytest.mark.parametrize("sign", ["", "-"])
@@ -69,7 +80,7 @@ def test_long_boards_are_cut_into_pages(lively_board: Board) -> None:
         entry.model_copy(update={"rank": n + 1, "submission_id": f"s{n}"}) for n in range(95)
     )
     board = lively_board.model_copy(update={"entries": many})
-    pages = [select(board, BoardQuery(page=number), "macro_family") for number in (1, 3, 99)]
-    assert [len(page.blocks[0].entries) for page in pages] == [PAGE_ROWS, PAGE_ROWS, 15]
+    pages = [table_of(board, page=number) for number in (1, 3, 99)]
+    assert [len(page.blocks[0].rows) for page in pages] == [PAGE_ROWS, PAGE_ROWS, 15]
     assert [page.number for page in pages] == [1, 3, 5]
     assert pages[0].blocks[0].n_all == 95

@@ -1,15 +1,16 @@
 """The board as a page shows it."""
 
+from typing import Any
+
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_server.boards.columns import metric_columns
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.boards.view import BoardView, board_view
+from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
 
 
-def view(board: Board, protocol: Protocol, **query: object) -> BoardView:
-    return board_view(board, protocol, BoardQuery(**query))  # type: ignore[arg-type]
+def view(board: Board, protocol: Protocol, **query: Any) -> BoardTable:
+    return board_table(board, protocol, BoardQuery(**query))
 
 
 def test_outcome_bars_add_up_to_the_whole(lively_board: Board, protocol: Protocol) -> None:
@@ -65,9 +66,10 @@ def test_the_leaders_nearer_end_is_the_dotted_line(lively_board: Board, protocol
     assert ur is not None
     assert ur.low is not None
     assert ur.width is not None
-    assert seen.axes["hcc"].leader == hcc.low
-    assert seen.axes["ur"].leader is not None
-    assert abs(seen.axes["ur"].leader - (ur.low + ur.width)) < 1e-9
+    assert seen.builder.leader_line("hcc") == hcc.low
+    end = seen.builder.leader_line("ur")
+    assert end is not None
+    assert abs(end - (ur.low + ur.width)) < 1e-9
 
 
 def test_the_other_average_shows_its_values_without_intervals(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.boards.ceiling_chart import Box, _text_box, ceiling_chart, place_labels
+from exceptiondrive_server.boards.charts import Box, _text_box, ceiling_chart, place_labels
 
 
 def test_no_point_stands_above_the_ceiling(lively_board: Board) -> None:

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.score_sheet import Coverage
 from exceptiondrive_server.web.responses import stars, with_article
 
 FOLDERS = [Path(exceptiondrive_server.__path__[0])]
-IDS = "|".join(challenge_id.value for challenge_id in CHALLENGES)
+IDS = "|".join(challenge_id for challenge_id in CHALLENGES)
 NAMED = re.compile(rf"""["']({IDS})["']|\b({IDS.upper()})\b|challenge\.id\s*[=!]=|is_strategy""")
 
 

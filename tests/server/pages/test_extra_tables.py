@@ -1,7 +1,7 @@
 """Further rows of a score sheet as tables."""
 
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.publish.example_scores import example_score_sheet
+from exceptiondrive_schemas.publish.examples import example_score_sheet
 from exceptiondrive_server.boards.extra_tables import extra_tables
 from exceptiondrive_server.web.numbers import Digits
 

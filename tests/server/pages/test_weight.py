@@ -1,15 +1,21 @@
 """A page of the longest board stays light."""
 
+from typing import Any
+
 import pytest
-from benchmarks.page import big_board
+from benchmarks.page import big_board, calls_in
+from starlette.requests import Request
 
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_server.boards.page import BoardReading, board_page
+from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
+from exceptiondrive_server.boards.pages import show_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.page_parts import Site
 from exceptiondrive_server.web.responses import render
 
 MAX_BYTES = 150_000
+MAX_CALLS, MAX_CALLS_AGAIN = 9_000, 1_500
+MAX_FILES, MAX_FILES_AGAIN = 42, 36
 
 
 @pytest.mark.parametrize("query", [[], [("q", "planner 1"), ("sort", "ur"), ("page", "3")]])
@@ -17,7 +23,25 @@ def test_the_board_of_a_thousand_weighs_less_than_150_kilobytes(
     protocol: Protocol, query: list[tuple[str, str]]
 ) -> None:
     board = big_board(protocol)
-    reading = BoardReading((), None, board, protocol, ("1.0",), "1.0", True)
+    page = BoardPage(BoardQuery.parse(query), (), None, board, protocol, ("1.0",), "1.0")
     site = Site("auto", "/", "board", origin="https://leaderboard.example.org")
-    html = render("boards/board.html", site=site, page=board_page(reading, BoardQuery.parse(query)))
+    html = render("boards/board.html", site=site, page=page, own=None)
     assert 50_000 < len(html.encode()) < MAX_BYTES
+
+
+def test_the_board_page_is_made_by_few_calls_in_few_files(lively_site: Any) -> None:
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
+    request = Request({**scope, "app": lively_site.app, "server": ("site.test", 80)})
+    services = lively_site.app.state.services
+
+    def ask() -> None:
+        assert show_board(request, services, BoardQuery.parse([])).status_code == 200
+
+    ask()  # a server has compiled its templates when it starts
+    again = calls_in(ask)
+    forget_shown_boards()
+    first = calls_in(ask)
+    assert first.total() < MAX_CALLS
+    assert len(first) <= MAX_FILES
+    assert again.total() < MAX_CALLS_AGAIN
+    assert len(again) <= MAX_FILES_AGAIN

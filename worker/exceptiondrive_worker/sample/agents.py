@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from random import Random
 
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.strategy import ReminderRecord, RiskLevel, StrategyPrediction
+from exceptiondrive_schemas.submission_files import ReminderRecord, RiskLevel, StrategyPrediction
 from exceptiondrive_schemas.taxonomy import Strategy, Task
 from exceptiondrive_worker.sample.scenes import SampleScene
 

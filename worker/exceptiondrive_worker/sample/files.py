@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.challenges import CHALLENGE_OF_FILE_SCHEMA
-from exceptiondrive_schemas.planning import PlanningSubmission
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.strategy import StrategySubmission
+from exceptiondrive_schemas.submission_files import PlanningSubmission, StrategySubmission
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SPLIT_NAME, sample_scenes, sample_split
@@ -37,7 +36,7 @@ def write_planners(folder: Path) -> list[Path]:
     listing = [
         {
             "file": _path(folder, who).name,
-            "challenge": CHALLENGE_OF_FILE_SCHEMA[submission.schema_].id.value,
+            "challenge": (PLANNING if isinstance(who, Planner) else STRATEGY).id,
             "method": who.method,
             "description": who.description,
             "is_reference": who.is_reference,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
-from exceptiondrive_schemas.planning import PlanningPrediction, Trajectory
+from exceptiondrive_schemas.submission_files import PlanningPrediction, Trajectory
 from exceptiondrive_worker.sample.road import Lane
 from exceptiondrive_worker.sample.scenes import SampleScene
 

@@ -1,0 +1,284 @@
+"""Drawings of samples: as data in metres, and the one painter of their shapes.
+
+The worker and `exceptiondrive plot` make the data with the scoring code's own geometry, x forward
+and y left in the ego frame. Pages and picture files paint it: the markup carries class names alone,
+a picture file brings its own style, a page has its own. A drawing shows a hazard region: it may be
+made of a public split alone.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Literal
+from xml.sax.saxutils import escape
+
+from pydantic import Field
+
+from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.taxonomy import Strategy, Task
+
+Position = tuple[float, float]
+Outline = tuple[Position, ...]
+
+
+class SampleDrawing(Document):
+    """One sample of one entry, as the scoring code sees it.
+
+    Attributes:
+        sample_id: Key of the sample.
+        family: Its family id.
+        task: Its task id.
+        hazard: The task in words.
+        region: Corners of the hazard region.
+        source: Waypoints with the origin in front; empty where missing.
+        edited: The same of the edited scene.
+        footprints: Vehicle rectangles along `edited`.
+        tube: Convex pieces of the collision tube.
+        segment: Ends of the clearance, on the tube and on the region; None on intrusion.
+        clearance_m: Distance of tube and region; None where edited is missing.
+        d_safe_m: Required clearance.
+        metrics: Of this sample alone, by key; None where undefined.
+    """
+
+    sample_id: str
+    family: str
+    task: str
+    hazard: str
+    region: Outline
+    source: Outline
+    edited: Outline
+    footprints: tuple[Outline, ...]
+    tube: tuple[Outline, ...]
+    segment: tuple[Position, Position] | None
+    clearance_m: float | None
+    d_safe_m: float
+    metrics: MetricRow
+
+    @property
+    def is_intrusion(self) -> bool:
+        """Whether the tube meets the region, or there is no edited trajectory."""
+        return self.segment is None
+
+
+class DrawnSample(Document):
+    """A sample that stands for its family: its worst, or its middle by HCC, then clearance."""
+
+    chosen_as: Literal["worst", "middle"]
+    drawing: SampleDrawing
+
+
+class EntryDrawings(Document):
+    """What is drawn of one entry on a public split."""
+
+    schema_: Literal["exceptiondrive.drawings/1"] = Field(
+        default="exceptiondrive.drawings/1", alias="schema"
+    )
+    samples: tuple[DrawnSample, ...]
+
+
+class ProtocolDrawing(Document):
+    """A made-up sample under one protocol: what footprint, tube, region and clearance are.
+
+    Attributes:
+        pictured: Digest of what the drawing depends on (`pictured_digest`).
+        sample: The made-up sample.
+    """
+
+    schema_: Literal["exceptiondrive.protocol-drawing/1"] = Field(
+        default="exceptiondrive.protocol-drawing/1", alias="schema"
+    )
+    pictured: str
+    sample: SampleDrawing
+
+
+PACKAGED = "1.0.drawing.json"
+
+
+def pictured_task(protocol: Protocol) -> Task:
+    """Return the first task in which a bypass is acceptable; else the first task."""
+    fitting = (task for task in protocol.tasks if Strategy.E in task.acceptable)
+    return next(fitting, protocol.tasks[0])
+
+
+def pictured_digest(protocol: Protocol) -> str:
+    """Return the digest of all that the drawing of a protocol depends on."""
+    task = pictured_task(protocol)
+    return content_digest(
+        {
+            "geometry": protocol.geometry_digest,
+            "task": task.model_dump(mode="json"),
+            "d_safe_scale": protocol.grading.d_safe_scale,
+        }
+    )
+
+
+@cache
+def packaged_drawing() -> ProtocolDrawing:
+    """Return the drawing of protocol 1.0, written by `python -m exceptiondrive_worker.drawing`."""
+    file = resources.files("exceptiondrive_schemas") / "protocols" / PACKAGED
+    return ProtocolDrawing.model_validate_json(file.read_bytes())
+
+
+MARGIN_M = 2.0
+MIN_SPAN_M = 14.0
+MAX_REACH_M = 60.0
+"""How far from the vehicle a region is followed; beyond, the panel shows where it begins."""
+GRID_STEPS_M = (1, 2, 5, 10, 20, 50)
+MIN_GRID_PX = 46
+
+
+@dataclass(frozen=True)
+class View:
+    """One scale for both axes, so that shapes keep their angles."""
+
+    scale: float
+    left_m: float
+    top_m: float
+    width: float
+    height: float
+
+    @classmethod
+    def of(cls, sample: SampleDrawing, width: float, height: float) -> "View":
+        """Return the view that holds everything that moves, and the region near it."""
+        points = [(0.0, 0.0), *sample.source, *sample.edited, *_corners(sample.footprints)]
+        points += [point for point in sample.region if math.hypot(*point) <= MAX_REACH_M]
+        points += [] if sample.segment is None else [sample.segment[1]]
+        low_x, high_x = _span(point[0] for point in points)
+        low_y, high_y = _span(point[1] for point in points)
+        scale = min(width / max(high_x - low_x, MIN_SPAN_M), height / (high_y - low_y))
+        middle_x, middle_y = (low_x + high_x) / 2, (low_y + high_y) / 2
+        return cls(
+            scale, middle_x - width / scale / 2, middle_y + height / scale / 2, width, height
+        )
+
+    def at(self, point: Position) -> Position:
+        """Return the pixel of a position."""
+        return (point[0] - self.left_m) * self.scale, (self.top_m - point[1]) * self.scale
+
+    def points(self, outline: Outline) -> str:
+        """Return positions as SVG writes them."""
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.at, outline))
+
+    def grid_m(self) -> tuple[Sequence[int], Sequence[int]]:
+        """Return the lines of the grid along x and y, in metres."""
+        wide_enough = (step for step in GRID_STEPS_M if step * self.scale >= MIN_GRID_PX)
+        step = next(wide_enough, GRID_STEPS_M[-1])
+        along = _multiples(step, self.left_m, self.left_m + self.width / self.scale)
+        across = _multiples(step, self.top_m - self.height / self.scale, self.top_m)
+        return along, across
+
+
+def _multiples(step: int, low: float, high: float) -> range:
+    return range(math.ceil(low / step) * step, math.floor(high / step) * step + 1, step)
+
+
+def _corners(outlines: Iterable[Outline]) -> list[Position]:
+    return [corner for outline in outlines for corner in outline]
+
+
+def _span(values: Iterable[float]) -> tuple[float, float]:
+    known = list(values)
+    return min(known) - MARGIN_M, max(known) + MARGIN_M
+
+
+CAPTION_KEYS = ("hcc", "hpr", "cts")
+TICK_ROOM_PX = 36
+MINUS = "\u2212"
+
+
+def shapes(sample: SampleDrawing, width: float, height: float) -> str:
+    """Return the shapes of one sample for a box of this size, from back to front."""
+    view = View.of(sample, width, height)
+    parts = [
+        *_grid(view),
+        *_hazard(sample, view),
+        *_source(sample, view),
+        *_edited(sample, view),
+        *_clearance(sample, view),
+    ]
+    return "".join(parts)
+
+
+def caption(sample: SampleDrawing) -> tuple[str, str]:
+    """Return two lines: which sample, and what it scores."""
+    values = []
+    for key in CAPTION_KEYS:
+        metric, value = PLANNING.metric(key), sample.metrics[key]
+        text = "undefined" if value is None else _with_unit(value, metric.unit)
+        values.append(f"{metric.label} {text}")
+    return f"{sample.task} · {sample.hazard}", f"{outcome(sample)} · {' · '.join(values)}"
+
+
+def outcome(sample: SampleDrawing) -> str:
+    """Say how near the tube comes, in a few words."""
+    if sample.clearance_m is None:
+        return "no edited trajectory: counts as intrusion"
+    if sample.is_intrusion:
+        return f"intrusion; {sample.d_safe_m:g} m asked for"
+    return f"clearance {sample.clearance_m:.2f} m of {sample.d_safe_m:g} m"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value * 100:.2f} %" if unit == "fraction" else f"{value:.2f} m"
+
+
+def _grid(view: View) -> Iterator[str]:
+    along, across = view.grid_m()
+    for x in along:
+        at = view.at((x, 0))[0]
+        yield f'<path class="grid" d="M{at:.1f} 0V{view.height:g}"/>'
+        if at + TICK_ROOM_PX < view.width:
+            text = f"{x} m".replace("-", MINUS)
+            yield f'<text class="tick" x="{at:.1f}" y="{view.height - 5:g}" dx="3">{text}</text>'
+    for y in across:
+        yield f'<path class="grid" d="M0 {view.at((0, y))[1]:.1f}H{view.width:g}"/>'
+
+
+def _hazard(sample: SampleDrawing, view: View) -> Iterator[str]:
+    """The region, and the band of required clearance around it: a stroke twice as wide."""
+    points, width = view.points(sample.region), 2 * sample.d_safe_m * view.scale
+    yield f'<polygon class="safe" points="{points}" stroke-width="{width:.1f}"/>'
+    yield f'<polygon class="region" points="{points}"/>'
+
+
+def _source(sample: SampleDrawing, view: View) -> Iterator[str]:
+    if sample.source:
+        yield f'<polyline class="source" points="{view.points(sample.source)}"/>'
+        yield from _dots("source-dot", sample.source[1:], view, 2.6)
+
+
+def _edited(sample: SampleDrawing, view: View) -> Iterator[str]:
+    if not sample.edited:
+        return
+    pieces = "".join(f'<polygon points="{view.points(piece)}"/>' for piece in sample.tube)
+    yield f'<g class="tube">{pieces}</g>'
+    for footprint in sample.footprints:
+        yield f'<polygon class="box" points="{view.points(footprint)}"/>'
+    yield f'<polyline class="edited" points="{view.points(sample.edited)}"/>'
+    yield from _dots("edited-dot", sample.edited[1:], view, 3)
+    x, y = view.at((0.0, 0.0))
+    yield f'<circle class="origin" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
+
+
+def _clearance(sample: SampleDrawing, view: View) -> Iterator[str]:
+    if sample.segment is None or sample.clearance_m is None:
+        return
+    (x1, y1), (x2, y2) = (view.at(end) for end in sample.segment)
+    yield f'<path class="gap" d="M{x1:.1f} {y1:.1f}L{x2:.1f} {y2:.1f}"/>'
+    for x, y in ((x1, y1), (x2, y2)):
+        yield f'<circle class="gap-end" cx="{x:.1f}" cy="{y:.1f}" r="2.5"/>'
+    x = min(max((x1 + x2) / 2, 30.0), view.width - 30.0)
+    y = min(max((y1 + y2) / 2 - 9, 14.0), view.height - 20.0)
+    text = escape(f"{sample.clearance_m:.2f} m")
+    yield f'<text class="gap-text" x="{x:.1f}" y="{y:.1f}">{text}</text>'
+
+
+def _dots(kind: str, positions: Outline, view: View, radius: float) -> Iterator[str]:
+    for position in positions:
+        x, y = view.at(position)
+        yield f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>'

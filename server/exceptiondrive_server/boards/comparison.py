@@ -1,0 +1,338 @@
+"""Two entries of one board side by side: a plain verdict, families as dumbbells, differences."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from exceptiondrive_schemas.board import (
+    Board,
+    BoardEntry,
+    FamilyHead,
+    PairedComparison,
+    PairedDifference,
+)
+from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key
+from exceptiondrive_server.boards.table import short_title
+from exceptiondrive_server.web.numbers import MINUS, Digits, listed, unit_of
+from exceptiondrive_server.web.responses import template_filter
+from exceptiondrive_server.web.scales import Scale, nice_scale
+
+LINE_HEIGHT = 40
+WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16
+NARROW = 310
+NOT_SEPARABLE = "not separable on this split"
+Sheets = tuple[ScoreSheet | None, ScoreSheet | None]
+
+
+@dataclass(frozen=True)
+class Dumbbell:
+    """One family: two values and their places; the difference stands right or left of them."""
+
+    head: FamilyHead
+    y: float
+    a: float | None
+    b: float | None
+    a_x: float | None
+    b_x: float | None
+    label_x: float
+    is_label_right: bool
+
+    @property
+    def label(self) -> str:
+        """The family's title for a narrow column."""
+        return short_title(self.head.title)
+
+
+@dataclass(frozen=True)
+class DumbbellChart:
+    """All families on one axis, in SVG units."""
+
+    width: int
+    left: float
+    right: float
+    scale: Scale
+    lines: tuple[Dumbbell, ...]
+
+    @property
+    def bottom(self) -> int:
+        """Where the axis stands."""
+        return TOP + LINE_HEIGHT * len(self.lines)
+
+    @property
+    def height(self) -> int:
+        """With the numbers and the title of the axis."""
+        return self.bottom + 46
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two entries of one board under its headline average; differences are first minus second."""
+
+    board: Board
+    a: BoardEntry
+    b: BoardEntry
+    digits: Digits
+
+    @cached_property
+    def challenge(self) -> Challenge:
+        """The challenge of the board."""
+        return challenge_of(self.board)
+
+    @property
+    def first(self) -> Metric:
+        """The metric that ranks first."""
+        return self.challenge.metrics[0]
+
+    @property
+    def a_key(self) -> str:
+        """Name of the first entry in addresses."""
+        return entry_key(self.a)
+
+    @property
+    def b_key(self) -> str:
+        """Name of the second entry in addresses."""
+        return entry_key(self.b)
+
+    @cached_property
+    def paired(self) -> PairedComparison | None:
+        """The comparison sample by sample, where the board carries one."""
+        return find_pair(self.board, self.a_key, self.b_key)
+
+    @cached_property
+    def chart(self) -> DumbbellChart | None:
+        """The families as dumbbells; None where neither has any."""
+        return _chart(self, WIDTH)
+
+    @cached_property
+    def narrow(self) -> DumbbellChart | None:
+        """The same for a phone."""
+        return _chart(self, NARROW)
+
+    def better(self, metric: Metric) -> str:
+        """Return `a` or `b`, whichever has the better value; nothing where none has."""
+        x, y = self.a.metrics.get(metric.key), self.b.metrics.get(metric.key)
+        if x is None or y is None or x == y or not metric.better:
+            return ""
+        return "a" if (x > y) == (metric.better == "higher") else "b"
+
+    @cached_property
+    def verdict(self) -> str:
+        """Which entry is ahead, in plain words, and whether the data can tell."""
+        first, digits = self.first, self.digits
+        x, y = self.a.metrics.get(first.key), self.b.metrics.get(first.key)
+        if x is None or y is None:
+            missing = self.a if x is None else self.b
+            return f"{missing.method} has no {first.label}, so the two cannot be compared."
+        if digits.text(first, x) == digits.text(first, y):
+            return f"Both stand at {digits.text(first, x)} {unit_of(first)} {first.label}."
+        ahead, behind = (self.a, self.b) if self.better(first) == "a" else (self.b, self.a)
+        gap = digits.text(first, abs(x - y))
+        lead = f"{ahead.method} leads {behind.method} by {gap} points of {first.label}."
+        found = self.paired.overall[first.key] if self.paired else None
+        sure = self._sentence(found) if found else _certainty(ahead, behind, first)
+        return f"{lead} {sure}"
+
+    def _sentence(self, found: PairedDifference) -> str:
+        """What the comparison sample by sample says."""
+        label = self.first.label
+        if found.interval is None:
+            return f"Sample by sample, {label} gives no interval here."
+        settled = "this split does not settle which is better"
+        return (
+            f"Sample by sample, the difference in {label} is "
+            f"{self.digits.interval(self.first, found.interval, signed=True)} points "
+            f"({self.board.confidence:.0%} interval): {found.verdict if is_sure(found) else settled}."
+        )
+
+    @cached_property
+    def families_sentence(self) -> str:
+        """The families in which each leads, and the widest gap."""
+        metric, digits = self.first, self.digits
+        sign = 1 if metric.better == "higher" else -1
+        known = [
+            (head, x, y)
+            for head in self.board.families
+            if (x := family_value(self.a, head.id, metric)) is not None
+            and (y := family_value(self.b, head.id, metric)) is not None
+        ]
+        gaps = [
+            (sign * (x - y), short_title(head.title).lower())
+            for head, x, y in known
+            if digits.text(metric, x) != digits.text(metric, y)
+        ]
+        if not known:
+            return "No family split is known for both."
+        if not gaps:
+            return "They are equal in every family."
+        parts = []
+        for entry, sign in ((self.a, 1), (self.b, -1)):
+            names = [name for gap, name in gaps if gap * sign > 0]
+            is_all = len(names) == len(self.board.families)
+            where = "in every family" if is_all else f"in {listed(names)} scenes"
+            parts += [f"{entry.method} is ahead {where}"] if names else []
+        widest, name = max(gaps, key=lambda gap: abs(gap[0]))
+        size = digits.text(metric, abs(widest))
+        return f"{'; '.join(parts)}. The widest gap is {size} points, in {name} scenes."
+
+
+def default_pair(board: Board) -> tuple[BoardEntry, BoardEntry] | None:
+    """Return the two best ranked entries; else two reported ones with families; else None."""
+    ranked = sorted((e for e in board.entries if e.rank is not None), key=lambda e: e.rank or 0)
+    metric = challenge_of(board).metrics[0]
+    reported = [entry for entry in board.entries if entry.source == "reported" and entry.families]
+    reported.sort(key=lambda entry: -(entry.metrics.get(metric.key) or 0.0))
+    for group in (ranked, reported):
+        if len(group) >= 2:
+            return group[0], group[1]
+    return None
+
+
+def find_pair(board: Board, a: str, b: str) -> PairedComparison | None:
+    """Return the comparison of two submissions in this order, where the board carries one."""
+    for pair in board.comparisons:
+        if (pair.a, pair.b) == (a, b):
+            return pair
+        if (pair.a, pair.b) == (b, a):
+            parts = {
+                name: {key: _negated(found) for key, found in getattr(pair, name).items()}
+                for name in ("overall", "families", "tasks")
+            }
+            return pair.model_copy(update={"a": a, "b": b, **parts})
+    return None
+
+
+def _negated(found: PairedDifference) -> PairedDifference:
+    """B minus A; the verdict names a method, so it stays."""
+    interval = None if found.interval is None else (-found.interval[1], -found.interval[0])
+    difference = None if found.difference is None else -found.difference
+    return found.model_copy(update={"difference": difference, "interval": interval})
+
+
+@template_filter
+def is_sure(found: PairedDifference | None) -> bool:
+    """Whether a paired comparison settles which is better."""
+    return found is not None and found.verdict != NOT_SEPARABLE
+
+
+@template_filter
+def family_value(entry: BoardEntry, family: str, metric: Metric) -> float | None:
+    """Return a metric of one family; None where it is unknown."""
+    cell = entry.families.get(family)
+    return None if cell is None else cell.metrics.get(metric.key)
+
+
+def _certainty(ahead: BoardEntry, behind: BoardEntry, metric: Metric) -> str:
+    """What rank intervals, else intervals, say of two that were not compared sample by sample."""
+    if "reported" in (ahead.source, behind.source):
+        return (
+            "At least one of the two is reported, not scored here: no interval is known, "
+            "and the samples may differ."
+        )
+    if ahead.rank_interval and behind.rank_interval:
+        if ahead.rank_interval[1] < behind.rank_interval[0]:
+            return "Their rank intervals do not overlap: the order is sure on this split."
+        return "Their rank intervals overlap: this split does not settle which is better."
+    one, two = ahead.intervals.get(metric.key), behind.intervals.get(metric.key)
+    if one is None or two is None:
+        return "Without intervals for both, this board does not say whether the order is sure."
+    if one[0] > two[1] or two[0] > one[1]:
+        return "Their intervals do not overlap."
+    return "Their intervals overlap: this split does not settle which is better."
+
+
+def _chart(both: Comparison, width: int) -> DumbbellChart | None:
+    metric, heads = both.first, both.board.families
+    pairs = [
+        tuple(family_value(entry, head.id, metric) for entry in (both.a, both.b)) for head in heads
+    ]
+    known = [value * 100 for pair in pairs for value in pair if value is not None]
+    if not known:
+        return None
+    left, right = (LEFT, width - 18) if width > 400 else (102, width - 10)
+    scale = nice_scale(known, (left + 22, right - 30), n_ticks=5, floor=0, ceiling=100)
+    lines = []
+    for index, (head, (a, b)) in enumerate(zip(heads, pairs, strict=True)):
+        a_x, b_x = (None if value is None else scale.at(value * 100) for value in (a, b))
+        places = [x for x in (a_x, b_x) if x is not None] or [scale.extent[0] - 12]
+        is_right = max(places) + 62 <= scale.extent[1] + 30
+        label_x = max(places) + 12 if is_right else min(places) - 12
+        y = TOP + LINE_HEIGHT * (index + 0.5)
+        lines.append(Dumbbell(head, y, a, b, a_x, b_x, label_x, is_right))
+    return DumbbellChart(width, left, right, scale, tuple(lines))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One family or task: the first entry minus the second, and what is known sample by sample."""
+
+    title: str
+    n: int | None
+    is_family: bool
+    value: float | None
+    found: PairedDifference | None
+
+    def interval(self, metric: Metric, digits: Digits) -> str:
+        """Write the interval: of families with all digits, of tasks in whole per cents."""
+        ends = (self.found.interval if self.found else None) or ()
+        if self.is_family:
+            return " to ".join(digits.signed(metric, end) for end in ends)
+        whole = [round(end * 100) for end in ends]
+        return " to ".join(f"{'+' if p > 0 else MINUS if p < 0 else ''}{abs(p)}" for p in whole)
+
+
+@dataclass(frozen=True)
+class DifferenceTable:
+    """Families, each followed by its tasks, on one axis around zero."""
+
+    lines: tuple[Difference, ...]
+    end: float
+    """What the ends of the axis stand for."""
+
+    @property
+    def has_intervals(self) -> bool:
+        """Whether any line was compared sample by sample."""
+        return any(
+            line.found and line.found.interval for line in self.lines if line.value is not None
+        )
+
+    def at(self, value: float) -> float:
+        """Return the place of a difference on an axis of 200 units, zero in the middle."""
+        return 100 + min(1.0, max(-1.0, value / self.end)) * 96
+
+
+def difference_table(
+    both: Comparison, protocol: Protocol, sheets: Sheets
+) -> DifferenceTable | None:
+    """Return the differences in the metric that ranks first; None where nothing is known.
+
+    Args:
+        both: Two entries of one board.
+        protocol: Names the tasks.
+        sheets: Their published score sheets, where they were scored here.
+    """
+    lines = tuple(_differences(both, protocol, sheets))
+    known = [line for line in lines if line.value is not None]
+    if not known:
+        return None
+    reach = [abs(line.value or 0.0) for line in known]
+    reach += [abs(end) for line in known if line.found for end in line.found.interval or ()]
+    return DifferenceTable(lines, max(0.05, -(-max(reach) // 0.05) * 0.05))  # to whole 5 points
+
+
+def _differences(both: Comparison, protocol: Protocol, sheets: Sheets) -> Iterator[Difference]:
+    key = both.first.key
+    families, tasks = (both.paired.families, both.paired.tasks) if both.paired else ({}, {})
+    for head in both.board.families:
+        x, y = (family_value(entry, head.id, both.first) for entry in (both.a, both.b))
+        value = None if x is None or y is None else x - y
+        yield Difference(head.title, head.n, True, value, families.get(head.id))
+        for task in protocol.taxonomy.tasks_of(head.id):
+            rows = [sheet.tasks.get(task.id) if sheet else None for sheet in sheets]
+            x, y = (row.metrics.get(key) if row else None for row in rows)
+            n = next((row.n for row in rows if row and row.n), None)
+            if n:
+                value = None if x is None or y is None else x - y
+                yield Difference(task.title, n, False, value, tasks.get(task.id))

@@ -1,0 +1,115 @@
+"""What a page asks of one board entry: its name in addresses, values, badge, outcome parts."""
+
+from dataclasses import dataclass
+from urllib.parse import urlencode
+
+from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, Outcome
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow
+from exceptiondrive_server.boards.query import Average
+from exceptiondrive_server.web.numbers import DASH, slug
+from exceptiondrive_server.web.responses import template_filter
+
+
+@dataclass(frozen=True)
+class Badge:
+    """Where the numbers of a row come from: shape, icon and word."""
+
+    icon: str
+    word: str
+    meaning: str
+
+
+BADGES: dict[EntrySource, Badge] = {
+    "scored": Badge("shield", "Scored", "Scored by this server from an uploaded file."),
+    "reference": Badge("ruler", "Reference", "Scored by this server as a yardstick; never ranked."),
+    "reported": Badge(
+        "sheet", "Reported", "Printed in the paper; not scored by this server and never ranked."
+    ),
+}
+
+
+@template_filter
+def source_badge(source: EntrySource) -> Badge:
+    """Return the badge of rows that come from there."""
+    return BADGES[source]
+
+
+def challenge_of(board: Board) -> Challenge:
+    """Return the challenge of a board."""
+    return CHALLENGES[board.challenge]
+
+
+def primary_metrics(challenge: Challenge) -> tuple[Metric, ...]:
+    """Return the metrics that decide the rank."""
+    return tuple([metric for metric in challenge.metrics if metric.role == "primary"])
+
+
+def entry_key(entry: BoardEntry) -> str:
+    """Return the name of an entry in addresses: its submission, or `reported-st-p3`."""
+    return entry.submission_id or f"{entry.source}-{slug(entry.method)}"
+
+
+@template_filter
+def entry_url(entry: BoardEntry, board: Board, is_current: bool = True) -> str:
+    """Return the address of an entry's page; from an old board, as it stood there."""
+    given = {} if entry.submission_id and is_current else {"phase": board.phase}
+    if not is_current:
+        given["board"] = str(board.board)
+    return f"/entries/{entry_key(entry)}" + (f"?{urlencode(given)}" if given else "")
+
+
+def board_fields(board: Board, is_current: bool = False) -> tuple[tuple[str, str], ...]:
+    """Return what names a board in an address; the late view, always the present one, has no number."""
+    if board.view == "late":
+        return ("phase", board.phase), ("view", "late")
+    number = () if is_current else (("board", str(board.board)),)
+    return ("phase", board.phase), *number
+
+
+@template_filter
+def board_name(board: Board) -> str:
+    """Return what a board is called: `Board 7`, or `Late view`, which has no number of its own."""
+    return "Late view" if board.view == "late" else f"Board {board.board}"
+
+
+@template_filter
+def rank_range(entry: BoardEntry) -> str:
+    """Write the ranks that the intervals allow, `2` or `2–5`; nothing where none is known."""
+    if entry.rank_interval is None:
+        return ""
+    low, high = entry.rank_interval
+    return str(low) if low == high else f"{low}{DASH}{high}"
+
+
+def find_entry(board: Board, key: str) -> BoardEntry | None:
+    """Return the entry with this key, if it stands on the board."""
+    return next((entry for entry in board.entries if entry_key(entry) == key), None)
+
+
+def values_of(entry: BoardEntry, board: Board, average: Average) -> MetricRow:
+    """Return the metrics of an entry under one average.
+
+    A reported row carries what its paper printed; its other average is unknown, not zero.
+    """
+    if average == board.headline:
+        return entry.metrics
+    return entry.micro if average == "micro" else entry.macro_family
+
+
+def interval_of(entry: BoardEntry, board: Board, average: Average, key: str) -> Interval | None:
+    """Return the interval of a metric; intervals belong to the headline average."""
+    return entry.intervals.get(key) if average == board.headline else None
+
+
+def outcome_parts(challenge: Challenge, values: MetricRow) -> dict[Outcome, float] | None:
+    """Return the three parts of all samples: kept + lost + hit = 1.
+
+    For planning, HCC + lost clearance + UR = 1; for strategy, accuracy + the other errors +
+    under-warning = 1. None where one of the two primary metrics is undefined.
+    """
+    first, second = primary_metrics(challenge)[:2]
+    kept, hit = values.get(first.key), values.get(second.key)
+    if kept is None or hit is None:
+        return None
+    return {"kept": kept, "lost": max(0.0, 1.0 - kept - hit), "hit": hit}

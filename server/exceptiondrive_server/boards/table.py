@@ -1,0 +1,677 @@
+"""The table of a board: which rows and columns, in which order, with their whiskers and tiles.
+
+All of it is pure: from a board, a protocol's digits and a query.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
+from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_server.boards.entry_facts import (
+    BADGES,
+    Badge,
+    challenge_of,
+    entry_key,
+    entry_url,
+    interval_of,
+    outcome_parts,
+    primary_metrics,
+    values_of,
+)
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, BY_RANK, SOURCES, Average, BoardQuery
+from exceptiondrive_server.web.numbers import DASH, Digits, grouped, unit_of
+from exceptiondrive_server.web.scales import Scale, nice_scale
+
+PAGE_ROWS = 20
+HEAT_STEPS = 10
+HEAT_ROWS = 12
+SMALL_FAMILY = 30
+_Value = Callable[[BoardEntry], float | str | None]
+
+
+def sort_entries(
+    board: Board, entries: Sequence[BoardEntry], sort: str, average: Average | None = None
+) -> list[BoardEntry]:
+    """Sort entries of a board within scored, reference, reported; ranks stay as they are.
+
+    Args:
+        board: The board they stand on.
+        entries: Some or all of its entries.
+        sort: `rank`, `method`, `date`, `family.ID` or a metric; `-` in front for descending.
+            Entries without the value come last in either direction.
+        average: Which average a metric is taken from; by default the headline.
+
+    Raises:
+        InvalidRecord: This board has nothing of that name to sort by.
+    """
+    descending, key = sort.startswith("-"), sort.removeprefix("-")
+    average = average or board.headline
+    value = _sort_value(board, key, average)
+    keyed = [(value(entry), entry) for entry in entries]
+    known = [(found, entry) for found, entry in keyed if found is not None]
+    unknown = [entry for found, entry in keyed if found is None]
+    known.sort(key=lambda pair: pair[0], reverse=descending)
+    if key == BY_RANK:  # what has no rank stands by the first metric, the best first
+        unknown.sort(key=_by_first_metric(board, average))
+    found = [*(entry for _, entry in known), *unknown]
+    return [entry for source in SOURCES for entry in found if entry.source == source]
+
+
+def sorted_board(board: Board, sort: str) -> Board:
+    """Return the board with its entries sorted; by rank is how boards are kept."""
+    if sort == BY_RANK:
+        return board
+    return board.model_copy(update={"entries": tuple(sort_entries(board, board.entries, sort))})
+
+
+def _by_first_metric(board: Board, average: Average) -> Callable[[BoardEntry], tuple[bool, float]]:
+    metric = challenge_of(board).metrics[0]
+    sign = -1 if metric.better == "higher" else 1
+
+    def order(entry: BoardEntry) -> tuple[bool, float]:
+        value = values_of(entry, board, average).get(metric.key)
+        return (True, 0.0) if value is None else (False, sign * value)
+
+    return order
+
+
+def _sort_value(board: Board, key: str, average: Average) -> _Value:
+    challenge = challenge_of(board)
+    if key == BY_RANK:
+        return lambda entry: entry.rank
+    if key == "method":
+        return lambda entry: entry.method.casefold()
+    if key == "date":
+        return lambda entry: entry.submitted_at.timestamp() if entry.submitted_at else None
+    family = key.removeprefix("family.")
+    shown = {head.id for head in board.families}
+    if family != key and (family in shown or not shown):
+        first = challenge.metrics[0].key
+        return lambda entry: (
+            cell.metrics.get(first) if (cell := entry.families.get(family)) else None
+        )
+    if key in challenge.metric_keys:
+        return lambda entry: values_of(entry, board, average).get(key)
+    words = (
+        f"sort by {BY_RANK}, method, date, a family, or one of {', '.join(challenge.metric_keys)}, "
+        "with - in front for descending"
+    )
+    raise InvalidRecord("There is nothing of that name to sort this board by.", {"sort": words})
+
+
+@dataclass(frozen=True)
+class Whisker:
+    """A value and its interval on the shared axis of its column, in per cent of the width."""
+
+    point: float
+    low: float | None
+    width: float | None
+    is_outside: bool
+    words: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One metric of one row; `text` is None where it is undefined or was not reported."""
+
+    key: str
+    label: str
+    role: str
+    text: str | None
+    is_best: bool
+    whisker: Whisker | None
+
+
+@dataclass(frozen=True)
+class Movement:
+    """How the rank changed since the last board."""
+
+    kind: str
+    steps: str
+    words: str
+
+
+@dataclass(frozen=True)
+class OutcomeBar:
+    """HCC + lost clearance + UR = 100 %, in per cent of the bar."""
+
+    kept: float
+    lost: float
+    hit: float
+    words: str
+
+
+@dataclass(frozen=True)
+class FamilyTile:
+    """The first metric in one family of one entry, as heat; `text` is None where it is unknown."""
+
+    n_text: str
+    text: str | None
+    step: int | None
+    is_best: bool
+    is_small: bool
+    interval: str | None
+    words: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the board, ready to be set."""
+
+    key: str
+    entry: BoardEntry
+    url: str
+    rank: str | None
+    rank_interval: str | None
+    rank_words: str
+    movement: Movement | None
+    badge: Badge
+    cells: tuple[Cell, ...]
+    outcome: OutcomeBar | None
+    tiles: tuple[FamilyTile, ...]
+
+
+@dataclass(frozen=True)
+class RowBuilder:
+    """What all rows of one board share: axes, best values, the top of the heat scale.
+
+    `axes` are those of the primary metrics, `heat_top` is a fraction, `best_by_family` is of the
+    first metric. All come from every entry of the board, whatever page of it is shown.
+    """
+
+    board: Board
+    average: Average
+    digits: Digits
+    metrics: tuple[Metric, ...]
+    axes: dict[str, Scale]
+    best: dict[str, str]
+    heat_top: float
+    best_by_family: dict[str, float]
+    is_current: bool
+
+    @classmethod
+    def of(
+        cls,
+        board: Board,
+        average: Average,
+        digits: Digits,
+        hidden: frozenset[str] = frozenset(),
+        is_current: bool = True,
+    ) -> "RowBuilder":
+        """Prepare axes and best values from all entries of a board."""
+        challenge = challenge_of(board)
+        primary = primary_metrics(challenge)
+        return cls(
+            board=board,
+            average=average,
+            digits=digits,
+            metrics=tuple([m for m in challenge.metrics if m.key not in hidden]),
+            axes={metric.key: _axis(board, average, metric) for metric in primary},
+            best=_best(board, primary, average, digits),
+            heat_top=_heat_top(board, challenge.metrics[0].key),
+            best_by_family=_best_by_family(board, challenge.metrics[0]),
+            is_current=is_current,
+        )
+
+    @property
+    def challenge(self) -> Challenge:
+        """The challenge of the board."""
+        return challenge_of(self.board)
+
+    def row(self, entry: BoardEntry) -> Row:
+        """Build one row."""
+        values = values_of(entry, self.board, self.average)
+        return Row(
+            key=entry_key(entry),
+            entry=entry,
+            url=entry_url(entry, self.board, self.is_current),
+            rank=None if entry.rank is None else str(entry.rank),
+            rank_interval=_rank_interval(entry),
+            rank_words=_rank_words(entry),
+            movement=_movement(entry, self.board),
+            badge=BADGES[entry.source],
+            cells=tuple([self._cell(entry, m, values.get(m.key)) for m in self.metrics]),
+            outcome=self.outcome(entry),
+            tiles=self._tiles(entry),
+        )
+
+    def leader_line(self, key: str) -> float | None:
+        """Return where the leader's nearer interval end stands on an axis, in per cent."""
+        leader = next((entry for entry in self.board.entries if entry.rank == 1), None)
+        interval = interval_of(leader, self.board, self.average, key) if leader else None
+        if interval is None:
+            return None
+        is_high = self.challenge.metric(key).better == "higher"
+        return self.axes[key].clamped(interval[0 if is_high else 1])
+
+    def outcome(self, entry: BoardEntry) -> OutcomeBar | None:
+        """Return the outcome bar of an entry, or None where a part is undefined."""
+        parts = outcome_parts(self.challenge, values_of(entry, self.board, self.average))
+        if parts is None:
+            return None
+        text = {name: self.digits.fraction(share) for name, share in parts.items()}
+        first, second = primary_metrics(self.challenge)[:2]
+        between = self.challenge.words.outcome["lost"]
+        words = (
+            f"{first.label} {text['kept']} %, {between} {text['lost']} %, "
+            f"{second.label} {text['hit']} %"
+        )
+        return OutcomeBar(parts["kept"] * 100, parts["lost"] * 100, parts["hit"] * 100, words)
+
+    def _cell(self, entry: BoardEntry, metric: Metric, value: float | None) -> Cell:
+        text = self.digits.text(metric, value)
+        is_best = (
+            entry.source == "scored" and text is not None and text == self.best.get(metric.key)
+        )
+        axis = self.axes.get(metric.key)
+        whisker = None
+        if axis is not None and value is not None:
+            whisker = self._whisker(entry, metric, value, axis)
+        return Cell(metric.key, metric.label, metric.role, text, is_best, whisker)
+
+    def _whisker(self, entry: BoardEntry, metric: Metric, value: float, axis: Scale) -> Whisker:
+        interval = interval_of(entry, self.board, self.average, metric.key)
+        if interval is None:
+            return Whisker(axis.clamped(value), None, None, not axis.holds(value), "")
+        low, high = axis.clamped(interval[0]), axis.clamped(interval[1])
+        words = f"{self.board.confidence:.0%} interval {self._span(metric, interval)}"
+        return Whisker(axis.clamped(value), low, high - low, not axis.holds(value), words)
+
+    def _span(self, metric: Metric, interval: tuple[float, float]) -> str:
+        return f"{self.digits.text(metric, interval[0])} to {self.digits.text(metric, interval[1])}"
+
+    def _tiles(self, entry: BoardEntry) -> tuple[FamilyTile, ...]:
+        """One tile per family of the board, in its order; none if the entry has none."""
+        if not entry.families:
+            return ()
+        return tuple([self._tile(entry, head.id, head.title) for head in self.board.families])
+
+    def _tile(self, entry: BoardEntry, family: str, title: str) -> FamilyTile:
+        metric = self.challenge.metrics[0]
+        cell = entry.families.get(family)
+        value = cell.metrics.get(metric.key) if cell else None
+        n = cell.n if cell else None
+        text = self.digits.text(metric, value)
+        interval = cell.intervals.get(metric.key) if cell else None
+        n_text = "n not reported" if n is None else f"n = {grouped(n)}"
+        return FamilyTile(
+            n_text=n_text,
+            text=text,
+            step=None if value is None else self._heat_step(metric, value),
+            is_best=entry.rank is not None
+            and value is not None
+            and value == self.best_by_family.get(family),
+            is_small=n is not None and n < SMALL_FAMILY,
+            interval=self._span(metric, interval) if interval else None,
+            words=f"{title}: not reported" if text is None else f"{title} {text} %, {n_text}",
+        )
+
+    def _heat_step(self, metric: Metric, value: float) -> int:
+        """Return 0 to 9; for a metric of which less is better it is reversed."""
+        share = min(max(value / self.heat_top, 0.0), 1.0)
+        step = min(int(share * HEAT_STEPS), HEAT_STEPS - 1)
+        return HEAT_STEPS - 1 - step if metric.better == "lower" else step
+
+
+_SHORT = {
+    "and gap conflict": "and gap",
+    "and rule conflict": "and rule",
+    "conflict": "",
+    "hazard": "",
+}
+
+
+def short_title(title: str) -> str:
+    """Return a family title for a narrow column: `Road-Surface Hazard` -> `Road-surface`."""
+    words = title.capitalize()
+    for ending, replacement in _SHORT.items():
+        if words.endswith(f" {ending}"):
+            return words.removesuffix(ending).strip() + (f" {replacement}" if replacement else "")
+    return words
+
+
+def _axis(board: Board, average: Average, metric: Metric) -> Scale:
+    """One axis for the column; reference rows do not stretch it."""
+    entries: Sequence[BoardEntry] = [e for e in board.entries if e.source != "reference"]
+    values: list[float] = []
+    for entry in entries or board.entries:
+        value = values_of(entry, board, average).get(metric.key)
+        interval = interval_of(entry, board, average, metric.key)
+        values += [] if value is None else [value]
+        values += [] if interval is None else list(interval)
+    return nice_scale(values, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
+
+
+def _best(
+    board: Board, primary: Sequence[Metric], average: Average, digits: Digits
+) -> dict[str, str]:
+    """Best published text per primary metric, among ranked entries."""
+    best: dict[str, str] = {}
+    ranked = [values_of(e, board, average) for e in board.entries if e.rank is not None]
+    for metric in primary:
+        known = [value for row in ranked if (value := row.get(metric.key)) is not None]
+        if known:
+            value = max(known) if metric.better == "higher" else min(known)
+            best[metric.key] = digits.text(metric, value) or ""
+    return best
+
+
+def _heat_top(board: Board, key: str) -> float:
+    """A round maximum over every scored and reported family cell."""
+    values = [
+        value
+        for entry in board.entries
+        if entry.source != "reference"
+        for cell in entry.families.values()
+        if (value := cell.metrics.get(key)) is not None
+    ]
+    return nice_scale(values, (0, 1), n_ticks=6, include=(0.0, 0.05), ceiling=1.0).domain[1]
+
+
+def _best_by_family(board: Board, metric: Metric) -> dict[str, float]:
+    """Best value of a metric in each family, among ranked entries."""
+    best: dict[str, float] = {}
+    better = min if metric.better == "lower" else max
+    for entry in board.entries:
+        if entry.rank is None:
+            continue
+        for family, cell in entry.families.items():
+            value = cell.metrics.get(metric.key)
+            if value is not None:
+                best[family] = better(best.get(family, value), value)
+    return best
+
+
+def _rank_interval(entry: BoardEntry) -> str | None:
+    if entry.rank is None or entry.rank_interval is None:
+        return None
+    low, high = entry.rank_interval
+    return str(low) if low == high else f"{low}{DASH}{high}"
+
+
+def _rank_words(entry: BoardEntry) -> str:
+    if entry.rank is None:
+        return entry.unranked_because or BADGES[entry.source].meaning
+    if entry.rank_interval is None:
+        return f"rank {entry.rank}"
+    low, high = entry.rank_interval
+    return f"rank {entry.rank}; the intervals allow {low} to {high}"
+
+
+def _movement(entry: BoardEntry, board: Board) -> Movement | None:
+    if entry.rank is None or board.board <= 1 or board.view == "late":
+        return None
+    if entry.previous_rank is None:
+        return Movement("new", "new", "new on this board")
+    steps = entry.previous_rank - entry.rank
+    if steps == 0:
+        return None
+    kind = "up" if steps > 0 else "down"
+    return Movement(kind, str(abs(steps)), f"{kind} {abs(steps)} since the last board")
+
+
+Order = Literal["ascending", "descending"]
+_DIRECTION_WORDS = {
+    "higher": {"descending": "best first", "ascending": "worst first"},
+    "lower": {"ascending": "best first", "descending": "worst first"},
+    None: {"descending": "largest first", "ascending": "smallest first"},
+}
+_BETTER_WORDS = {"higher": "higher is better", "lower": "lower is better", None: "not a score"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column head. `subscript` is set small behind the label."""
+
+    key: str
+    label: str
+    subscript: str
+    unit: str
+    title: str
+    kind: str
+    sort_url: str
+    aria_sort: Order | None
+    sort_words: str
+
+
+def metric_columns(challenge: Challenge, query: BoardQuery) -> tuple[Column, ...]:
+    """Return the heads of all shown metrics, in the challenge's order."""
+    shown = [metric for metric in challenge.metrics if metric.key not in query.hidden]
+    return tuple([_metric_column(challenge, metric, query) for metric in shown])
+
+
+def method_column(challenge: Challenge, query: BoardQuery) -> Column:
+    """Return the head of the method column."""
+    order, url = _sorting(challenge, query, "method")
+    words = "sorted A to Z" if order == "ascending" else "sorted Z to A" if order else "sort A to Z"
+    label = challenge.words.subject.capitalize()
+    return Column("method", label, "", "", "Method and team", "date", url, order, words)
+
+
+def date_column(challenge: Challenge, query: BoardQuery) -> Column:
+    """Return the head of the date column."""
+    order, url = _sorting(challenge, query, "date")
+    words = {None: "sort, newest first", "descending": "sorted, newest first"}.get(
+        order, "sorted, oldest first"
+    )
+    return Column("date", "Submitted", "", "", "Date of submission", "date", url, order, words)
+
+
+def _metric_column(challenge: Challenge, metric: Metric, query: BoardQuery) -> Column:
+    order, url = _sorting(challenge, query, metric.key)
+    first: Order = "descending" if _first_sort(challenge, metric.key)[0] == "-" else "ascending"
+    words = _DIRECTION_WORDS[metric.better][order or first]
+    is_component = metric.label.startswith("CTS") and len(metric.label) == 4
+    return Column(
+        key=metric.key,
+        label=metric.label[:3] if is_component else metric.label,
+        subscript=metric.label[3:] if is_component else "",
+        unit=unit_of(metric),
+        title=f"{metric.title}, {_BETTER_WORDS[metric.better]}. {metric.meaning}",
+        kind=metric.role,
+        sort_url=url,
+        aria_sort=order,
+        sort_words=f"sorted, {words}" if order else f"sort, {words}",
+    )
+
+
+def _first_sort(challenge: Challenge, key: str) -> str:
+    """How a column is sorted first: a metric best first, a date newest first."""
+    is_low_first = key in challenge.metric_keys and challenge.metric(key).better == "lower"
+    return key if key == "method" or is_low_first else f"-{key}"
+
+
+def _sorting(challenge: Challenge, query: BoardQuery, key: str) -> tuple[Order | None, str]:
+    """The direction in which `key` sorts now, if it does, and the address that sorts by it."""
+    first = _first_sort(challenge, key)
+    is_by_rank = query.sort == BY_RANK and key == challenge.metrics[0].key
+    sort = first if is_by_rank else query.sort
+    if sort.removeprefix("-") != key:
+        return None, query.url(sort=first)
+    if sort.startswith("-"):
+        return "descending", query.url(sort=key)
+    return "ascending", query.url(sort=f"-{key}")
+
+
+_BLOCK_TITLES = {
+    "scored": "Scored by this server",
+    "reference": "Reference rows",
+    "reported": "Reported in the paper",
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one source, and how many the source has in all."""
+
+    source: EntrySource
+    rows: tuple[Row, ...]
+    n_all: int
+
+    @property
+    def title(self) -> str:
+        """The heading over these rows."""
+        return _BLOCK_TITLES[self.source]
+
+
+@dataclass(frozen=True)
+class BoardTable:
+    """The rows of one page of a board; only the scored block is paged.
+
+    `query` holds no hidden column that cannot be hidden.
+    """
+
+    board: Board
+    query: BoardQuery
+    builder: RowBuilder
+    blocks: tuple[Block, ...]
+    number: int
+    n_pages: int
+    n_found: int
+
+    @property
+    def average_words(self) -> str:
+        """Over what the metrics are averaged."""
+        return AVERAGE_TITLES[self.builder.average]
+
+    @property
+    def is_headline(self) -> bool:
+        """Whether the average is the one that ranks."""
+        return self.builder.average == self.board.headline
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """All rows of this page."""
+        return tuple([row for block in self.blocks for row in block.rows])
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """Heads of all shown metrics."""
+        return metric_columns(self.builder.challenge, self.query)
+
+    @cached_property
+    def method_column(self) -> Column:
+        """Head of the column of methods."""
+        return method_column(self.builder.challenge, self.query)
+
+    @cached_property
+    def date_column(self) -> Column | None:
+        """Head of the column of dates, if it is shown."""
+        is_shown = "date" not in self.query.hidden
+        return date_column(self.builder.challenge, self.query) if is_shown else None
+
+    @property
+    def shows_outcome(self) -> bool:
+        """Whether the outcome column is shown."""
+        return "outcome" not in self.query.hidden
+
+    @property
+    def n_columns(self) -> int:
+        """Columns of the table."""
+        return 2 + len(self.columns) + self.shows_outcome + (self.date_column is not None)
+
+    @property
+    def optional_columns(self) -> list[tuple[str, str]]:
+        """Key and label of each column that may be switched off."""
+        return _optional(self.builder.challenge)
+
+    @cached_property
+    def sources(self) -> list[tuple[EntrySource | None, str, int]]:
+        """Source, title and count of each filter by source."""
+        counts = {source: 0 for source in SOURCES}
+        for entry in self.board.entries:
+            counts[entry.source] += 1
+        kept = [
+            (source, BADGES[source].word, count)
+            for source, count in counts.items()
+            if count or source in ("scored", self.query.source)
+        ]
+        return [(None, "All", len(self.board.entries)), *kept]
+
+    def note(self, source: EntrySource) -> str:
+        """Return what stands beside the heading of a block."""
+        if source == "scored":
+            words = "Ranked by the protocol's headline average; this view shows the other one."
+            return "" if self.is_headline else words
+        if source == "reference":
+            return "Yardsticks scored by the same code, never ranked."
+        other = "" if self.is_headline else " The paper prints one average only."
+        return BADGES["reported"].meaning + other
+
+    @cached_property
+    def sort_sentence(self) -> str:
+        """Say how the rows are sorted."""
+        query, metrics = self.query, self.builder.challenge.metrics
+        if query.sort == BY_RANK:
+            return f"Sorted by rank: {metrics[0].label}, then {metrics[1].label}."
+        column = next((column for column in self.columns if column.key == query.sort_key), None)
+        if column:
+            return f"{column.label}{column.subscript} {column.sort_words}; ranks stay as they are."
+        if query.sort_key.startswith("family."):
+            return "Sorted by one family; ranks stay as they are."
+        return f"Sorted by {query.sort_key}; ranks stay as they are."
+
+    @property
+    def heat_rows(self) -> tuple[Row, ...]:
+        """The rows of the heat map."""
+        return self.rows[:HEAT_ROWS]
+
+    @cached_property
+    def family_heads(self) -> list[tuple[str, str, str, int, float]]:
+        """Id, title, short title, samples and share of samples of each family."""
+        total = sum([head.n for head in self.board.families]) or 1
+        return [
+            (head.id, head.title, short_title(head.title), head.n, head.n / total)
+            for head in self.board.families
+        ]
+
+
+def _optional(challenge: Challenge) -> list[tuple[str, str]]:
+    """All columns but rank, method and primary metrics."""
+    diagnostic = [(m.key, m.label) for m in challenge.metrics if m.role == "diagnostic"]
+    return [*diagnostic, ("outcome", "Outcome and families"), ("date", "Date")]
+
+
+def board_table(
+    board: Board, protocol: Protocol, query: BoardQuery, is_current: bool = True
+) -> BoardTable:
+    """Filter, sort and cut a board, and build the rows that are shown.
+
+    Blocks are never mixed: scored entries first, then reference rows, then reported ones.
+
+    Raises:
+        InvalidRecord: This board has nothing of the name that the query sorts by.
+    """
+    offered = {key for key, _ in _optional(challenge_of(board))}
+    query = query.model_copy(update={"hidden": query.hidden & offered})
+    average = query.average or board.headline
+    builder = RowBuilder.of(
+        board, average, Digits.of(protocol.publication), query.hidden, is_current
+    )
+    found = [entry for entry in board.entries if _matches(entry, query)]
+    found = sort_entries(board, found, query.sort, average)
+    by_source = {source: [e for e in found if e.source == source] for source in SOURCES}
+    n_pages = max(1, -(-len(by_source["scored"]) // PAGE_ROWS))
+    number = min(query.page, n_pages)
+    blocks = []
+    for source, entries in by_source.items():
+        start = (number - 1) * PAGE_ROWS
+        shown = entries[start : start + PAGE_ROWS] if source == "scored" else entries
+        if shown:
+            rows = tuple([builder.row(entry) for entry in shown])
+            blocks.append(Block(source, rows, len(entries)))
+    return BoardTable(board, query, builder, tuple(blocks), number, n_pages, len(found))
+
+
+def _matches(entry: BoardEntry, query: BoardQuery) -> bool:
+    if query.source is not None and entry.source != query.source:
+        return False
+    if not query.search:
+        return True
+    haystack = f"{entry.method} {entry.team} {entry.description}".casefold()
+    return all(word in haystack for word in query.search.casefold().split())

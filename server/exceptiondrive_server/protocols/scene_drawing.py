@@ -1,0 +1,161 @@
+"""The drawing of what a protocol measures: footprints, collision tube, hazard region, clearance.
+
+All geometry and all grades in it come from the scoring code, as a `ProtocolDrawing` that a worker
+made. Here it is only set: a road, a car, smooth lines and labels.
+"""
+
+from dataclasses import dataclass
+
+from exceptiondrive_schemas.drawing import Outline, Position, ProtocolDrawing, pictured_digest
+from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_server.web.scales import px
+
+WIDTH, HEIGHT = 600, 330
+MARGIN_TOP = 48
+LANE_M = 3.5
+LOW_X_M, HIGH_X_M = -2.2, 20.6
+CAR_INSET_M = 0.15
+
+
+@dataclass(frozen=True)
+class SceneDrawing:
+    """SVG coordinates of the drawing, and the values that it shows."""
+
+    width: int
+    height: int
+    road_top: str
+    road_bottom: str
+    lane_y: str
+    tube: tuple[str, ...]
+    footprints: tuple[str, ...]
+    edited: str
+    source: str
+    waypoints: tuple[tuple[str, str], ...]
+    region: str
+    halo_width: str
+    region_label: tuple[str, str]
+    clearance: tuple[str, str, str, str]
+    clearance_label: tuple[str, str]
+    car: str
+    cabin: tuple[str, ...]
+    axis_origin: tuple[str, str]
+    length_line: tuple[str, str, str, str]
+    width_line: tuple[str, str, str, str]
+    halo_label: tuple[str, str]
+    source_label: tuple[str, str]
+    length_m: float
+    width_m: float
+    clearance_m: float
+    d_safe_m: float
+    shift_m: float
+    hcc: float
+    hpr: float
+    task_id: str
+    is_own: bool
+    """Whether it is drawn under this very protocol; else under protocol 1.0, until it is made."""
+
+
+@dataclass(frozen=True)
+class _View:
+    """From metres to SVG coordinates: x to the right, y (left) upwards."""
+
+    scale: float
+    middle_y: float
+
+    def at(self, position: Position) -> tuple[str, str]:
+        return (
+            px((position[0] - LOW_X_M) * self.scale),
+            px(self.middle_y - position[1] * self.scale),
+        )
+
+    def outline(self, outline: Outline) -> str:
+        return " ".join(",".join(self.at(position)) for position in outline)
+
+
+def scene_drawing(drawing: ProtocolDrawing, protocol: Protocol) -> SceneDrawing:
+    """Set the drawing of a protocol."""
+    sample, geometry = drawing.sample, protocol.geometry
+    assert sample.segment is not None  # made up so that it passes at a distance
+    near, boxes = sample.segment, sample.footprints
+    view = _View(WIDTH / (HIGH_X_M - LOW_X_M), MARGIN_TOP + (1.5 * LANE_M) * _px_per_m())
+    middle = ((near[0][0] + near[1][0]) / 2, (near[0][1] + near[1][1]) / 2)
+    lowest = min(y for _, y in sample.region)
+    return SceneDrawing(
+        width=WIDTH,
+        height=HEIGHT,
+        road_top=view.at((0, LANE_M * 1.5))[1],
+        road_bottom=view.at((0, -LANE_M * 0.5 - 1.6))[1],
+        lane_y=view.at((0, LANE_M * 0.5))[1],
+        tube=tuple(view.outline(part) for part in sample.tube),
+        footprints=tuple(view.outline(box) for box in boxes),
+        edited=_path(view, sample.edited),
+        source=_path(view, sample.source),
+        waypoints=tuple(view.at(position) for position in sample.edited[1:]),
+        region=view.outline(sample.region),
+        halo_width=px(2 * sample.d_safe_m * view.scale),
+        region_label=view.at(_centre(sample.region)),
+        clearance=(*view.at(near[0]), *view.at(near[1])),
+        clearance_label=view.at(middle),
+        car=view.outline(_car_part(geometry, (0.0, 1.0), 0.5)),
+        cabin=(
+            view.outline(_car_part(geometry, (0.55, 0.7), 0.34)),
+            view.outline(_car_part(geometry, (0.1, 0.15), 0.3)),
+        ),
+        axis_origin=view.at((0.0, 0.0)),
+        length_line=_dimension(view, boxes[0][2], boxes[0][3], (0.0, -0.35)),
+        width_line=_dimension(view, boxes[0][1], boxes[0][2], (-0.35, 0.0)),
+        halo_label=view.at((_centre(sample.region)[0], lowest - sample.d_safe_m)),
+        source_label=view.at(sample.source[min(2, len(sample.source) - 1)]),
+        length_m=geometry.footprint_length_m,
+        width_m=geometry.footprint_width_m,
+        clearance_m=sample.clearance_m or 0.0,
+        d_safe_m=sample.d_safe_m,
+        shift_m=sample.metrics["cts"] or 0.0,
+        hcc=sample.metrics["hcc"] or 0.0,
+        hpr=sample.metrics["hpr"] or 0.0,
+        task_id=sample.task,
+        is_own=pictured_digest(protocol) == drawing.pictured,
+    )
+
+
+def _px_per_m() -> float:
+    return WIDTH / (HIGH_X_M - LOW_X_M)
+
+
+def _dimension(view: _View, a: Position, b: Position, away: Position) -> tuple[str, str, str, str]:
+    """A line beside an edge that shows its length."""
+    first, second = (a[0] + away[0], a[1] + away[1]), (b[0] + away[0], b[1] + away[1])
+    return (*view.at(first), *view.at(second))
+
+
+def _car_part(geometry: GeometrySection, along: tuple[float, float], across: float) -> Outline:
+    """A rectangle of the car at t = 0: shares of its length from the rear, half share of width."""
+    inset = CAR_INSET_M if across == 0.5 else 0.0
+    rear = geometry.footprint_centre_ahead_m - geometry.footprint_length_m / 2
+    back = rear + along[0] * geometry.footprint_length_m + inset
+    front = rear + along[1] * geometry.footprint_length_m - inset
+    side = across * geometry.footprint_width_m - inset
+    return ((front, side), (back, side), (back, -side), (front, -side))
+
+
+def _centre(outline: Outline) -> Position:
+    return (sum(x for x, _ in outline) / 4, sum(y for _, y in outline) / 4)
+
+
+def _path(view: _View, trajectory: Outline) -> str:
+    """A smooth path through the waypoints, running on to the edge of the picture."""
+    direction = (
+        trajectory[-1][0] - trajectory[-2][0],
+        trajectory[-1][1] - trajectory[-2][1],
+    )
+    beyond = (trajectory[-1][0] + 2.5 * direction[0], trajectory[-1][1] + 2.5 * direction[1])
+    points = [*trajectory, beyond]
+    parts = ["M" + " ".join(view.at(points[0]))]
+    for index in range(len(points) - 1):
+        before = points[max(index - 1, 0)]
+        here, there = points[index], points[index + 1]
+        after = points[min(index + 2, len(points) - 1)]
+        first = (here[0] + (there[0] - before[0]) / 6, here[1] + (there[1] - before[1]) / 6)
+        second = (there[0] - (after[0] - here[0]) / 6, there[1] - (after[1] - here[1]) / 6)
+        parts.append("C" + " ".join(" ".join(view.at(p)) for p in (first, second, there)))
+    return "".join(parts)

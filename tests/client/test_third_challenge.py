@@ -1,0 +1,296 @@
+"""A challenge that is registered by one fixture goes from upload to board to page, to the last metric.
+
+Its protocol is the packaged one, which was written before it. One of its metrics is a minimum.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import httpx
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from exceptiondrive.cli import app
+from exceptiondrive_schemas import check
+from exceptiondrive_schemas.challenges import (
+    CHALLENGES,
+    STRATEGY,
+    Challenge,
+    ChallengeId,
+    Metric,
+    UnknownChallengeError,
+)
+from exceptiondrive_schemas.check import CheckedDocument
+from exceptiondrive_schemas.check.findings import Findings
+from exceptiondrive_schemas.check.findings import Path as Place
+from exceptiondrive_schemas.check.rules import RULES
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.protocol import GeometrySection, Protocol, packaged_protocol
+from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
+from exceptiondrive_scoring import challenge as scoring
+from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.grade import SampleScores, sample_scores
+from exceptiondrive_scoring.similarity import AlikeRule
+from exceptiondrive_worker import upload_reader
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+
+def metric(key: str, label: str, **more: Any) -> Metric:
+    return Metric(key=key, label=label, title=f"{label} of the gap", meaning="Toy.", **more)
+
+
+GAPS = Challenge(
+    id=ChallengeId("gaps"),
+    title="Gaps",
+    file_schema="exceptiondrive.gaps/1",
+    words=STRATEGY.words,
+    metrics=(
+        metric(
+            "wide", "Wide", unit="fraction", better="higher", role="primary", aggregation="share"
+        ),
+        metric(
+            "closed", "Closed", unit="fraction", better="lower", role="primary", aggregation="share"
+        ),
+        metric(
+            "least_gap",
+            "Least gap",
+            unit="metre",
+            better="higher",
+            role="diagnostic",
+            aggregation="minimum",
+        ),
+        metric(
+            "median_gap",
+            "Median gap",
+            unit="metre",
+            better=None,
+            role="diagnostic",
+            aggregation="quantile",
+            level=0.5,
+        ),
+    ),
+)
+
+
+class GapsDocument(CheckedDocument):
+    """A sound file: sample id to a gap in metres."""
+
+    challenge: ClassVar[ChallengeId] = GAPS.id
+
+
+class GapRules:
+    """A gap is a number, not below zero."""
+
+    required_keys: ClassVar[frozenset[str]] = frozenset({"sample_id", "gap_m"})
+    optional_keys: ClassVar[frozenset[str]] = frozenset()
+
+    def __init__(self, protocol: Protocol, findings: Findings) -> None:
+        self._findings = findings
+
+    def answer(self, prediction: dict[str, Any], path: Place, sample_id: str | None) -> Any:
+        gap = prediction.get("gap_m")
+        if not isinstance(gap, float) or gap < 0:
+            self._findings.add(
+                FaultCode.WRONG_TYPE, (*path, "gap_m"), expected="metres", got=str(gap)
+            )
+        return gap
+
+    def finish(self) -> None:
+        pass
+
+    def notes(self, n_predictions: int) -> tuple[str, ...]:
+        return ()
+
+    def document(self, split: str, answers: Mapping[str, Any]) -> GapsDocument:
+        return GapsDocument(split, answers)
+
+
+class GapScoring:
+    """A gap is wide from the required clearance on, closed at zero."""
+
+    challenge = GAPS
+    alike: AlikeRule | None = None
+
+    def columns(self, document: CheckedDocument, sample_ids: Any) -> dict[str, NDArray[Any]]:
+        return {"gap_m": np.array([document.answers[each] for each in sample_ids])}
+
+    def measure(
+        self, answers: Columns, split: SplitArrays, geometry: GeometrySection
+    ) -> dict[str, NDArray[Any]]:
+        return dict(answers)
+
+    def grade(self, measurements: Columns, split: SplitArrays, protocol: Protocol) -> SampleScores:
+        gap_m = measurements["gap_m"]
+        by_key = {"wide": gap_m >= split.d_safe_m, "closed": gap_m == 0}
+        return sample_scores(GAPS.metrics, by_key | {"least_gap": gap_m, "median_gap": gap_m})
+
+    def coverage(self, measurements: Columns) -> dict[str, float | None]:
+        return {"edited": 1.0}
+
+    def plausibility(
+        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+    ) -> Plausibility:
+        return Plausibility(shares={})
+
+    def extra(
+        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+    ) -> dict[str, MetricRow]:
+        return {}
+
+    def drawings(self, *_: Any) -> EntryDrawings | None:
+        return None
+
+
+def read_fast(text: bytes, manifest: Any, protocol: Protocol) -> dict[str, NDArray[Any]] | None:
+    """A fast reader that is sure of whatever the standard decoder reads in order."""
+    predictions = json.loads(text)["predictions"]
+    if [each["sample_id"] for each in predictions] != list(manifest.sample_ids):
+        return None
+    return {"gap_m": np.array([each["gap_m"] for each in predictions])}
+
+
+@pytest.fixture(params=["precise", "fast"])
+def gaps(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Challenge:
+    """Register the challenge, for the time of a test; some challenges have a fast reader too."""
+    for registry in (CHALLENGES, RULES, scoring.SCORING):
+        monkeypatch.setattr(registry, "_registered", dict(registry))
+    check.register(GAPS, GapRules)
+    scoring.register(GapScoring())
+    if request.param == "fast":
+        monkeypatch.setitem(upload_reader.FAST_READERS, GAPS.id, read_fast)
+    return GAPS
+
+
+@pytest.fixture
+def phase(gaps: Challenge, working: "Running") -> "Running":
+    """The running system with a phase of the challenge, made over the API."""
+    made = httpx.post(
+        f"{working.url}/api/v1/organizer/phases",
+        headers={"authorization": f"Bearer {working.organizer_token}"},
+        json={
+            "id": "gaps-dev",
+            "challenge": "gaps",
+            "title": "Gaps",
+            "split": "tiny",
+            "protocol": "1.0",
+            "quota_per_day": 5,
+        },
+    )
+    assert made.status_code == 201, made.text
+    return working
+
+
+def gap_file(folder: Path, *gaps_m: float) -> Path:
+    predictions = [{"sample_id": f"s{n}", "gap_m": gap_m} for n, gap_m in enumerate(gaps_m)]
+    path = folder / f"gaps-{gaps_m[0]}.json"
+    document = {"schema": GAPS.file_schema, "split": "tiny", "predictions": predictions}
+    path.write_text(json.dumps(document))
+    return path
+
+
+def run(server: "Running", *words: object) -> Any:
+    environment = {"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": server.token}
+    done = CliRunner().invoke(app, [str(word) for word in words], env=environment)
+    assert done.exit_code == 0, (words, done.stderr, done.exception)
+    return done
+
+
+def submit(server: "Running", path: Path, method: str) -> Any:
+    words = ("submit", path, "--phase", "gaps-dev", "--method", method, "--wait", "--json")
+    return json.loads(run(server, *words).stdout)
+
+
+def test_from_upload_to_board_to_page_to_export(phase: "Running", tmp_path: Path) -> None:
+    near = submit(phase, gap_file(tmp_path, 0.0, 0.25, 9.0, 9.0), "Near")
+    far = submit(phase, gap_file(tmp_path, 8.0, 9.0, 9.0, 7.5), "Far")
+    assert (near["rank"], far["rank"]) == (1, 1)  # each was first when it came
+    assert far["sheet"]["micro"] == {"wide": 1, "closed": 0, "least_gap": 7.5, "median_gap": 8}
+
+    with phase.client() as client:
+        board = client.leaderboard(phase="gaps-dev")
+        assert [(entry.method, entry.rank) for entry in board.entries] == [("Far", 1), ("Near", 2)]
+        second = board.entries[1]
+        assert second.micro == {"wide": 0.5, "closed": 0.25, "least_gap": 0, "median_gap": 0.25}
+        low, high = second.intervals["least_gap"] or (1.0, 0.0)
+        assert low <= (second.metrics["least_gap"] or 0.0) <= high
+        assert board.challenge == "gaps"
+        paired = board.comparisons[0].overall["least_gap"]
+        assert paired.difference is not None
+        assert [each.id for each in client.phases() if each.challenge == "gaps"] == ["gaps-dev"]
+        by_gap = client.leaderboard(phase="gaps-dev", sort="least_gap")
+        assert [entry.method for entry in by_gap.entries] == ["Near", "Far"]
+        csv = client.leaderboard_csv(phase="gaps-dev")
+    assert "least_gap" in csv.splitlines()[0]
+    assert len(csv.splitlines()) == 3
+    assert "Least gap" in run(phase, "leaderboard", "--phase", "gaps-dev").stdout
+    assert run(phase, "status", far["id"]).exit_code == 0
+
+    pages = pages_of(phase, far["id"], near["id"])
+    for words in (("Far", "Near", "Least gap"), ("Far", "Least gap"), ("Far", "Near"), ("Gaps",)):
+        page = next(pages)
+        assert all(word in page for word in words), words
+    assert "Least gap" in next(pages)
+
+
+def pages_of(server: "Running", first: str, second: str) -> Iterator[str]:
+    """The pages of the board, an entry, two entries, the file and the protocol."""
+    for address in (
+        "/?phase=gaps-dev",
+        f"/entries/{first}",
+        f"/compare?phase=gaps-dev&a={first}&b={second}",
+        "/submit?phase=gaps-dev",
+        "/protocols/1.0",
+    ):
+        page = httpx.get(f"{server.url}{address}", headers={"accept": "text/html"})
+        assert page.status_code == 200, (address, page.text[:500])
+        yield page.text
+
+
+def test_what_was_stored_before_a_metric_is_shown_after_it(
+    phase: "Running", tmp_path: Path
+) -> None:
+    ids = [
+        submit(phase, gap_file(tmp_path, gap_m, 9.0, 9.0, 9.0), f"Gap {gap_m}")["id"]
+        for gap_m in (1.0, 2.0)
+    ]
+    longer = metric("longest", "Longest", unit="metre", better=None, role="diagnostic")
+    more = GAPS.model_copy(update={"metrics": (*GAPS.metrics, longer)})
+    CHALLENGES._registered[GAPS.id] = more  # the fixture takes it back
+    assert "Gap 2.0" in next(pages_of(phase, *ids))
+    assert len(list(pages_of(phase, *ids))) == 5
+    for words in (("leaderboard", "--phase", "gaps-dev"), ("status", ids[0])):
+        run(phase, *words)
+    with phase.client() as client:
+        assert len(client.leaderboard_csv(phase="gaps-dev").splitlines()) == 3
+
+
+def test_a_fault_of_its_own_is_told(phase: "Running", tmp_path: Path) -> None:
+    path = gap_file(tmp_path, -1.0, 1.0, 1.0, 1.0)
+    words = ("submit", path, "--phase", "gaps-dev", "--method", "Wrong")
+    environment = {"EXCEPTIONDRIVE_SERVER": phase.url, "EXCEPTIONDRIVE_TOKEN": phase.token}
+    done = CliRunner().invoke(app, [str(word) for word in words], env=environment)
+    assert done.exit_code == 2
+    assert "gap_m" in done.stderr + done.stdout
+
+
+@pytest.mark.usefixtures("gaps")
+def test_a_second_of_the_same_name_is_refused() -> None:
+    with pytest.raises(ValueError, match="registered already"):
+        check.register(GAPS, GapRules)
+    with pytest.raises(ValueError, match="registered already"):
+        scoring.register(GapScoring())
+
+
+def test_an_unknown_challenge_is_named_and_the_known_ones_too() -> None:
+    for registry in (CHALLENGES, RULES, scoring.SCORING):
+        with pytest.raises(UnknownChallengeError, match=r"'gaps' here; known: planning, strategy"):
+            registry["gaps"]
+    assert packaged_protocol().digest.startswith("sha256:a8e2d761")

@@ -1,0 +1,145 @@
+"""Positions, steps and headings of trajectories, and how they move (docs/protocol.md sections 2, 5).
+
+Time-major: one row per time step, so that arithmetic runs over samples. A heading is held as its unit
+vector: the rules need only dot products, and no angle is ever wrapped.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from exceptiondrive_schemas.protocol import GeometrySection
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray
+
+
+class Positions(NamedTuple):
+    """Reference points of N trajectories, the origin first: two (T + 1, N) arrays, metres."""
+
+    x_m: FloatArray
+    y_m: FloatArray
+
+
+class Steps(NamedTuple):
+    """Displacements between consecutive positions: three (T, N) arrays, metres."""
+
+    x_m: FloatArray
+    y_m: FloatArray
+    length_m: FloatArray
+
+
+def positions(points_m: FloatArray) -> Positions:
+    """Rearrange points, (N, T + 1, 2) with the origin first."""
+    return Positions(*np.ascontiguousarray(points_m.transpose(2, 1, 0)))
+
+
+def positions_of_waypoints(waypoints_m: FloatArray) -> Positions:
+    """Rearrange submitted waypoints, (N, T, 2), and put the origin (0, 0) in front."""
+    n_samples, n_waypoints, _ = waypoints_m.shape
+    points_m = np.zeros((2, n_waypoints + 1, n_samples))
+    points_m[:, 1:] = waypoints_m.transpose(2, 1, 0)
+    return Positions(*points_m)
+
+
+def steps(at: Positions) -> Steps:
+    """Displacement from each position to the next."""
+    x_m, y_m = at.x_m[1:] - at.x_m[:-1], at.y_m[1:] - at.y_m[:-1]
+    return Steps(x_m, y_m, np.sqrt(x_m * x_m + y_m * y_m))
+
+
+ANGLE_ROUNDING = 1e-12
+"""A right angle is not an obtuse one because of the last bits of a dot product."""
+
+
+def heading_vectors(moves: Steps, geometry: GeometrySection) -> tuple[FloatArray, FloatArray]:
+    """Cosine and sine of the heading at every time step.
+
+    The heading starts at 0, follows each step, is kept over a step that is too short, and is turned
+    by pi where the step points backwards: the car is reversing.
+
+    Args:
+        moves: Steps of N trajectories.
+        geometry: Hold length and reversing angle.
+
+    Returns:
+        Two (T + 1, N) arrays.
+    """
+    n_steps, n_samples = moves.length_m.shape
+    moved = has_heading(moves, geometry)
+    reversing_below = math.cos(math.radians(geometry.reverse_above_deg)) - ANGLE_ROUNDING
+    scale = np.divide(1.0, moves.length_m, out=np.zeros_like(moves.length_m), where=moved)
+    along_x, along_y = moves.x_m * scale, moves.y_m * scale
+    cos, sin = np.ones((n_steps + 1, n_samples)), np.zeros((n_steps + 1, n_samples))
+    for t, is_moving in enumerate(moved):
+        forward = along_x[t] * cos[t] + along_y[t] * sin[t]
+        sign = np.where(forward < reversing_below, -1.0, 1.0)
+        cos[t + 1] = np.where(is_moving, sign * along_x[t], cos[t])
+        sin[t + 1] = np.where(is_moving, sign * along_y[t], sin[t])
+    return cos, sin
+
+
+def has_heading(moves: Steps, geometry: GeometrySection) -> BoolArray:
+    """Whether each step is long enough to tell where the car points, (T, N)."""
+    longer: BoolArray = moves.length_m > geometry.heading_hold_m + geometry.heading_hold_tolerance_m
+    return longer
+
+
+def net_motion_m(at: Positions) -> FloatArray:
+    """Distance of the last position from the start, (N,); NaN where missing."""
+    net: FloatArray = np.hypot(at.x_m[-1], at.y_m[-1])
+    return net
+
+
+def peak_acceleration_mps2(moves: Steps, geometry: GeometrySection) -> FloatArray:
+    """Largest change of velocity between consecutive steps.
+
+    The speed before t = 0 is not known, so the first step has no acceleration.
+
+    Returns:
+        (N,) metres per second squared; 0 with fewer than two steps, NaN where missing.
+    """
+    x, y = moves.x_m[1:] - moves.x_m[:-1], moves.y_m[1:] - moves.y_m[:-1]
+    x *= x
+    y *= y
+    x += y
+    peak: FloatArray = np.sqrt(x.max(axis=0, initial=0.0)) / geometry.time_step_s**2
+    return peak
+
+
+def tightest_turn_m(moves: Steps, geometry: GeometrySection) -> FloatArray:
+    """Radius of the tightest circle through three consecutive positions.
+
+    With steps u and v that is |u| |v| |u + v| / (2 |u x v|). Where one of them is too short to give
+    a heading there is no circle.
+
+    Returns:
+        (N,) metres; infinite on a straight line and where missing.
+    """
+    ux, uy, u = (part[:-1] for part in moves)
+    vx, vy, v = (part[1:] for part in moves)
+    moved = has_heading(moves, geometry)
+    chord_x, chord_y = ux + vx, uy + vy
+    doubled_area = 2 * np.abs(ux * vy - uy * vx)
+    product = u * v * np.sqrt(chord_x * chord_x + chord_y * chord_y)
+    radius = np.full(product.shape, np.inf)
+    bends = moved[:-1] & moved[1:] & (doubled_area > 0)
+    np.divide(product, doubled_area, out=radius, where=bends)
+    tightest: FloatArray = radius.min(axis=0, initial=np.inf)
+    return tightest
+
+
+class Shift(NamedTuple):
+    """Mean over all T + 1 points; each (N,) metres, NaN where a trajectory is missing."""
+
+    euclidean_m: FloatArray
+    x_m: FloatArray
+    y_m: FloatArray
+
+
+def shift(source: Positions, edited: Positions) -> Shift:
+    """Mean distance of edited and source positions, and its two components.
+
+    The origin counts as a point, with shift 0. Missing trajectories are NaN and stay so.
+    """
+    x, y = np.abs(edited.x_m - source.x_m), np.abs(edited.y_m - source.y_m)
+    return Shift(*(part.mean(axis=0) for part in (np.sqrt(x * x + y * y), x, y)))

@@ -1,0 +1,114 @@
+"""The planning challenge: trajectory pairs against hazard regions (docs/protocol.md sections 1 to 5)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
+from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
+from exceptiondrive_scoring.aliases import Columns, FloatArray
+from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
+from exceptiondrive_scoring.drawing import Drawer
+from exceptiondrive_scoring.grade import SampleScores, clearance_compliance, grade, sample_scores
+from exceptiondrive_scoring.measure import Measurements, measure
+from exceptiondrive_scoring.plausibility import plausibility
+from exceptiondrive_scoring.sheet import aggregate
+from exceptiondrive_scoring.similarity import AlikeRule
+
+ROW_PREFIX = "d_safe_x"
+
+
+def _edited(answers: Columns) -> FloatArray:
+    return np.asarray(answers["edited"], dtype=np.float64)
+
+
+class PlanningScoring:
+    """Trajectory pairs against hazard regions."""
+
+    challenge = PLANNING
+    alike = AlikeRule(_edited, tolerance=0.05, equal_share=0.9, mean_distance=0.25)
+
+    def columns(
+        self, document: CheckedDocument, sample_ids: Sequence[str]
+    ) -> dict[str, NDArray[Any]]:
+        """The trajectories of a sound file: `source` and `edited`, (N, T, 2) metres."""
+        assert isinstance(document, PlanningDocument)
+        shape = (len(sample_ids), document.n_waypoints, 2)
+        flat = document.columns(sample_ids)
+        rows = {side: np.frombuffer(flat[side]).reshape(shape) for side in flat}
+        return TrajectoryPairs.from_columns(rows).columns()
+
+    def measure(
+        self, answers: Columns, split: SplitArrays, geometry: GeometrySection
+    ) -> dict[str, NDArray[Any]]:
+        """Clearance, intrusion, shift, motion; from the columns `source` and `edited`."""
+        pairs = TrajectoryPairs.from_columns(answers)
+        return measure(pairs, split.prepared_regions, geometry).columns()
+
+    def grade(self, measurements: Columns, split: SplitArrays, protocol: Protocol) -> SampleScores:
+        """HCC, UR, HPR and the CTS of each sample."""
+        return grade(Measurements.from_columns(measurements), split, protocol)
+
+    def coverage(self, measurements: Columns) -> dict[str, float | None]:
+        """Share of edited and of source trajectories given."""
+        return {
+            "edited": float(np.mean(measurements["edited_given"])),
+            "source": float(np.mean(measurements["source_given"])),
+        }
+
+    def plausibility(
+        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+    ) -> Plausibility:
+        """Shares of docs/protocol.md section 5."""
+        return plausibility(Measurements.from_columns(measurements), protocol.plausibility)
+
+    def extra(
+        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+    ) -> dict[str, MetricRow]:
+        """HCC with other required clearances."""
+        return clearance_sensitivity(Measurements.from_columns(measurements), split, protocol)
+
+    def drawings(
+        self,
+        answers: Columns,
+        measurements: Columns,
+        sample_ids: Sequence[str],
+        split: SplitArrays,
+        protocol: Protocol,
+    ) -> EntryDrawings | None:
+        """The worst and the middle sample of each family."""
+        pairs = TrajectoryPairs.from_columns(answers)
+        measured = Measurements.from_columns(measurements)
+        return Drawer(sample_ids, pairs, measured, split, protocol).worst_and_middle()
+
+
+def clearance_sensitivity(
+    measurements: Measurements, split: SplitArrays, protocol: Protocol
+) -> dict[str, dict[str, float | None]]:
+    """Score HCC with every required clearance multiplied (docs/protocol.md section 3).
+
+    Returns:
+        A row for each of `grading.sensitivity_factors`, such as `d_safe_x0.5`, with `hcc_micro` and
+        `hcc_macro_family`.
+    """
+    rows = {}
+    for factor in protocol.grading.sensitivity_factors:
+        means = aggregate(_hcc_at(factor, measurements, split, protocol), split, protocol.taxonomy)
+        rows[f"{ROW_PREFIX}{factor:g}"] = {
+            "hcc_micro": means.micro["hcc"],
+            "hcc_macro_family": means.macro_family["hcc"],
+        }
+    return rows
+
+
+def _hcc_at(
+    factor: float, measurements: Measurements, split: SplitArrays, protocol: Protocol
+) -> SampleScores:
+    required_m = split.d_safe_m * protocol.grading.d_safe_scale * factor
+    hcc = clearance_compliance(measurements.clearance_m, measurements.intrusion, required_m)
+    return sample_scores((PLANNING.metric("hcc"),), {"hcc": hcc})

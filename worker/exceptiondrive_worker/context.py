@@ -1,0 +1,78 @@
+"""The context of a worker process: everything outside it that its work may touch."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.stages import Stages
+from exceptiondrive_worker.upload_reader import read_upload
+
+
+@dataclass(frozen=True)
+class WorkerContext:
+    """Opened once per process, after it has forked."""
+
+    settings: WorkerSettings
+    database: Database
+    files: FileStore
+    splits: SplitStore
+    private: PrivateStore
+    dispatcher: Dispatcher
+    stages: Stages
+    lanes: frozenset[Lane] = frozenset(Lane)
+    """Those that this process serves."""
+
+    def close(self) -> None:
+        """Close all connections."""
+        self.dispatcher.close()
+        self.database.dispose()
+
+
+def open_context(
+    settings: WorkerSettings, lanes: Collection[Lane] = frozenset(Lane)
+) -> WorkerContext:
+    """Connect to all that the settings name, for a process that serves these lanes."""
+    files = FileStore(settings.file_store_url)
+    private = PrivateStore(settings.private_dir)
+    return WorkerContext(
+        settings=settings,
+        database=Database(settings.database_url),
+        files=files,
+        splits=SplitStore(settings.splits_dir),
+        private=private,
+        dispatcher=Dispatcher(settings.broker_url),
+        stages=stages_over(settings, files, private),
+        lanes=frozenset(lanes),
+    )
+
+
+def stages_over(settings: WorkerSettings, files: FileStore, private: PrivateStore) -> Stages:
+    """Return the stages that keep their results in this private store."""
+
+    def load_upload(digest: str) -> bytes:
+        return files.read(digest, limit_bytes=settings.max_upload_bytes)
+
+    def read_answers(
+        data: bytes, challenge: Challenge, manifest: Manifest, protocol: Protocol
+    ) -> Columns | CheckReport:
+        return read_upload(
+            data,
+            challenge=challenge,
+            manifest=manifest,
+            protocol=protocol,
+            max_upload_bytes=settings.max_upload_bytes,
+            max_inflated_bytes=settings.max_inflated_bytes,
+        )
+
+    return Stages(private, load_upload, read_answers)
