@@ -83,11 +83,11 @@ def _sabotage_worker() -> Callable[[], None]:
 
 def _sabotage_server() -> Callable[[], None]:
     from exceptiondrive_server.operations import cli as operator_cli
-    from exceptiondrive_server.submissions import accepting as module
+    from exceptiondrive_server.submissions import upload as module
 
     submitting: Any = module
 
-    accept, ring = submitting.accept, submitting._ring
+    accept, ring = submitting.accept, submitting.ring_job
 
     def sabotaged_accept(*arguments: Any, **named: Any) -> Any:
         if _once("kill-before-commit"):
@@ -100,7 +100,7 @@ def _sabotage_server() -> Callable[[], None]:
         ring(*arguments)
 
     submitting.accept = sabotaged_accept
-    submitting._ring = sabotaged_ring
+    submitting.ring_job = sabotaged_ring
     return operator_cli.main
 
 
