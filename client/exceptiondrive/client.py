@@ -1,8 +1,8 @@
-"""The SDK: one object that speaks for a team to one server, and the submissions that it follows."""
+"""The SDK: what speaks for a team to one server, the submissions that it follows, and its tokens."""
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -41,6 +41,10 @@ MAX_OUTAGES = 5
 """Requests in a row, each with its own retries, that may fail while waiting: about a minute."""
 
 OnChange = Callable[[SubmissionView], None]
+AnyDocument = TypeVar("AnyDocument", bound=Document)
+PHASES = TypeAdapter(tuple[PhaseView, ...])
+PAGE_SIZE = 100
+Record = dict[str, Any]
 
 
 class Submission:
@@ -166,11 +170,6 @@ class Submission:
             f"It is safe and will be scored; look with: exceptiondrive status {self.id}",
             self.view,
         )
-
-
-AnyDocument = TypeVar("AnyDocument", bound=Document)
-PHASES = TypeAdapter(tuple[PhaseView, ...])
-PAGE_SIZE = 100
 
 
 class Client(Connection):
@@ -412,6 +411,36 @@ class Client(Connection):
         self, kind: type[AnyDocument], path: str, query: dict[str, Any] | None = None
     ) -> AnyDocument:
         return _parsed(kind, self._transport.get(path, query).content, path)
+
+
+class TeamTokens(Connection):
+    """Lists, issues, rotates and revokes the tokens of one's team; needs the scope `tokens`."""
+
+    def all(self) -> list[Record]:
+        """Return the team's tokens, newest first, without their secrets."""
+        return [dict(token) for token in self._transport.get("/tokens").json()]
+
+    def create(
+        self, name: str, scopes: Sequence[str] | None = None, expires_at: str | None = None
+    ) -> Record:
+        """Issue a token; its text is under `token`, and is shown this once.
+
+        Args:
+            name: What it is for.
+            scopes: None more than one's own token has; by default `submit` and `read:own`.
+            expires_at: ISO 8601 with zone; else it does not expire.
+        """
+        wanted = {"name": name, "scopes": scopes and list(scopes), "expires_at": expires_at}
+        return dict(self._transport.post_once("/tokens", wanted))
+
+    def rotate(self, token_id: str, *, keep_days: int = 7) -> Record:
+        """Issue the successor of a token; the old one works on for `keep_days`."""
+        path = f"/tokens/{quoted(token_id)}/rotate"
+        return dict(self._transport.post_once(path, {"keep_days": keep_days}))
+
+    def revoke(self, token_id: str) -> Record:
+        """Revoke a token for good."""
+        return dict(self._transport.post_once(f"/tokens/{quoted(token_id)}/revoke", {}))
 
 
 def _board_query(

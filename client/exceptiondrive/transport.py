@@ -30,6 +30,29 @@ from exceptiondrive_schemas.problems import Problem, ProblemCode
 
 Progress = Callable[[int, int], None]
 """Called with bytes sent and bytes in all."""
+_ADVICE = {
+    ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
+    ProblemCode.NOT_ALLOWED: "Your token may not do this; `exceptiondrive whoami` shows its scopes.",
+    ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
+    ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
+    ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",
+    ProblemCode.STORE_UNAVAILABLE: "Wait a little and run the same command again.",
+}
+_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
+    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
+    ProblemCode.NOT_ALLOWED: NotAllowedError,
+    ProblemCode.PHASE_CLOSED: NotAllowedError,
+    ProblemCode.CONFLICT: NotAllowedError,
+    ProblemCode.NOT_FOUND: NotFoundError,
+    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
+    ProblemCode.STORE_UNAVAILABLE: ServerError,
+    ProblemCode.INTERNAL: ServerError,
+}
+_QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
+RETRIED_STATUSES = frozenset({502, 503, 504})
+LONGEST_RETRY_AFTER_S = 30.0
+"""Who asks to come back later than this is told to the user instead."""
+Query = Mapping[str, str | int | None]
 
 
 class UploadBody:
@@ -74,27 +97,6 @@ class _CountingStream(io.BytesIO):
         if self._on_progress is not None:
             self._on_progress(self.tell(), self._size)
         return chunk
-
-
-_ADVICE = {
-    ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
-    ProblemCode.NOT_ALLOWED: "Your token may not do this; `exceptiondrive whoami` shows its scopes.",
-    ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
-    ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
-    ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",
-    ProblemCode.STORE_UNAVAILABLE: "Wait a little and run the same command again.",
-}
-_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
-    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
-    ProblemCode.NOT_ALLOWED: NotAllowedError,
-    ProblemCode.PHASE_CLOSED: NotAllowedError,
-    ProblemCode.CONFLICT: NotAllowedError,
-    ProblemCode.NOT_FOUND: NotFoundError,
-    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
-    ProblemCode.STORE_UNAVAILABLE: ServerError,
-    ProblemCode.INTERNAL: ServerError,
-}
-_QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 
 
 def raise_problem(response: httpx.Response) -> NoReturn:
@@ -169,13 +171,6 @@ def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
         f"{answered}, and not in the form of an ExceptionDrive server.",
         "Check the address of the server, and that this client is as new as the server.",
     )
-
-
-RETRIED_STATUSES = frozenset({502, 503, 504})
-LONGEST_RETRY_AFTER_S = 30.0
-"""Who asks to come back later than this is told to the user instead."""
-
-Query = Mapping[str, str | int | None]
 
 
 class _NotNowError(Exception):

@@ -171,7 +171,7 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     "the whole audit chain was rewritten": ("audit chain rewritten", _rewrite_the_chain),
     "a job was tried too often": (
         "too many attempts",
-        _sql("UPDATE jobs SET attempts = 9 WHERE submission_id = '{best}'"),
+        _sql("UPDATE work SET attempts = 9 WHERE submission_id = '{best}'"),
     ),
 }
 

@@ -9,20 +9,20 @@ import pytest
 from exceptiondrive import Client, evaluate_file, to_dataframe
 from exceptiondrive.client import Submission
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.published import example_text
 from exceptiondrive_schemas.submission import SubmissionView
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 MakeFile = Callable[..., Path]
 
 
 @pytest.fixture
 def board() -> Board:
-    return Board.read((EXAMPLES / "board.json").read_bytes())
+    return Board.read(example_text("board"))
 
 
 @pytest.fixture
 def submission() -> SubmissionView:
-    return SubmissionView.read((EXAMPLES / "submission.json").read_bytes())
+    return SubmissionView.read(example_text("submission"))
 
 
 def test_a_board_is_a_row_an_entry_in_its_order(board: Board) -> None:

@@ -2,17 +2,16 @@
 
 import gzip
 import json
-from pathlib import Path
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY
 from exceptiondrive_schemas.check import UnreadableFileError, check, inflate
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.upload_reader import FAST_READERS, read_upload
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 PROTOCOL = packaged_protocol()
 SMALL = ("s0", "s1")
 MANIFEST = Manifest(
@@ -56,7 +55,7 @@ def assert_one_verdict(data: bytes, *, is_planning: bool) -> bool:
 
 def seeds() -> dict[str, bytes]:
     """First inputs: the documentation's examples; the same about `MANIFEST`, sound and not."""
-    found = {path.name: path.read_bytes() for path in EXAMPLES.glob("*.json")}
+    found = {f"{name}.json": example_text(name).encode() for name in DOCUMENT_NAMES}
     for name in ("planning", "strategy"):
         example = json.loads(found[f"{name}.json"])
         for kind, keys in {"sound": SMALL, "repeated": ("s0", "s0"), "short": SMALL[:1]}.items():

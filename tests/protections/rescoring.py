@@ -239,7 +239,7 @@ RESCORING = (
     ),
     Protection(
         "verify-empty-store",
-        "exceptiondrive_worker.doors:stages_over",
+        "exceptiondrive_worker.context:stages_over",
         _over_the_kept_store,
         f"{HERE}/test_verification.py::test_the_private_store_is_not_looked_at",
     ),

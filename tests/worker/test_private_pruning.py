@@ -75,11 +75,11 @@ def test_what_was_pruned_is_made_again_bit_for_bit(
     world.add_phase(tiny)
     data = planning_file(tiny)
     world.score(data, method="one")
-    before = shelves(world.doors.private)
-    assert prune(world.doors.private, max_bytes=0, max_age_days=30) == len(before) > 0
-    assert shelves(world.doors.private) == {}
+    before = shelves(world.context.private)
+    assert prune(world.context.private, max_bytes=0, max_age_days=30) == len(before) > 0
+    assert shelves(world.context.private) == {}
     world.score(data, method="one", team="beta")
-    assert shelves(world.doors.private) == before
+    assert shelves(world.context.private) == before
 
 
 def shelves(store: PrivateStore) -> dict[str, bytes]:

@@ -20,9 +20,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol,
     parse_protocol,
 )
-from exceptiondrive_worker.heartbeat import youngest_heartbeat_age_s
-from exceptiondrive_worker.log import configure_logging
-from exceptiondrive_worker.process import run_worker
+from exceptiondrive_worker.process import configure_logging, run_worker, youngest_heartbeat_age_s
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
 from exceptiondrive_worker.scorer_version import OlderScorerError, refuse_if_older

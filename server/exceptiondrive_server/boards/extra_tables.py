@@ -6,7 +6,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
-from exceptiondrive_server.entries.facts import challenge_of, primary_metrics
+from exceptiondrive_server.boards.entry_facts import challenge_of, primary_metrics
 from exceptiondrive_server.web.numbers import Digits, fixed, unit_of
 
 CONFUSION, SENSITIVITY, REMINDER = "confusion_", "d_safe_x", "reminder"

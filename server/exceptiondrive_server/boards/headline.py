@@ -13,8 +13,8 @@ from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import BoardHistoryLine
+from exceptiondrive_server.boards.entry_facts import entry_url, primary_metrics
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.entries.facts import entry_url, primary_metrics
 from exceptiondrive_server.web.numbers import (
     THIN_SPACE,
     Digits,

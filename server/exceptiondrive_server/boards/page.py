@@ -19,6 +19,8 @@ from exceptiondrive_server.boards.charts import (
     ceiling_chart,
     effect_lines,
 )
+from exceptiondrive_server.boards.comparison import Comparison, default_pair
+from exceptiondrive_server.boards.entry_facts import board_fields, entry_key
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
     ChangeLine,
@@ -29,9 +31,7 @@ from exceptiondrive_server.boards.headline import (
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.entries.comparison import Comparison, default_pair
-from exceptiondrive_server.entries.facts import board_fields, entry_key
-from exceptiondrive_server.entries.scene_drawing import SceneDrawing, scene_drawing
+from exceptiondrive_server.protocols.scene_drawing import SceneDrawing, scene_drawing
 from exceptiondrive_server.web.numbers import Digits, minute
 from exceptiondrive_server.web.page_parts import Choice, MetricCard, Notice, PhaseLink, metric_cards
 

@@ -19,12 +19,11 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import is_open, list_phases
 from exceptiondrive_records.phases.policy import phase_now, takes_late_entries
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
 from exceptiondrive_server.boards.exports import BoardNote, History
 from exceptiondrive_server.boards.headline import BoardBefore
 from exceptiondrive_server.boards.page import BoardPage
@@ -100,13 +99,6 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         split_is_public=split.public_file_digest is not None,
         url=f"/?phase={phase.id}#board",
     )
-
-
-def latest_protocol(session: Session) -> Protocol:
-    """Return the protocol added last; before any was added, the packaged one."""
-    query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
-    digest = session.scalar(query)
-    return find_protocol(session, digest) if digest else packaged_protocol()
 
 
 def choose_phase(session: Session, query: BoardQuery) -> Phase | None:

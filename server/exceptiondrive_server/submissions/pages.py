@@ -20,7 +20,7 @@ from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import has_closed
-from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
     list_submissions,
@@ -39,7 +39,7 @@ from exceptiondrive_server.accounts.browser_session import (
     require_same_origin,
     require_scope,
 )
-from exceptiondrive_server.boards.queries import latest_protocol, phase_link
+from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.upload import received_upload, take_upload

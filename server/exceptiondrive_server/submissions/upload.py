@@ -23,8 +23,9 @@ from exceptiondrive_records.submissions.file_store import is_kept
 from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.submissions import accept, find_submission
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.work.ringing import ring_job
+from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
 from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
 from exceptiondrive_server.accounts.browser_session import FORM_TOKEN
@@ -173,8 +174,8 @@ def take_upload(
         job=accepted.job_id,
         is_duplicate=accepted.is_duplicate,
     )
-    if accepted.job_id is not None:
-        ring_job(services.database, services.doorbell, accepted.job_id, services.settings)
+    if not accepted.is_duplicate:
+        _wake(services)
     with services.database.read() as session:
         submission = find_submission(session, accepted.submission.id)
         taken = view(session, submission, is_duplicate=accepted.is_duplicate)
@@ -190,3 +191,11 @@ def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
     if size_bytes == 0:
         raise UploadEmpty
     return file_digest, size_bytes
+
+
+def _wake(services: Services) -> None:
+    """Wake a worker; where the broker is away, the reconciler does it soon."""
+    live = (Lane.LIVE,)
+    if wake_lanes(services.database, services.dispatcher, services.settings, live):
+        with services.database.write() as session:
+            mark_queued(session)

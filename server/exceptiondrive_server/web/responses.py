@@ -1,9 +1,10 @@
 """HTML answers: headers, ETag and 304, problems as pages."""
 
 import hashlib
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import APIRouter, FastAPI, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
@@ -14,12 +15,9 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from exceptiondrive_records.db.errors import RecordsError
-from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts.browser_session import Holder, holder_of
-from exceptiondrive_server.entries.comparison import family_value, is_sure
-from exceptiondrive_server.entries.facts import BADGES, board_name, entry_url, rank_range
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
@@ -71,6 +69,7 @@ def safe_back(path: str) -> str:
 # Jinja2 set up once: autoescape, strict, with addresses of static files that may be cached.
 
 
+F = TypeVar("F", bound=Callable[..., Any])
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
 
@@ -106,11 +105,6 @@ def with_article(noun: str) -> str:
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
 
 
-def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
-    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
-    return Markup(shapes(sample, width, height))
-
-
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -127,9 +121,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(
-        asset=asset, THIN_SPACE=numbers.THIN_SPACE, BADGES=BADGES, entry_url=entry_url
-    )
+    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
     made.filters.update(
         day=numbers.day,
         minute=numbers.minute,
@@ -143,14 +135,15 @@ def environment() -> Environment:
         ticks=ticks,
         stars=stars,
         a=with_article,
-        board_name=board_name,
-        rank_range=rank_range,
-        shapes=drawn,
         unit=numbers.unit_of,
-        family_value=family_value,
     )
-    made.tests["sure"] = is_sure
     return made
+
+
+def template_filter(function: F) -> F:
+    """Let templates use a function of a noun as a filter of the same name."""
+    environment().filters[function.__name__] = function
+    return function
 
 
 def render(template: str, **values: object) -> str:

@@ -6,18 +6,13 @@ from functools import cache
 from typing import Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import Response
 
-from exceptiondrive_records.db.errors import RecordsError
-from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
-from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.publish.broken_files import report_of
-from exceptiondrive_server.boards.queries import latest_protocol
-from exceptiondrive_server.protocols.pages import protocol_page
 from exceptiondrive_server.web.problem_help import PROBLEM_HELP, Help
-from exceptiondrive_server.web.responses import origin_of, page, problem_page, refused
+from exceptiondrive_server.web.responses import origin_of, page, problem_page
 
 # The API in one table, from the application's own description.
 
@@ -124,33 +119,10 @@ def _split(message: str) -> tuple[str, str]:
 router = APIRouter(include_in_schema=False)
 
 
-@router.get("/protocols")
-def show_latest_protocol(request: Request) -> Response:
-    """Lead to the newest protocol."""
-    with request.app.state.services.database.read() as session:
-        version = latest_protocol(session).version
-    return RedirectResponse(f"/protocols/{version}", status_code=307)
-
-
-@router.get("/protocols/{version}")
-def show_protocol(request: Request, version: str) -> Response:
-    """Show the rules of a protocol."""
-    try:
-        with request.app.state.services.database.read() as session:
-            versions = list_protocols(session) or [latest_protocol(session)]
-            known = {protocol.version: protocol for protocol in versions}
-            protocol = known.get(version) or find_protocol(session, version)
-            drawing = protocol_drawing(session, protocol)
-    except RecordsError as error:
-        return refused(request, error)
-    content = protocol_page(protocol, versions, drawing)
-    return page(request, "protocols/protocol.html", "protocol", page=content)
-
-
 @router.get("/problems")
 def show_problems(request: Request) -> Response:
     """List every code."""
-    return page(request, "web/problems.html", "", page=help_index())
+    return page(request, "guide/problems.html", "", page=help_index())
 
 
 @router.get("/problems/{code}")
@@ -160,9 +132,9 @@ def show_problem(request: Request, code: str) -> Response:
     if problem is not None:
         index = help_index() if problem is ProblemCode.FILE_INVALID else None
         help_ = PROBLEM_HELP[problem]
-        return page(request, "web/problem.html", "", code=problem, help=help_, index=index)
+        return page(request, "guide/problem.html", "", code=problem, help=help_, index=index)
     if fault is not None:
-        return page(request, "web/fault.html", "", fault=fault)
+        return page(request, "guide/fault.html", "", fault=fault)
     return problem_page(request, 404, ProblemCode.NOT_FOUND, "There is no problem of this name.")
 
 
@@ -170,4 +142,4 @@ def show_problem(request: Request, code: str) -> Response:
 def show_api(request: Request) -> Response:
     """Show the API in one table."""
     groups = operation_groups(request.app.openapi())
-    return page(request, "web/api.html", "api", groups=groups, server=origin_of(request))
+    return page(request, "guide/api.html", "api", groups=groups, server=origin_of(request))
