@@ -31,6 +31,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.jobs import JobName
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -237,7 +238,7 @@ def test_no_canary_leaves_the_worker(
     assert site.status(bad) is SubmissionStatus.REJECTED
     assert "s1" in refused
     assert "s1" in unreadable
-    assert b"exceptiondrive.score" in heard
+    assert JobName.WAKE.value.encode() in heard
     places = {
         "records": site.everything_recorded(),
         "broker": heard,

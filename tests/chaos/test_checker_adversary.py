@@ -141,6 +141,10 @@ def _rewrite_the_chain(story: Story) -> None:
 
 
 PLANTED: dict[str, tuple[str, Plant]] = {
+    "the table of entries says another rank": (
+        "entries of a board altered",
+        _sql("UPDATE board_entries SET rank = 9 WHERE submission_id = '{best}'"),
+    ),
     "a submission got another's method": (
         "accepted as another",
         _sql("UPDATE submissions SET method = 'other' WHERE id = '{best}'"),

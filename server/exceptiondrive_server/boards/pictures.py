@@ -27,9 +27,6 @@ from exceptiondrive_server.web.numbers import Digits, day
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, render
 from exceptiondrive_server.web.scales import px
 
-# Words in a picture: SVG text neither wraps nor ends by itself.
-
-
 _NARROW = frozenset("iljtfrI.,:;|!'()[]/ -·")
 _WIDE = frozenset("mwMWO@%&QG+")
 _WIDTHS = {"narrow": 0.34, "wide": 0.86, "capital": 0.68, "digit": 0.62, "other": 0.57}

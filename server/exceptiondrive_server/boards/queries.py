@@ -24,6 +24,8 @@ from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
+from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.boards.exports import BoardNote, History
 from exceptiondrive_server.boards.headline import BoardBefore
 from exceptiondrive_server.boards.page import BoardPage
@@ -57,9 +59,22 @@ def read_board(session: Session, query: BoardQuery) -> BoardPage:
         is_current=row is None or row.id in (phase.current_board_id, phase.late_board_id),
         now=phase_now(session, phase),
         has_late_view=phase.late_board_id is not None,
-        drawing=protocol_drawing(session, protocol),
+        drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
     )
+
+
+_OWN_DRAWINGS: dict[str, ProtocolDrawing] = {}
+"""By digest of the protocol: once made, a drawing never changes."""
+
+
+def _drawing_of(session: Session, protocol: Protocol) -> ProtocolDrawing:
+    kept = _OWN_DRAWINGS.get(protocol.digest)
+    if kept is None:
+        kept = protocol_drawing(session, protocol)
+        if kept.pictured == pictured_digest(protocol):
+            _OWN_DRAWINGS[protocol.digest] = kept
+    return kept
 
 
 def read_phases(

@@ -15,9 +15,9 @@ from exceptiondrive_server.boards.entry_facts import (
     entry_key,
     outcome_parts,
 )
-from exceptiondrive_server.boards.extra_tables import effect_tables, extra_tables
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
+from exceptiondrive_server.entries.extra_tables import effect_tables, extra_tables
 from exceptiondrive_server.entries.queries import EntryReading
 from exceptiondrive_server.entries.sample_drawings import panels
 from exceptiondrive_server.web.numbers import Digits

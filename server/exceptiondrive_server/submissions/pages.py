@@ -56,7 +56,7 @@ from exceptiondrive_server.submissions.view import (
 )
 from exceptiondrive_server.web.auth import ServicesOf, own_team, team_of
 from exceptiondrive_server.web.page_parts import PhaseLink
-from exceptiondrive_server.web.problem_vocabulary import STATUS_OF, TITLE_OF, ApiProblem
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
 from exceptiondrive_server.web.services import Services
@@ -130,13 +130,13 @@ def _submit_page(
             "form_token": browser.form_token,
             "typed": typed,
             "refusal": refusal,
-            "title": "" if refusal is None else TITLE_OF[refusal.code],
+            "title": "" if refusal is None else PROBLEMS[refusal.code].title,
         }
     answer = (page if browser is None else private_page)(
         request,
         "submissions/submit.html",
         "submit",
-        status=200 if refusal is None else STATUS_OF[refusal.code],
+        status=200 if refusal is None else PROBLEMS[refusal.code].status,
         phases=links,
         phase=phase,
         asked=next((link for link in links if link.id == wanted and link is not phase), None),

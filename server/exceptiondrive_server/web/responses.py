@@ -14,7 +14,6 @@ from starlette.responses import Response as Response_of_static_files
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts.browser_session import Holder, holder_of
@@ -23,7 +22,7 @@ from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
-from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.services import services_of
 
@@ -140,6 +139,12 @@ def environment() -> Environment:
     return made
 
 
+def macro(template: str, name: str) -> Callable[..., Markup]:
+    """Return a macro of a template, for a part of a page that is made once."""
+    found: Callable[..., Markup] = getattr(environment().get_template(template).module, name)
+    return found
+
+
 def template_filter(function: F) -> F:
     """Let templates use a function of a noun as a filter of the same name."""
     environment().filters[function.__name__] = function
@@ -154,7 +159,6 @@ def render(template: str, **values: object) -> str:
 SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
 PROXY_KEEPS_S = 5
 """How long the proxy may show a public page to everybody; no browser sees this header."""
-_STATUS = {ProblemCode.NOT_FOUND: 404, ProblemCode.CONFLICT: 409, ProblemCode.BAD_REQUEST: 400}
 
 
 def private_page(
@@ -186,23 +190,19 @@ def page(
     return conditional(request, body, "text/html", headers=headers)
 
 
-def problem_page(request: Request, status: int, code: ProblemCode, detail: str) -> Response:
+def problem_page(request: Request, code: ProblemCode, detail: str) -> Response:
     """Answer a browser with a problem as a page, in the same words as the API."""
+    problem = PROBLEMS[code]
     return page(
         request,
         "web/problem_now.html",
         "",
-        status=status,
+        status=problem.status,
         code=code,
         detail=detail,
-        help=PROBLEM_HELP[code],
-        steps=steps_in_browser(code),
+        problem=problem,
+        steps=problem.in_browser or problem.steps,
     )
-
-
-def refused(request: Request, error: RecordsError) -> Response:
-    """Answer a browser with what the records refused."""
-    return problem_page(request, _STATUS.get(error.code, 400), error.code, str(error))
 
 
 # Static files: cached for ever where the address names the content, revalidated otherwise.
