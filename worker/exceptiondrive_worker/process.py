@@ -28,11 +28,10 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.app import create_app
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.failures import job_boundary
-from exceptiondrive_worker.private_pruning import prune
-from exceptiondrive_worker.scorer_version import may_work
+from exceptiondrive_worker.private_store import prune
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.verify_run import verify_sheet
-from exceptiondrive_worker.work import work
+from exceptiondrive_worker.work import may_work, work
 
 FAREWELL_TENTHS_S = 10
 """How long a process that ends waits for its parent to have heard of its last job. By default it

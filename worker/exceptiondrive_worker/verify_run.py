@@ -16,8 +16,7 @@ from exceptiondrive_schemas.rescoring import VerifyState
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_worker.context import WorkerContext, stages_over
 from exceptiondrive_worker.failures import Failure, job_boundary
-from exceptiondrive_worker.private_pruning import VERIFY_PREFIX
-from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.private_store import VERIFY_PREFIX, PrivateStore
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.stages import RejectedUpload, Target
 

@@ -85,7 +85,10 @@ class Dispatcher:
         self._quiet_until = 0.0
 
     def wake(self, lane: Lane, at_most: int = 1) -> bool:
-        """Let so many messages wait in a lane, no more; return whether the broker has them."""
+        """Let so many messages wait in a lane; return whether the broker has them.
+
+        Who looks at the same time may send one more, which then wakes somebody for nothing.
+        """
         if time.monotonic() < self._quiet_until:
             return False
         try:
