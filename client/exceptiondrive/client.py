@@ -7,7 +7,7 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from exceptiondrive.checking import check_file, read_file
 from exceptiondrive.errors import (
@@ -15,10 +15,9 @@ from exceptiondrive.errors import (
     NetworkError,
     NotFoundError,
     ScoringFailedError,
-    ServerError,
     WaitTimeoutError,
 )
-from exceptiondrive.transport import Connection, Progress, UploadBody, quoted
+from exceptiondrive.transport import Connection, Progress, Record, UploadBody, quoted, read_answer
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
@@ -44,7 +43,6 @@ OnChange = Callable[[SubmissionView], None]
 AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
 PAGE_SIZE = 100
-Record = dict[str, Any]
 
 
 class Submission:
@@ -190,11 +188,8 @@ class Client(Connection):
 
     def phases(self) -> tuple[PhaseView, ...]:
         """Return all phases, with the team's own quota when a token was given."""
-        content = self._transport.get("/phases").content
-        try:
-            return PHASES.validate_json(content, extra="allow")
-        except ValidationError as error:
-            raise _unknown_form("/phases", error) from None
+        answer = self._transport.get("/phases")
+        return read_answer(lambda data: PHASES.validate_json(data, extra="allow"), answer)
 
     def phase(self, phase: str) -> PhaseView:
         """Return one phase.
@@ -273,8 +268,8 @@ class Client(Connection):
             "linked_to": without_reminder,
         }
         body = UploadBody(Path(file).name, read_file(file), fields, on_progress)
-        content = self._transport.post("/submissions", body).content
-        return Submission(self, _parsed(SubmissionView, content, "/submissions"))
+        answer = self._transport.post("/submissions", body)
+        return Submission(self, read_answer(SubmissionView.read, answer))
 
     def submission(self, submission_id: str) -> Submission:
         """Return a submission to follow."""
@@ -327,7 +322,7 @@ class Client(Connection):
 
     def _say(self, submission_id: str, what: str) -> SubmissionView:
         path = f"/submissions/{quoted(submission_id)}/{what}"
-        return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
+        return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
     def receipt(self, submission_id: str) -> Receipt:
         """Return the signed receipt of a scored submission."""
@@ -410,7 +405,7 @@ class Client(Connection):
     def _get(
         self, kind: type[AnyDocument], path: str, query: dict[str, Any] | None = None
     ) -> AnyDocument:
-        return _parsed(kind, self._transport.get(path, query).content, path)
+        return read_answer(kind.read, self._transport.get(path, query))
 
 
 class TeamTokens(Connection):
@@ -418,7 +413,7 @@ class TeamTokens(Connection):
 
     def all(self) -> list[Record]:
         """Return the team's tokens, newest first, without their secrets."""
-        return [dict(token) for token in self._transport.get("/tokens").json()]
+        return self._transport.records("/tokens")
 
     def create(
         self, name: str, scopes: Sequence[str] | None = None, expires_at: str | None = None
@@ -431,16 +426,16 @@ class TeamTokens(Connection):
             expires_at: ISO 8601 with zone; else it does not expire.
         """
         wanted = {"name": name, "scopes": scopes and list(scopes), "expires_at": expires_at}
-        return dict(self._transport.post_once("/tokens", wanted))
+        return self._transport.post_once("/tokens", wanted)
 
     def rotate(self, token_id: str, *, keep_days: int = 7) -> Record:
         """Issue the successor of a token; the old one works on for `keep_days`."""
         path = f"/tokens/{quoted(token_id)}/rotate"
-        return dict(self._transport.post_once(path, {"keep_days": keep_days}))
+        return self._transport.post_once(path, {"keep_days": keep_days})
 
     def revoke(self, token_id: str) -> Record:
         """Revoke a token for good."""
-        return dict(self._transport.post_once(f"/tokens/{quoted(token_id)}/revoke", {}))
+        return self._transport.post_once(f"/tokens/{quoted(token_id)}/revoke", {})
 
 
 def _board_query(
@@ -460,21 +455,3 @@ def _board_query(
         "sort": sort,
         "view": view,
     }
-
-
-def _parsed(kind: type[AnyDocument], content: bytes, path: str) -> AnyDocument:
-    try:
-        return kind.read(content)
-    except ValidationError as error:
-        raise _unknown_form(path, error) from None
-
-
-def _unknown_form(path: str, error: ValidationError) -> ServerError:
-    first = error.errors(include_url=False, include_input=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return ServerError(
-        "unexpected_answer",
-        f"The server answered {path} in a form that this client does not know "
-        f"({where}: {first['msg']}).",
-        "Install the newest client: pip install --upgrade exceptiondrive",
-    )

@@ -41,8 +41,8 @@ def _asks_though_a_sheet_is_there(_: Any) -> Callable[..., Any]:
 def _always_live(new_job: Any) -> Callable[..., Any]:
     from exceptiondrive_schemas.jobs import Lane
 
-    return lambda submission, protocol, split, lane, *more: new_job(
-        submission, protocol, split, Lane.LIVE, *more
+    return lambda submission, protocol, split, lane, *more, **named: new_job(
+        submission, protocol, split, Lane.LIVE, *more, **named
     )
 
 
@@ -116,9 +116,7 @@ def _over_the_kept_store(stages_over: Any) -> Callable[..., Any]:
 
 
 def _equal(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_schemas.rescoring import VerifyState
-
-    return lambda *arguments: (VerifyState.EQUAL, None)
+    return lambda *arguments: None
 
 
 RECORDS, RUNS = "exceptiondrive_records", "exceptiondrive_records.rescoring"
@@ -154,7 +152,7 @@ RESCORING = (
     ),
     Protection(
         "lane",
-        f"{RECORDS}.submissions:new_job",
+        f"{RECORDS}.work.jobs:new_job",
         _always_live,
         f"{HERE}/test_flip.py::test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one",
     ),
@@ -233,7 +231,7 @@ RESCORING = (
     Protection("chain-order", f"{RECORDS}.audit:_follows", always(True), CHAIN),
     Protection(
         "verify-equal",
-        "exceptiondrive_worker.verify_run:_outcome",
+        "exceptiondrive_worker.verify_run:_difference",
         _equal,
         f"{HERE}/test_verification.py::test_a_sheet_that_differs_is_named",
     ),

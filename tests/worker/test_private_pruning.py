@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.private_pruning import KeptFile, files_to_prune, prune
-from exceptiondrive_worker.private_store import PrivateStore, Shelf
+from exceptiondrive_worker.private_store import KeptFile, PrivateStore, Shelf, files_to_prune, prune
 
 DAY_S = 86_400
 World = Any

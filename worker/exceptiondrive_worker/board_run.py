@@ -22,10 +22,9 @@ from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
-from exceptiondrive_worker.comparisons import Standing, comparisons
+from exceptiondrive_worker.comparisons import Standing, comparisons, entry_uncertainties
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
-from exceptiondrive_worker.entry_uncertainty import entry_uncertainties
 from exceptiondrive_worker.failures import job_boundary
 from exceptiondrive_worker.reminder_effects import reminder_effects
 from exceptiondrive_worker.similarity_run import compare_submissions

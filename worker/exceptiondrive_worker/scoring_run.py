@@ -37,8 +37,8 @@ _log = structlog.get_logger("exceptiondrive.worker")
 def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) -> bool:
     """Score the job of a lane that comes next in fair order; whether there was one.
 
-    While no file holds the registered split revision of a job it is not claimed, and others have
-    their turn.
+    While no file holds the registered split revision of a job it is not claimed, and others come
+    first.
 
     Args:
         context: Of this process.

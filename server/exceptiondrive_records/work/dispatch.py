@@ -85,7 +85,10 @@ class Dispatcher:
         self._quiet_until = 0.0
 
     def wake(self, lane: Lane, at_most: int = 1) -> bool:
-        """Let so many messages wait in a lane, no more; return whether the broker has them."""
+        """Let so many messages wait in a lane; return whether the broker has them.
+
+        Who looks at the same time may send one more, which then wakes somebody for nothing.
+        """
         if time.monotonic() < self._quiet_until:
             return False
         try:
@@ -97,16 +100,6 @@ class Dispatcher:
             _log.warning("the broker did not take a message", lane=lane.value, error=repr(error))
             with self._lock:
                 self._quiet_until = time.monotonic() + QUIET_AFTER_FAILURE_S
-            return False
-        return True
-
-    def wake_for_verification(self, item_id: str) -> bool:
-        """Wake a worker that recomputes a sheet; return whether the broker has the message."""
-        if time.monotonic() < self._quiet_until:
-            return False
-        try:
-            self._send(JobName.VERIFY, item_id, Lane.RESCORE)
-        except (KombuError, RedisError, OSError):
             return False
         return True
 
