@@ -254,7 +254,7 @@ class BoardPage:
         return Notice(words, f"/?phase={board.phase}#board", "Show the current board")
 
     @property
-    def standing(self) -> tuple[Notice, ...]:
+    def banners(self) -> tuple[Notice, ...]:
         """What the phase keeps back now, or shows apart."""
         if self.board is None or self.now is None or not self.is_current:
             return ()
