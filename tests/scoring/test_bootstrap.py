@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.support.metrics import SIX_METRICS
 
-from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import Protocol, RankingSection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
@@ -34,12 +34,12 @@ def _scores(seed: int, *, safe: float = 0.3, missing_source: float = 0.0) -> Sam
     hcc, hpr = is_safe * rng.random(N), is_safe * rng.random(N)
     cts = rng.gamma(2.0, 1.0, (N, 3))
     cts[rng.random(N) < missing_source] = NAN
-    return SampleScores(PLANNING.metrics, np.column_stack([hcc, ~is_safe, hpr, cts]))
+    return SampleScores(SIX_METRICS.metrics, np.column_stack([hcc, ~is_safe, hpr, cts]))
 
 
 def _one(scores: SampleScores, split: SplitArrays, protocol: Protocol) -> Uncertainty:
     sums = scene_sums(scores, split, protocol.taxonomy)
-    (result,) = bootstrap([sums], PLANNING, protocol.ranking, protocol.grading.headline)
+    (result,) = bootstrap([sums], SIX_METRICS, protocol.ranking, protocol.grading.headline)
     return result
 
 
@@ -91,9 +91,9 @@ def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(
         scene_sums(_scores(seed, missing_source=0.1 * (seed % 3)), split, protocol.taxonomy)
         for seed in range(20)
     ]
-    together = bootstrap(entries, PLANNING, protocol.ranking, "micro")
+    together = bootstrap(entries, SIX_METRICS, protocol.ranking, "micro")
     for entry, among_others in zip(entries, together, strict=True):
-        (alone,) = bootstrap([entry], PLANNING, protocol.ranking, "micro")
+        (alone,) = bootstrap([entry], SIX_METRICS, protocol.ranking, "micro")
         for name in ("micro", "macro_family", "families", "primary_draws"):
             np.testing.assert_array_equal(getattr(alone, name), getattr(among_others, name))
 
@@ -176,7 +176,7 @@ def test_rank_intervals_agree_with_the_interval_of_every_paired_difference(
         scene_sums(_scores(seed, safe=0.2 + 0.03 * seed), split, protocol.taxonomy)
         for seed in range(12)
     ]
-    uncertain = bootstrap(entries, PLANNING, protocol.ranking, "micro")
+    uncertain = bootstrap(entries, SIX_METRICS, protocol.ranking, "micro")
     found = rank_intervals(uncertain, "descending")
     for i, entry in enumerate(uncertain):
         best, worst = 1, len(uncertain)
@@ -219,7 +219,7 @@ def test_95_per_cent_intervals_cover_the_truth_in_93_to_97_per_cent_of_boards(
     protocol: Protocol,
 ) -> None:
     boards, true_micro, true_families = _simulated_boards(n_boards=600, n_scenes=500)
-    results = bootstrap(boards, PLANNING, protocol.ranking, "macro_family")
+    results = bootstrap(boards, SIX_METRICS, protocol.ranking, "macro_family")
 
     def coverage(intervals: FloatArray, truth: FloatArray) -> FloatArray:
         inside = (intervals[..., 0] <= truth) & (truth <= intervals[..., 1])
