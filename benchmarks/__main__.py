@@ -10,7 +10,7 @@ import platform
 from benchmarks import growth, measuring, processes, rescoring, uncertainty, upload
 from benchmarks.report import note
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_worker.memory_limit import keep_memory
+from exceptiondrive_worker.process import keep_memory
 
 SECTIONS = {
     "measuring": measuring.run,

@@ -50,7 +50,6 @@ _TIMES = {
     "EXCEPTIONDRIVE_TIME_LIMIT_S": "90",
     "EXCEPTIONDRIVE_LEASE_S": "120",
     "EXCEPTIONDRIVE_BOARD_LEASE_S": "30",
-    "EXCEPTIONDRIVE_RING_AGAIN_AFTER_S": "10",
     "EXCEPTIONDRIVE_RECONCILE_EVERY_S": "1",
     "EXCEPTIONDRIVE_HEARTBEAT_TTL_S": "15",
 }
@@ -209,7 +208,7 @@ def _read_records(topology: Topology, rush: Rush) -> None:
         ]
         rush.attempts = session.scalar(select(func.sum(Job.attempts))) or 0
         rush.boards = session.scalar(select(func.count(BoardRow.id))) or 0
-        rush.last_build_s = session.scalar(select(func.max(BoardRequest.build_s)))
+        rush.last_build_s = session.scalar(select(func.max(BoardRequest.took_s)))
         rush.broken = len(violations(session))
 
 

@@ -1,11 +1,12 @@
-"""The same arrivals with more slots than this machine has, in the server's own order of turns."""
+"""The same arrivals with more slots than this machine has, in the order of fair share."""
 
 import heapq
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+from tests.support.fair_share import TeamQueue, served, team_to_serve
+
 from benchmarks.load_traffic import FLOOD, arrivals
-from exceptiondrive_records.work.turns import TeamQueue, served, team_to_serve
 
 _START = datetime(2026, 1, 1, tzinfo=UTC)
 SLOTS = (1, 2, 4, 8, 16, 32)

@@ -17,7 +17,7 @@ down_revision = "{newest}"
 
 
 def upgrade() -> None:
-    op.add_column("jobs", sa.Column("added_later", sa.String()))
+    op.add_column("work", sa.Column("added_later", sa.String()))
     op.create_table("made_later", sa.Column("id", sa.Integer(), primary_key=True))
 '''
 

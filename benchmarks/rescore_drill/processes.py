@@ -28,7 +28,6 @@ SHORT_LEASE = {
     "EXCEPTIONDRIVE_TIME_LIMIT_S": "11",
     "EXCEPTIONDRIVE_LEASE_S": "12",
     "EXCEPTIONDRIVE_BOARD_LEASE_S": "12",
-    "EXCEPTIONDRIVE_RING_AGAIN_AFTER_S": "3",
 }
 """So that the work of a killed worker is taken up again while one waits."""
 

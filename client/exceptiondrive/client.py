@@ -1,13 +1,13 @@
-"""The SDK: one object that speaks for a team to one server, and the submissions that it follows."""
+"""The SDK: what speaks for a team to one server, the submissions that it follows, and its tokens."""
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from exceptiondrive.checking import check_file, read_file
 from exceptiondrive.errors import (
@@ -15,10 +15,9 @@ from exceptiondrive.errors import (
     NetworkError,
     NotFoundError,
     ScoringFailedError,
-    ServerError,
     WaitTimeoutError,
 )
-from exceptiondrive.transport import Connection, Progress, UploadBody, quoted
+from exceptiondrive.transport import Connection, Progress, Record, UploadBody, quoted, read_answer
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
@@ -41,6 +40,9 @@ MAX_OUTAGES = 5
 """Requests in a row, each with its own retries, that may fail while waiting: about a minute."""
 
 OnChange = Callable[[SubmissionView], None]
+AnyDocument = TypeVar("AnyDocument", bound=Document)
+PHASES = TypeAdapter(tuple[PhaseView, ...])
+PAGE_SIZE = 100
 
 
 class Submission:
@@ -168,11 +170,6 @@ class Submission:
         )
 
 
-AnyDocument = TypeVar("AnyDocument", bound=Document)
-PHASES = TypeAdapter(tuple[PhaseView, ...])
-PAGE_SIZE = 100
-
-
 class Client(Connection):
     """Submits files of one team and reads boards.
 
@@ -191,11 +188,8 @@ class Client(Connection):
 
     def phases(self) -> tuple[PhaseView, ...]:
         """Return all phases, with the team's own quota when a token was given."""
-        content = self._transport.get("/phases").content
-        try:
-            return PHASES.validate_json(content, extra="allow")
-        except ValidationError as error:
-            raise _unknown_form("/phases", error) from None
+        answer = self._transport.get("/phases")
+        return read_answer(lambda data: PHASES.validate_json(data, extra="allow"), answer)
 
     def phase(self, phase: str) -> PhaseView:
         """Return one phase.
@@ -274,8 +268,8 @@ class Client(Connection):
             "linked_to": without_reminder,
         }
         body = UploadBody(Path(file).name, read_file(file), fields, on_progress)
-        content = self._transport.post("/submissions", body).content
-        return Submission(self, _parsed(SubmissionView, content, "/submissions"))
+        answer = self._transport.post("/submissions", body)
+        return Submission(self, read_answer(SubmissionView.read, answer))
 
     def submission(self, submission_id: str) -> Submission:
         """Return a submission to follow."""
@@ -328,7 +322,7 @@ class Client(Connection):
 
     def _say(self, submission_id: str, what: str) -> SubmissionView:
         path = f"/submissions/{quoted(submission_id)}/{what}"
-        return _parsed(SubmissionView, self._transport.post(path, dict).content, path)
+        return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
     def receipt(self, submission_id: str) -> Receipt:
         """Return the signed receipt of a scored submission."""
@@ -411,7 +405,37 @@ class Client(Connection):
     def _get(
         self, kind: type[AnyDocument], path: str, query: dict[str, Any] | None = None
     ) -> AnyDocument:
-        return _parsed(kind, self._transport.get(path, query).content, path)
+        return read_answer(kind.read, self._transport.get(path, query))
+
+
+class TeamTokens(Connection):
+    """Lists, issues, rotates and revokes the tokens of one's team; needs the scope `tokens`."""
+
+    def all(self) -> list[Record]:
+        """Return the team's tokens, newest first, without their secrets."""
+        return self._transport.records("/tokens")
+
+    def create(
+        self, name: str, scopes: Sequence[str] | None = None, expires_at: str | None = None
+    ) -> Record:
+        """Issue a token; its text is under `token`, and is shown this once.
+
+        Args:
+            name: What it is for.
+            scopes: None more than one's own token has; by default `submit` and `read:own`.
+            expires_at: ISO 8601 with zone; else it does not expire.
+        """
+        wanted = {"name": name, "scopes": scopes and list(scopes), "expires_at": expires_at}
+        return self._transport.post_once("/tokens", wanted)
+
+    def rotate(self, token_id: str, *, keep_days: int = 7) -> Record:
+        """Issue the successor of a token; the old one works on for `keep_days`."""
+        path = f"/tokens/{quoted(token_id)}/rotate"
+        return self._transport.post_once(path, {"keep_days": keep_days})
+
+    def revoke(self, token_id: str) -> Record:
+        """Revoke a token for good."""
+        return self._transport.post_once(f"/tokens/{quoted(token_id)}/revoke", {})
 
 
 def _board_query(
@@ -431,21 +455,3 @@ def _board_query(
         "sort": sort,
         "view": view,
     }
-
-
-def _parsed(kind: type[AnyDocument], content: bytes, path: str) -> AnyDocument:
-    try:
-        return kind.read(content)
-    except ValidationError as error:
-        raise _unknown_form(path, error) from None
-
-
-def _unknown_form(path: str, error: ValidationError) -> ServerError:
-    first = error.errors(include_url=False, include_input=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return ServerError(
-        "unexpected_answer",
-        f"The server answered {path} in a form that this client does not know "
-        f"({where}: {first['msg']}).",
-        "Install the newest client: pip install --upgrade exceptiondrive",
-    )

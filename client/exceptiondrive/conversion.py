@@ -27,6 +27,9 @@ FollowedPoint = Literal["sensor", "rear-axle"]
 
 AT_ORIGIN_M = 0.05
 """A first point as near to the origin as this is the car at t = 0."""
+SIDES = ("source", "edited")
+CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
+SCHEMA = "exceptiondrive.planning/1"
 
 
 @dataclass(frozen=True)
@@ -220,11 +223,6 @@ def _cut(pairs: tuple[RawPair, ...], plan: ConversionPlan, done: list[str]) -> t
         )
     done.append(f"cut {len(long)} trajectories to their first {plan.waypoints} waypoints")
     return _each(pairs, lambda points: points[: plan.waypoints])
-
-
-SIDES = ("source", "edited")
-CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
-SCHEMA = "exceptiondrive.planning/1"
 
 
 def read_pairs(paths: Sequence[Path]) -> tuple[tuple[RawPair, ...], str | None]:

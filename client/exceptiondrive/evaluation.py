@@ -40,13 +40,27 @@ def evaluate_file(
         InvalidFileError: The file cannot be scored; the error carries every fault.
         InvalidArgumentError: The split cannot be used, or the extra `evaluate` is missing.
     """
+    return score(*sound_document(file, split, protocol))
+
+
+def sound_document(
+    file: str | os.PathLike[str],
+    split: str | os.PathLike[str] | Split,
+    protocol: Protocol | None,
+) -> tuple[CheckedDocument, Split, Protocol]:
+    """Read a file that can be scored, the split and the protocol that it is scored under.
+
+    Raises:
+        InvalidFileError: The file cannot be scored; the error carries every fault.
+        InvalidArgumentError: The split cannot be used, or the extra `evaluate` is missing.
+    """
     require_numpy()
     split = split if isinstance(split, Split) else read_split(split)
     protocol = protocol or packaged_protocol()
     checked = check(read_file(file), protocol=protocol, manifest=manifest_of(split, protocol))
     if checked.document is None:
         raise InvalidFileError(checked.report)
-    return score(checked.document, split, protocol)
+    return checked.document, split, protocol
 
 
 def read_split(path: str | os.PathLike[str]) -> Split:

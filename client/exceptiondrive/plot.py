@@ -9,13 +9,44 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from exceptiondrive.checking import manifest_of, read_file
-from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive.evaluation import read_split, require_numpy
-from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument, check
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.evaluation import sound_document
+from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Split
+
+PAD, GAP, HEAD, LEGEND, WORDS = 24, 24, 62, 34, 58
+LARGE, SMALL = (880, 380), (430, 240)
+LIGHT = {
+    "bg": "#fffefb", "plot": "#f6f4ee", "ink": "#17191d", "soft": "#5b606b", "line": "#e2ded3",
+    "safe": "#0a6285", "haz": "#bf4526",
+}  # fmt: skip
+DARK = {
+    "bg": "#171b21", "plot": "#101317", "ink": "#eeece6", "soft": "#a2a7b1", "line": "#2a3039",
+    "safe": "#5bbbe0", "haz": "#e5694a",
+}  # fmt: skip
+FONT = "Inter,system-ui,-apple-system,'Segoe UI',Helvetica,Arial,'DejaVu Sans',sans-serif"
+SHAPES = (
+    f"text{{font-family:{FONT}}}.h{{font-size:19px;font-weight:600}}.name{{font-size:14px;"
+    "font-weight:600}.words{font-size:12.5px}.tick{font-size:10px;paint-order:stroke;stroke-width:3px}.gap-text{font-size:13px;"
+    "font-weight:600;text-anchor:middle;paint-order:stroke;stroke-width:4px;stroke-linejoin:round}"
+    ".grid{stroke-width:1;fill:none}.safe{opacity:.12;stroke-linejoin:round}"
+    ".region{fill-opacity:.35;stroke-width:1.5}.source,.edited{fill:none;stroke-width:2.2}"
+    ".source{stroke-dasharray:6 4}.source-dot{stroke-width:1.6}.tube{opacity:.17}"
+    ".box{fill:none;stroke-width:1;stroke-opacity:.6}.gap{stroke-width:2;fill:none}"
+    ".origin{stroke-width:2}"
+)
+LEGEND_WORDS = (
+    ("source trajectory", '<path class="source" d="M0 0H26"/>'),
+    ("edited trajectory", '<path class="edited" d="M0 0H26"/>'),
+    ("collision tube", '<g class="tube"><path d="M0 -6H26V6H0z"/></g>'),
+    ("hazard region", '<path class="region" d="M0 -6H26V6H0z"/>'),
+    ("required clearance", '<path class="safe" d="M0 -6H26V6H0z" stroke-width="0"/>'),
+    ("clearance", '<path class="gap" d="M0 0H26"/>'),
+)
+MAX_PANELS = 60
+PNG_ZOOM = 2
 
 
 class Scenes:
@@ -60,37 +91,6 @@ class Scenes:
 
 def _few(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-
-
-PAD, GAP, HEAD, LEGEND, WORDS = 24, 24, 62, 34, 58
-LARGE, SMALL = (880, 380), (430, 240)
-LIGHT = {
-    "bg": "#fffefb", "plot": "#f6f4ee", "ink": "#17191d", "soft": "#5b606b", "line": "#e2ded3",
-    "safe": "#0a6285", "haz": "#bf4526",
-}  # fmt: skip
-DARK = {
-    "bg": "#171b21", "plot": "#101317", "ink": "#eeece6", "soft": "#a2a7b1", "line": "#2a3039",
-    "safe": "#5bbbe0", "haz": "#e5694a",
-}  # fmt: skip
-FONT = "Inter,system-ui,-apple-system,'Segoe UI',Helvetica,Arial,'DejaVu Sans',sans-serif"
-SHAPES = (
-    f"text{{font-family:{FONT}}}.h{{font-size:19px;font-weight:600}}.name{{font-size:14px;"
-    "font-weight:600}.words{font-size:12.5px}.tick{font-size:10px;paint-order:stroke;stroke-width:3px}.gap-text{font-size:13px;"
-    "font-weight:600;text-anchor:middle;paint-order:stroke;stroke-width:4px;stroke-linejoin:round}"
-    ".grid{stroke-width:1;fill:none}.safe{opacity:.12;stroke-linejoin:round}"
-    ".region{fill-opacity:.35;stroke-width:1.5}.source,.edited{fill:none;stroke-width:2.2}"
-    ".source{stroke-dasharray:6 4}.source-dot{stroke-width:1.6}.tube{opacity:.17}"
-    ".box{fill:none;stroke-width:1;stroke-opacity:.6}.gap{stroke-width:2;fill:none}"
-    ".origin{stroke-width:2}"
-)
-LEGEND_WORDS = (
-    ("source trajectory", '<path class="source" d="M0 0H26"/>'),
-    ("edited trajectory", '<path class="edited" d="M0 0H26"/>'),
-    ("collision tube", '<g class="tube"><path d="M0 -6H26V6H0z"/></g>'),
-    ("hazard region", '<path class="region" d="M0 -6H26V6H0z"/>'),
-    ("required clearance", '<path class="safe" d="M0 -6H26V6H0z" stroke-width="0"/>'),
-    ("clearance", '<path class="gap" d="M0 0H26"/>'),
-)
 
 
 def picture(
@@ -184,10 +184,6 @@ def _paint(c: dict[str, str]) -> str:
     )
 
 
-MAX_PANELS = 60
-PNG_ZOOM = 2
-
-
 def plot_file(
     file: str | os.PathLike[str],
     output: str | os.PathLike[str],
@@ -214,15 +210,13 @@ def plot_file(
         InvalidFileError: The file cannot be scored; the error carries every fault.
         InvalidArgumentError: A split, sample or output that cannot be used, or an extra is missing.
     """
-    require_numpy()
     target = Path(output)
-    _require_known_suffix(target)
-    split = split if isinstance(split, Split) else read_split(split)
-    protocol = protocol or packaged_protocol()
-    checked = check(read_file(file), protocol=protocol, manifest=manifest_of(split, protocol))
-    if checked.document is None:
-        raise InvalidFileError(checked.report)
-    scenes = Scenes(checked.document, split, protocol)
+    if target.suffix.lower() not in (".svg", ".png"):
+        raise InvalidArgumentError(
+            "wrong_output", f"{target.name} is neither .svg nor .png.", "Name the output *.svg"
+        )
+    document, split, protocol = sound_document(file, split, protocol)
+    scenes = Scenes(document, split, protocol)
     chosen = sample_ids or scenes.worst(min(worst, MAX_PANELS))
     if not chosen:
         raise InvalidArgumentError(
@@ -253,10 +247,3 @@ def png_bytes(svg: str) -> bytes:
             'Run: pip install "exceptiondrive[plot]", or write an .svg',
         ) from None
     return bytes(svg_to_bytes(svg_string=svg, zoom=PNG_ZOOM, sans_serif_family="DejaVu Sans"))
-
-
-def _require_known_suffix(path: Path) -> None:
-    if path.suffix.lower() not in (".svg", ".png"):
-        raise InvalidArgumentError(
-            "wrong_output", f"{path.name} is neither .svg nor .png.", "Name the output *.svg"
-        )

@@ -7,12 +7,12 @@ import io
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
-from typing import Any, NoReturn, Self
+from typing import Any, NoReturn, Self, TypeVar
 from urllib.parse import quote
 
 import httpx
 import stamina
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive.credentials import find_server, find_token, normal_server
 from exceptiondrive.errors import (
@@ -30,6 +30,33 @@ from exceptiondrive_schemas.problems import Problem, ProblemCode
 
 Progress = Callable[[int, int], None]
 """Called with bytes sent and bytes in all."""
+_ADVICE = {
+    ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
+    ProblemCode.NOT_ALLOWED: "Your token may not do this; `exceptiondrive whoami` shows its scopes.",
+    ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
+    ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
+    ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",
+    ProblemCode.STORE_UNAVAILABLE: "Wait a little and run the same command again.",
+}
+_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
+    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
+    ProblemCode.NOT_ALLOWED: NotAllowedError,
+    ProblemCode.PHASE_CLOSED: NotAllowedError,
+    ProblemCode.CONFLICT: NotAllowedError,
+    ProblemCode.NOT_FOUND: NotFoundError,
+    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
+    ProblemCode.STORE_UNAVAILABLE: ServerError,
+    ProblemCode.INTERNAL: ServerError,
+}
+_QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
+RETRIED_STATUSES = frozenset({502, 503, 504})
+LONGEST_RETRY_AFTER_S = 30.0
+"""Who asks to come back later than this is told to the user instead."""
+Query = Mapping[str, str | int | None]
+Record = dict[str, Any]
+"""A JSON object as the API documents it."""
+_RECORD, _RECORDS = TypeAdapter(Record), TypeAdapter(list[Record])
+Answer = TypeVar("Answer")
 
 
 class UploadBody:
@@ -74,27 +101,6 @@ class _CountingStream(io.BytesIO):
         if self._on_progress is not None:
             self._on_progress(self.tell(), self._size)
         return chunk
-
-
-_ADVICE = {
-    ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
-    ProblemCode.NOT_ALLOWED: "Your token may not do this; `exceptiondrive whoami` shows its scopes.",
-    ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
-    ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
-    ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",
-    ProblemCode.STORE_UNAVAILABLE: "Wait a little and run the same command again.",
-}
-_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
-    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
-    ProblemCode.NOT_ALLOWED: NotAllowedError,
-    ProblemCode.PHASE_CLOSED: NotAllowedError,
-    ProblemCode.CONFLICT: NotAllowedError,
-    ProblemCode.NOT_FOUND: NotFoundError,
-    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
-    ProblemCode.STORE_UNAVAILABLE: ServerError,
-    ProblemCode.INTERNAL: ServerError,
-}
-_QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 
 
 def raise_problem(response: httpx.Response) -> NoReturn:
@@ -171,13 +177,6 @@ def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
     )
 
 
-RETRIED_STATUSES = frozenset({502, 503, 504})
-LONGEST_RETRY_AFTER_S = 30.0
-"""Who asks to come back later than this is told to the user instead."""
-
-Query = Mapping[str, str | int | None]
-
-
 class _NotNowError(Exception):
     """The server asked to come back."""
 
@@ -220,7 +219,7 @@ class Transport:
         return self._send(lambda: self._http.get(path, params=params, headers=headers))
 
     def post(
-        self, path: str, body: Callable[[], dict[str, Any]], *, is_repeatable: bool = True
+        self, path: str, body: Callable[[], dict[str, Any]], is_repeatable: bool = True
     ) -> httpx.Response:
         """POST; `body` makes the arguments of each attempt anew, streams included.
 
@@ -232,17 +231,33 @@ class Transport:
         """
         return self._send(lambda: self._http.post(path, **body()), is_repeatable)
 
-    def post_once(self, path: str, document: Mapping[str, Any]) -> Any:
+    def post_once(self, path: str, document: Mapping[str, Any]) -> Record:
         """POST a JSON object without a second attempt: what is made twice would be two.
 
         Members that are None are left out.
         """
         body = {"json": {key: value for key, value in document.items() if value is not None}}
-        return self.post(path, lambda: dict(body), is_repeatable=False).json()
+        return read_answer(_RECORD.validate_json, self.post(path, lambda: dict(body), False))
 
-    def patch(self, path: str, body: Callable[[], dict[str, Any]]) -> httpx.Response:
+    def post_toml(self, path: str, toml: str, query: Query | None = None) -> Record:
+        """POST a TOML document; the same document twice is one."""
+        params = {key: value for key, value in (query or {}).items() if value is not None}
+        headers = {"content-type": "application/toml"}
+        body = {"content": toml.encode(), "headers": headers, "params": params}
+        return read_answer(_RECORD.validate_json, self.post(path, lambda: dict(body)))
+
+    def patch(self, path: str, changes: Mapping[str, Any]) -> Record:
         """PATCH; the same change twice is one."""
-        return self._send(lambda: self._http.patch(path, **body()))
+        answer = self._send(lambda: self._http.patch(path, json=dict(changes)))
+        return read_answer(_RECORD.validate_json, answer)
+
+    def record(self, path: str, query: Query | None = None) -> Record:
+        """GET one JSON object."""
+        return read_answer(_RECORD.validate_json, self.get(path, query))
+
+    def records(self, path: str, query: Query | None = None) -> list[Record]:
+        """GET a list of JSON objects."""
+        return read_answer(_RECORDS.validate_json, self.get(path, query))
 
     def _send(
         self, request: Callable[[], httpx.Response], is_repeatable: bool = True
@@ -291,6 +306,25 @@ def _is_too_fast(response: httpx.Response) -> bool:
         return Problem.read(response.content).code is ProblemCode.TOO_MANY_REQUESTS
     except ValidationError:
         return True
+
+
+def read_answer(read: Callable[[bytes], Answer], response: httpx.Response) -> Answer:
+    """Return what an answer says.
+
+    Raises:
+        ServerError: It is not in a form that this client knows.
+    """
+    try:
+        return read(response.content)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ServerError(
+            "unexpected_answer",
+            f"The server answered {response.url.path} in a form that this client does not know "
+            f"({where}: {first['msg']}).",
+            "Install the newest client: pip install --upgrade exceptiondrive",
+        ) from None
 
 
 class Connection:

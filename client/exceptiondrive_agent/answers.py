@@ -19,6 +19,9 @@ from exceptiondrive_schemas.submission_files import ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
 Schema = dict[str, Any]
+_FENCE = re.compile(r"```(?:json)?\s*\n?(.*?)```", re.DOTALL)
+_BARE_LETTER = re.compile(r"""["'`*(\s]*([A-E])["'`*).\s]*""")
+_REQUIRED = ("hazard_present", "risk_level", "recommended_strategy")
 
 
 def reminder_schema(taxonomy: Taxonomy) -> Schema:
@@ -58,11 +61,6 @@ def _one_of(values: list[str] | tuple[str, ...]) -> Schema:
 
 def _or_null(schema: Schema) -> Schema:
     return {"anyOf": [schema, {"type": "null"}]}
-
-
-_FENCE = re.compile(r"```(?:json)?\s*\n?(.*?)```", re.DOTALL)
-_BARE_LETTER = re.compile(r"""["'`*(\s]*([A-E])["'`*).\s]*""")
-_REQUIRED = ("hazard_present", "risk_level", "recommended_strategy")
 
 
 class _DuplicateKeyError(ValueError):

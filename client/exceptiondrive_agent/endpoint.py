@@ -25,6 +25,10 @@ from exceptiondrive_agent.errors import (
 )
 from exceptiondrive_agent.questions import Message, ModelSettings
 
+Sleep = Callable[[float], Awaitable[None]]
+_RAW_RESPONSE = "x-stainless-raw-response"  # the library reads it back from the request
+_KEY_ADVICE = "Set EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY."
+
 
 class Pace:
     """Hands out time slots that lie at least 60 s / `requests_per_minute` apart."""
@@ -164,11 +168,6 @@ def read_completion(body: bytes) -> Completion:
         raise NoAnswerError(
             Reason.BAD_RESPONSE, "the response is no chat completion", raw
         ) from None
-
-
-Sleep = Callable[[float], Awaitable[None]]
-_RAW_RESPONSE = "x-stainless-raw-response"  # the library reads it back from the request
-_KEY_ADVICE = "Set EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY."
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ _PNG_KEPT = frozenset(
 _JPEG_START, _JPEG_END, _JPEG_SCAN = 0xD8, 0xD9, 0xDA
 _JPEG_KEPT = frozenset({*range(0xC0, 0xD0), 0xDA, 0xDB, 0xDC, 0xDD} - {0xC8})
 _END_OF_SCAN = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
+MAX_IMAGE_BYTES = 20 * 1024 * 1024
+_SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
+ImagePaths = Mapping[str, tuple[Path, ...]]
 
 
 class ImageDataError(ValueError):
@@ -110,12 +113,6 @@ def _is_kept(marker: int, payload: bytes) -> bool:
     if marker == 0xEE:
         return payload.startswith(b"Adobe") and len(payload) == 12
     return marker in _JPEG_KEPT
-
-
-MAX_IMAGE_BYTES = 20 * 1024 * 1024
-_SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
-
-ImagePaths = Mapping[str, tuple[Path, ...]]
 
 
 def find_images(source: Path) -> ImagePaths:

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Annotated, Literal, Self
 
 from pydantic import Field, ValidationError
@@ -20,30 +19,7 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.submission_files import ReminderRecord, SampleId
 from exceptiondrive_schemas.taxonomy import Strategy
 
-
-class JournalLock:
-    """Holds `<journal>.lock` until it is closed. The file stays: only the lock on it counts."""
-
-    def __init__(self, journal: Path) -> None:
-        """Take the lock.
-
-        Raises:
-            AgentError: Another run holds it.
-            OSError: The lock file cannot be written.
-        """
-        self._file = journal.with_name(f"{journal.name}.lock").open("ab")
-        try:
-            _lock(self._file)
-        except OSError:
-            self._file.close()
-            raise AgentError(
-                f"{journal}: another `exceptiondrive remind` or `decide` is writing this journal; "
-                "wait for it or stop it, or name another file"
-            ) from None
-
-    def close(self) -> None:
-        """Give the lock up."""
-        self._file.close()
+MAX_RAW_CHARACTERS = 2000
 
 
 if sys.platform == "win32":
@@ -59,7 +35,18 @@ else:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-MAX_RAW_CHARACTERS = 2000
+def _locked(journal: Path) -> IO[bytes]:
+    """Hold `<journal>.lock` until it is closed. The file stays: only the lock on it counts."""
+    file = journal.with_name(f"{journal.name}.lock").open("ab")
+    try:
+        _lock(file)
+    except OSError:
+        file.close()
+        raise AgentError(
+            f"{journal}: another `exceptiondrive remind` or `decide` is writing this journal; "
+            "wait for it or stop it, or name another file"
+        ) from None
+    return file
 
 
 class JournalHeader(Document):
@@ -140,7 +127,7 @@ class Journal:
         self.lines: list[JournalLine] = []
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = JournalLock(path)
+            self._lock = _locked(path)
         except OSError as error:
             raise AgentError(f"{path}: {error.strerror}") from None
         try:
@@ -175,12 +162,7 @@ class Journal:
         """Return the journal."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the file and give the lock up."""
         self._file.close()
         self._lock.close()

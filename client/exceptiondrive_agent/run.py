@@ -43,6 +43,10 @@ from exceptiondrive_schemas.submission_files import (
 )
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
+GIVE_UP_AFTER = 20
+Ask = Callable[[str], Awaitable[JournalLine]]
+Take = Callable[[JournalLine], None]
+
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[[JournalLine], None]]:
@@ -106,12 +110,6 @@ def write_submission(submission: StrategySubmission, path: Path) -> None:
     with suppress(OSError):  # whatever is wrong, writing says it
         path.parent.mkdir(parents=True, exist_ok=True)
     write_file(path, submission.model_dump_json(by_alias=True, exclude_unset=True, indent=1) + "\n")
-
-
-GIVE_UP_AFTER = 20
-
-Ask = Callable[[str], Awaitable[JournalLine]]
-Take = Callable[[JournalLine], None]
 
 
 async def ask_sample(

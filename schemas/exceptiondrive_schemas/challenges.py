@@ -187,6 +187,8 @@ class Metric(Document):
     meaning: str
     formula: str = ""
     """Its equation as MathML; empty where words are enough."""
+    part_of: str = ""
+    """Key of the metric of which it is a component; it is explained there."""
     aggregation: Literal["mean", "share", "minimum", "quantile"] = "mean"
     level: float | None = Field(default=None, gt=0, le=1)
     """Of a quantile: 0.5 is the median."""
@@ -314,6 +316,7 @@ PLANNING = Challenge(
             better=None,
             role="diagnostic",
             meaning="Longitudinal part of the shift.",
+            part_of="cts",
         ),
         Metric(
             key="cts_y",
@@ -323,6 +326,7 @@ PLANNING = Challenge(
             better=None,
             role="diagnostic",
             meaning="Lateral part of the shift.",
+            part_of="cts",
         ),
     ),
 )

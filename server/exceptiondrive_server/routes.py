@@ -15,13 +15,17 @@ from exceptiondrive_server.boards import pages as board_pages
 from exceptiondrive_server.boards import pictures
 from exceptiondrive_server.entries import api as entries
 from exceptiondrive_server.entries import pages as entry_pages
+from exceptiondrive_server.guide import api as guide
+from exceptiondrive_server.guide import pages as guide_pages
 from exceptiondrive_server.notifications import api as notifications
 from exceptiondrive_server.operations import organizer_pages as overview_pages
 from exceptiondrive_server.phases import api as phases
 from exceptiondrive_server.phases import organizer_api as organizer_phases
 from exceptiondrive_server.phases import organizer_pages as phase_pages
 from exceptiondrive_server.protocols import api as protocols
-from exceptiondrive_server.protocols import organizer_pages as protocol_pages
+from exceptiondrive_server.protocols import organizer_api as organizer_protocols
+from exceptiondrive_server.protocols import organizer_pages as organizer_protocol_pages
+from exceptiondrive_server.protocols import pages as protocol_pages
 from exceptiondrive_server.rescoring import api as rescoring
 from exceptiondrive_server.rescoring import organizer_api as organizer_rescoring
 from exceptiondrive_server.rescoring import organizer_pages as run_pages
@@ -36,7 +40,7 @@ from exceptiondrive_server.teams import my_pages
 from exceptiondrive_server.teams import organizer_api as organizer_teams
 from exceptiondrive_server.teams import organizer_pages as organizer_team_pages
 from exceptiondrive_server.teams import pages as team_pages
-from exceptiondrive_server.web import documents, guide_pages, health, responses
+from exceptiondrive_server.web import health, responses
 from exceptiondrive_server.web.auth import require
 from exceptiondrive_server.web.organizer_frame import organizing
 from exceptiondrive_server.web.problems import problem_responses
@@ -57,6 +61,7 @@ for _part in (
     organizer_teams.router,
     organizer_accounts.router,
     organizer_phases.router,
+    organizer_protocols.router,
     organizer_rescoring.router,
     organizer_submissions.router,
     organizer_audit.router,
@@ -73,7 +78,7 @@ for _part in (
     entries.router,
     receipts_api.router,
     protocols.router,
-    documents.router,
+    guide.router,
     accounts.me_router,
     accounts.router,
     teams.router,
@@ -87,6 +92,7 @@ PAGES = APIRouter(include_in_schema=False)
 for _part in (
     board_pages.router,
     entry_pages.router,
+    protocol_pages.router,
     guide_pages.router,
     pictures.router,
     responses.router,
@@ -104,7 +110,7 @@ for _part in (
     organizer_team_pages.router,
     phase_pages.router,
     organizer_submission_pages.router,
-    protocol_pages.router,
+    organizer_protocol_pages.router,
     run_pages.router,
     audit_pages.router,
 ):

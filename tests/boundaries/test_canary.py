@@ -29,9 +29,9 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.doorbell import Doorbell
-from exceptiondrive_records.work.ringing import ring_job
+from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.jobs import JobName
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -102,7 +102,7 @@ class Site:
         )
         return done.stdout + done.stderr
 
-    def submit(self, data: bytes, method: str, doorbell: Doorbell, settings: Any) -> str:
+    def submit(self, data: bytes, method: str, dispatcher: Dispatcher, settings: Any) -> str:
         digest, size = self.files.put_stream([data], limit_bytes=2**20)
         with self.database.write() as session:
             accepted = accept(
@@ -114,7 +114,7 @@ class Site:
                 size_bytes=size,
             )
         assert accepted.job_id is not None
-        assert ring_job(self.database, doorbell, accepted.job_id, settings)
+        assert wake_lanes(self.database, dispatcher, settings)
         return accepted.submission.id
 
     def status(self, submission_id: str) -> SubmissionStatus:
@@ -212,10 +212,10 @@ def test_no_canary_leaves_the_worker(
 ) -> None:
     eavesdropper = Eavesdropper(site.broker_url)
     printed = seed(site)
-    doorbell = Doorbell(site.broker_url)
-    good = site.submit(upload(1.0), "good", doorbell, world_settings)
-    hit = site.submit(upload(4.5), "hit", doorbell, world_settings)
-    bad = site.submit(upload(1.0, split="other"), "bad", doorbell, world_settings)
+    dispatcher = Dispatcher(site.broker_url)
+    good = site.submit(upload(1.0), "good", dispatcher, world_settings)
+    hit = site.submit(upload(4.5), "hit", dispatcher, world_settings)
+    bad = site.submit(upload(1.0, split="other"), "bad", dispatcher, world_settings)
     wait_for(lambda: all(site.status(one).is_terminal for one in (good, hit, bad)))
 
     def board_has_both() -> bool:
@@ -230,7 +230,7 @@ def test_no_canary_leaves_the_worker(
     refused = site.operate("check-split", str(site.split_path))
     site.split_path.write_text(json.dumps(split_document(region=[[CANARY_M, "x"]] * 4)))
     unreadable = site.operate("check-split", str(site.split_path))
-    doorbell.close()
+    dispatcher.close()
     heard = eavesdropper.stop()
 
     assert site.status(good) is SubmissionStatus.SCORED
@@ -238,7 +238,7 @@ def test_no_canary_leaves_the_worker(
     assert site.status(bad) is SubmissionStatus.REJECTED
     assert "s1" in refused
     assert "s1" in unreadable
-    assert b"exceptiondrive.score" in heard
+    assert JobName.WAKE.value.encode() in heard
     places = {
         "records": site.everything_recorded(),
         "broker": heard,

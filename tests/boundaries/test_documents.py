@@ -20,6 +20,7 @@ OUTSIDE = re.compile(
 DOCUMENT = re.compile(r"docs/[\w./-]+\.md")
 SECTION = re.compile(r"docs/protocol\.md sections? (\d)(?: and (\d))?")
 FILE = re.compile(r"`(?:server/\.\.\./)?((?:[\w-]+/)*\w+\.(?:py|toml|html|conf))(?:::\w+)?`")
+NO_NOUNS = {"migrations"}
 OF_READERS = {"my_planner.py", "secrets/broker.conf"}
 LINK = re.compile(r"\]\(([^)\s#:]+)(#[\w-]+)?\)")
 
@@ -95,6 +96,16 @@ def test_links_between_documents_lead_somewhere(texts: dict[str, str]) -> None:
         if not (ROOT / name).parent.joinpath(target).exists()
     }
     assert broken == set()
+
+
+def test_the_nouns_of_the_architecture_are_the_folders_of_both_sides() -> None:
+    text = (DOCS / "architecture.md").read_text("utf-8")
+    nouns = re.findall(r"^\| \*\*(\w+)\*\* \| (yes|no) \| (yes|no) \|", text, re.MULTILINE)
+    sides = {"exceptiondrive_records": 1, "exceptiondrive_server": 2}
+    for package, column in sides.items():
+        others = set(re.findall(rf"`{package}/(\w+)/`", text))
+        folders = {path.parent.name for path in (ROOT / "server" / package).glob("*/__init__.py")}
+        assert folders - others - NO_NOUNS == {row[0] for row in nouns if row[column] == "yes"}
 
 
 def test_the_page_of_faults_has_the_faults_and_inputs_that_are_tried() -> None:

@@ -23,7 +23,7 @@ WITHOUT_SPLITS = ["server", "client", "schemas"]
 MAY_OPEN_SPLITS = {
     "board_entries.py": "takes the manifest's counts",
     "board_run.py": "asks for the split of a phase",
-    "doors.py": "opens the store",
+    "context.py": "opens the store",
     "exact_sheet.py": "takes loaded arrays",
     "operator_cli.py": "checks and registers",
     "scoring_run.py": "asks for the split of a job",

@@ -13,8 +13,9 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 from tests.chaos.history import BoardSeen, Call, History, Sighting
+from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
@@ -24,7 +25,7 @@ from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.claims import Finish
+from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
@@ -136,7 +137,7 @@ class _Teller:
         with self.database.write() as session:
             row = session.get_one(Submission, submission_id)
             (job_id,) = session.scalars(select(Job.id).where(Job.submission_id == row.id))
-            claim = jobs.claim(session, job_id, 60, 3)
+            claim = claim_this(session, job_id, 60, 3)
         assert claim is not None
         with self.database.write() as session:
             if hcc is None:
@@ -157,7 +158,7 @@ class _Teller:
 
     def publish(self, ranked: tuple[str, ...]) -> None:
         with self.database.write() as session:
-            claim = claim_board(session, "dev", self.protocol.digest, 60)
+            claim = claim_board_of(session, "dev", self.protocol.digest)
             assert claim is not None
             entries = tuple(
                 self._entry(session, submission_id, rank)

@@ -10,9 +10,8 @@ import redis
 from tests.chaos.junk import JUNK
 from tests.chaos.run import Run, percentile, slowest_s
 
-from exceptiondrive_records.db.base import JobState
-from exceptiondrive_records.work.doorbell import KEY_PREFIX, Doorbell
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.dispatch import KEY_PREFIX, Dispatcher
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus as Status
 
@@ -64,7 +63,7 @@ def down_at_submit(run: Run) -> str:
 def flush(run: Run) -> str:
     run.slowly(0.6)
     run.clients.stream(10, every_s=0.02)
-    run.topology.wait_until(lambda: run.count(JobState.QUEUED) >= 3, "jobs that wait")
+    run.topology.wait_until(lambda: run.count(WorkState.QUEUED) >= 3, "jobs that wait")
     with run.topology.broker.client() as client:
         client.flushall()
     waiting = run.waiting()
@@ -130,7 +129,7 @@ def _refuses_writes(client: redis.Redis) -> bool:
 
 
 def evicts(run: Run) -> str:
-    """The broker throws the queue away while rung jobs wait in it."""
+    """The broker throws the queue away while messages wait in it."""
     run.topology.worker.hold_down()
     start_s = run.history.now_s()
     run.clients.stream(8)
@@ -214,22 +213,21 @@ def deliver_again(run: Run) -> str:
     """Ten messages while it is scored, at once from several sides, and ten after it."""
     scored = run.lines("submission scored")
     call = run.upload(order="1")
-    doorbell = Doorbell(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
-    job = run.job_of(call)
+    dispatcher = Dispatcher(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
 
-    def ring(_: int) -> bool:
-        return doorbell.ring_score(job.id, job.lane)
+    def wake(_: int) -> bool:
+        return dispatcher.wake(Lane.LIVE, at_most=10)
 
     with ThreadPoolExecutor(5) as several:
-        assert all(several.map(ring, range(10)))
+        assert all(several.map(wake, range(10)))
     run.settle()
     with ThreadPoolExecutor(5) as several:
-        assert all(several.map(ring, range(10)))
+        assert all(several.map(wake, range(10)))
     with run.topology.broker.client() as client:
         run.topology.wait_until(lambda: not _n_waiting(client), "all to be delivered")
     run.clients.stream(4)
     run.settle()
-    doorbell.close()
+    dispatcher.close()
     again: Job = run.job_of(call)
     assert again.attempts == 1, f"it was taken {again.attempts} times"
     assert run.n_scored(call) == 1

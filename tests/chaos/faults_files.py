@@ -9,7 +9,7 @@ import time
 
 from tests.chaos.run import Run
 
-from exceptiondrive_records.db.base import JobState
+from exceptiondrive_records.work.tables import WorkState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -110,7 +110,7 @@ def split_missing(run: Run) -> str:
     path.write_bytes(_changed_split(whole))
     time.sleep(2.5)
     assert all(run.job_of(call).attempts == 0 for call in calls), "an attempt was used up"
-    assert all(run.job_of(call).state is JobState.QUEUED for call in calls)
+    assert all(run.job_of(call).state is WorkState.QUEUED for call in calls)
     path.write_bytes(whole)
     run.settle()
     assert all(run.status_of(call) is SubmissionStatus.SCORED for call in calls)

@@ -8,8 +8,8 @@ from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.database import database_now
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.submissions.submissions import new_job
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus

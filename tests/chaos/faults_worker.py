@@ -10,8 +10,8 @@ from tests.chaos.run import Hit, Run
 from tests.chaos.saboteur import VISIBILITY_S
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.operations.dashboard import dashboard
+from exceptiondrive_records.work.tables import WorkState
 
 _DRAINS_WITHIN_S = 10.0
 
@@ -21,7 +21,7 @@ def kill_children(run: Run) -> str:
     before = run.n_retried()
     run.slowly(0.5)
     victim = run.upload(order="1.5")
-    run.topology.wait_until(lambda: run.job_of(victim).state is JobState.LEASED, "its lease")
+    run.topology.wait_until(lambda: run.job_of(victim).state is WorkState.LEASED, "its lease")
     run.clients.stream(7)
     killed = 0
     for _ in range(3):
@@ -81,7 +81,7 @@ def terminate(run: Run) -> str:
     began = time.monotonic()
     code = run.topology.worker.stop()
     took_s = time.monotonic() - began
-    left = run.count(JobState.LEASED)
+    left = run.count(WorkState.LEASED)
     run.at_full_speed()
     run.topology.worker.start()
     run.settle()
@@ -111,7 +111,7 @@ def freeze_past_the_lease(run: Run) -> str:
     time.sleep(LEASE_S + 2)
     run.at_full_speed()
     run.clients.join()
-    run.topology.wait_until(lambda: not run.count(JobState.QUEUED, JobState.LEASED), "the other")
+    run.topology.wait_until(lambda: not run.count(WorkState.QUEUED, WorkState.LEASED), "the other")
     n_sheets = run.n_sheets()
     for child in frozen.children:  # before their parent, which would end them for lasting too long
         os.kill(child, signal.SIGCONT)
@@ -148,7 +148,7 @@ def poison(run: Run) -> str:
     with run.topology.database.read() as session:
         told = {row.id for row in dashboard(session).failed}
     assert run.failure_of(poisoned) == "attempts_exhausted"
-    assert run.job_of(poisoned).state is JobState.DEAD
+    assert run.job_of(poisoned).state is WorkState.DEAD
     assert run.job_of(poisoned).attempts == MAX_ATTEMPTS
     assert run.used_today("alpha") == used + cost, "our own failure cost quota"
     assert poisoned.submission_id in told, "no organizer is told"

@@ -15,7 +15,6 @@ from tests.chaos.topology import LEASE_S, PHASE, Topology
 
 from exceptiondrive.evaluation import read_split
 from exceptiondrive_records.audit.log import count_audit_lines
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations.invariants import unfinished
@@ -24,14 +23,14 @@ from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.reconciler import LEADERSHIP
-from exceptiondrive_records.work.tables import Job, Leader, WorkerHeartbeat
+from exceptiondrive_records.work.tables import Job, Leader, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-OPEN = (JobState.QUEUED, JobState.LEASED)
+OPEN = (WorkState.QUEUED, WorkState.LEASED)
 _AFTER_THE_LEASE_S = 5.0
-"""For the reconciler's next pass, a ring, and a worker's first look into its queue."""
+"""For the reconciler's next pass, a message, and a worker's first look into its queue."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +75,9 @@ class Run:
 
     def wait_for_lease(self) -> None:
         """Wait until a worker is in the middle of scoring."""
-        self.topology.wait_until(lambda: self.count(JobState.LEASED), "a job being scored")
+        self.topology.wait_until(lambda: self.count(WorkState.LEASED), "a job being scored")
 
-    def count(self, *states: JobState, lane: Lane | None = None) -> int:
+    def count(self, *states: WorkState, lane: Lane | None = None) -> int:
         query = select(func.count()).select_from(Job).where(Job.state.in_(states))
         if lane is not None:
             query = query.where(Job.lane == lane)
@@ -130,13 +129,13 @@ class Run:
 
     def waiting(self) -> Hit:
         """The jobs that wait, and now."""
-        return self._hit(JobState.QUEUED)
+        return self._hit(WorkState.QUEUED)
 
     def held(self) -> Hit:
         """The jobs in the middle of being scored, and the workers that live now."""
-        return self._hit(JobState.LEASED)
+        return self._hit(WorkState.LEASED)
 
-    def _hit(self, state: JobState) -> Hit:
+    def _hit(self, state: WorkState) -> Hit:
         with self.topology.database.read() as session:
             jobs = session.execute(select(Job.id, Job.leased_at).where(Job.state == state))
             workers = session.scalars(select(WorkerHeartbeat.worker_id))
@@ -190,7 +189,7 @@ class Run:
 
     def leader(self) -> str | None:
         with self.topology.database.read() as session:
-            return session.scalar(select(Leader.holder).where(Leader.name == LEADERSHIP))
+            return session.scalar(select(Leader.holder).where(Leader.key == LEADERSHIP))
 
     def n_retried(self) -> int:
         """How many jobs took more than one attempt."""

@@ -50,12 +50,12 @@ def _once(name: str) -> bool:
 
 def _sabotage_worker() -> Callable[[], None]:
     import exceptiondrive_scoring
-    from exceptiondrive_records.work import doorbell as broker_options
+    from exceptiondrive_records.work import dispatch
 
     exceptiondrive_scoring.SCORER_VERSION = os.environ.get(
         SCORER, exceptiondrive_scoring.SCORER_VERSION
     )
-    options = broker_options.transport_options
+    options = dispatch.transport_options
 
     def impatient(**named: Any) -> dict[str, Any]:
         wait_s = float(os.environ[VISIBILITY_S])
@@ -63,7 +63,7 @@ def _sabotage_worker() -> Callable[[], None]:
         return {**options(**named), **restore, "visibility_timeout": wait_s}
 
     if VISIBILITY_S in os.environ:
-        broker_options.transport_options = impatient
+        dispatch.transport_options = impatient
 
     from exceptiondrive_worker import operator_cli
     from exceptiondrive_worker.stages import Stages
@@ -87,20 +87,20 @@ def _sabotage_server() -> Callable[[], None]:
 
     submitting: Any = module
 
-    accept, ring = submitting.accept, submitting._ring
+    accept, wake = submitting.accept, submitting._wake
 
     def sabotaged_accept(*arguments: Any, **named: Any) -> Any:
         if _once("kill-before-commit"):
             os.kill(os.getpid(), signal.SIGKILL)
         return accept(*arguments, **named)
 
-    def sabotaged_ring(*arguments: Any) -> None:
+    def sabotaged_wake(*arguments: Any) -> None:
         if _once("kill-after-commit"):
             os.kill(os.getpid(), signal.SIGKILL)
-        ring(*arguments)
+        wake(*arguments)
 
     submitting.accept = sabotaged_accept
-    submitting._ring = sabotaged_ring
+    submitting._wake = sabotaged_wake
     return operator_cli.main
 
 

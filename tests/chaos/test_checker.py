@@ -45,16 +45,19 @@ def _sql(statement: str) -> Plant:
 
 def _lose_the_row(story: Story) -> None:
     best = story.scored[0]
-    for table in ("score_sheets", "jobs"):
+    for table in ("score_sheets", "work"):
         _sql(f"DELETE FROM {table} WHERE submission_id = '{best}'")(story)
     _sql(f"DELETE FROM submissions WHERE id = '{best}'")(story)
 
 
 def _two_first_jobs(story: Story) -> None:
+    same = (
+        "kind, lane, state, asked, attempts, fence, created_at, available_at, finished_at, "
+        "submission_id, team_id, protocol_digest, is_first"
+    )
     _sql(
-        "INSERT INTO jobs SELECT 'twin', submission_id, protocol_digest, 'sha256:other', lane, "
-        "is_first, state, attempts, fence, created_at, available_at, leased_at, lease_until, "
-        f"finished_at, rung_at, rings FROM jobs WHERE submission_id = '{story.scored[0]}'"
+        f"INSERT INTO work (id, key, split_revision, {same}) SELECT 'twin', 'twin', 'sha256:other', "
+        f"{same} FROM work WHERE submission_id = '{story.scored[0]}'"
     )(story)
 
 
@@ -158,7 +161,7 @@ def _rank_the_failed(story: Story) -> None:
 
 
 def _still_open(story: Story) -> None:
-    _sql("UPDATE board_requests SET wanted = wanted + 1")(story)
+    _sql("UPDATE work SET state = 'queued' WHERE kind = 'board'")(story)
 
 
 def _forget_who_sent_it(story: Story) -> None:
@@ -212,11 +215,11 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     "a status moved without its job": ("status is not that of the job", _status_alone),
     "a lease without an end": (
         "lease and state differ",
-        _sql("UPDATE jobs SET state = 'leased', finished_at = NULL"),
+        _sql("UPDATE work SET state = 'leased', finished_at = NULL WHERE kind = 'score'"),
     ),
     "a job ended without a time": (
         "end and state differ",
-        _sql("UPDATE jobs SET finished_at = NULL"),
+        _sql("UPDATE work SET finished_at = NULL WHERE kind = 'score'"),
     ),
     "a score sheet is gone": ("scored without a sheet", _sheet_lost),
     "a sheet without a job": ("sheet without a finished job", _sheet_from_nowhere),
@@ -264,7 +267,7 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     ),
     "a job was never finished": (
         "unfinished",
-        _sql("UPDATE jobs SET state = 'queued', finished_at = NULL WHERE state = 'failed'"),
+        _sql("UPDATE work SET state = 'queued', finished_at = NULL WHERE state = 'failed'"),
     ),
     "a board is still owed": ("unfinished", _still_open),
     "more than the quota was taken": (

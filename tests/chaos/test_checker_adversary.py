@@ -141,6 +141,10 @@ def _rewrite_the_chain(story: Story) -> None:
 
 
 PLANTED: dict[str, tuple[str, Plant]] = {
+    "the table of entries says another rank": (
+        "entries of a board altered",
+        _sql("UPDATE board_entries SET rank = 9 WHERE submission_id = '{best}'"),
+    ),
     "a submission got another's method": (
         "accepted as another",
         _sql("UPDATE submissions SET method = 'other' WHERE id = '{best}'"),
@@ -171,7 +175,7 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     "the whole audit chain was rewritten": ("audit chain rewritten", _rewrite_the_chain),
     "a job was tried too often": (
         "too many attempts",
-        _sql("UPDATE jobs SET attempts = 9 WHERE submission_id = '{best}'"),
+        _sql("UPDATE work SET attempts = 9 WHERE submission_id = '{best}'"),
     ),
 }
 

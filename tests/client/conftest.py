@@ -19,7 +19,7 @@ from tests.support.serving import served
 from exceptiondrive import Client
 
 if TYPE_CHECKING:
-    from exceptiondrive_worker.doors import Doors
+    from exceptiondrive_worker.context import WorkerContext
 
 STRAIGHT = [[4.0 * step, 0.0] for step in range(1, 7)]
 SPLIT = {
@@ -154,7 +154,7 @@ class Running:
     url: str
     token: str
     organizer_token: str
-    doors: "Doors"
+    context: "WorkerContext"
 
     def client(self) -> Client:
         return Client(self.url, self.token)
@@ -167,7 +167,7 @@ def running(
     """Start the application, without a worker."""
     from exceptiondrive_server.app import create_app
     from exceptiondrive_server.web.settings import ServerSettings
-    from exceptiondrive_worker.doors import open_doors
+    from exceptiondrive_worker.context import open_context
     from exceptiondrive_worker.settings import WorkerSettings
 
     places: dict[str, Any] = {
@@ -179,16 +179,16 @@ def running(
     folder.mkdir(parents=True)
     (folder / "split.json").write_bytes(split_file.read_bytes())
     worker = WorkerSettings(**places, splits_dir=folder.parent, private_dir=tmp_path / "private")
-    doors = open_doors(worker)
-    tokens = _fill_records(doors)
+    context = open_context(worker)
+    tokens = _fill_records(context)
     application = create_app(ServerSettings(**places, receipt_key_file=tmp_path / "key.pem"))
     # CliRunner would take the server's lines for the CLI's
     with served(application) as url, structlog.testing.capture_logs():
-        yield Running(url, *tokens, doors)
-    doors.close()
+        yield Running(url, *tokens, context)
+    context.close()
 
 
-def _fill_records(doors: "Doors") -> tuple[str, str]:
+def _fill_records(context: "WorkerContext") -> tuple[str, str]:
     """Make protocol, split, two phases, a team and its token, an organizer and theirs."""
     from exceptiondrive_records.accounts import tokens
     from exceptiondrive_records.phases import phases
@@ -200,11 +200,11 @@ def _fill_records(doors: "Doors") -> tuple[str, str]:
     from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
 
     protocol, actor = packaged_protocol(), "test"
-    with doors.database.write() as session:
+    with context.database.write() as session:
         protocols.add_protocol(session, packaged_protocol_toml(), actor)
-    register_all_splits(doors.database, doors.splits, protocol)
-    publish_split_file(doors.database, doors.files, doors.splits, "tiny", protocol)
-    with doors.database.write() as session:
+    register_all_splits(context.database, context.splits, protocol)
+    publish_split_file(context.database, context.files, context.splits, "tiny", protocol)
+    with context.database.write() as session:
         for phase, challenge in (("dev", "planning"), ("words", "strategy")):
             phases.create_phase(
                 session,
@@ -230,28 +230,26 @@ def _fill_records(doors: "Doors") -> tuple[str, str]:
 def working(running: Running) -> Iterator[Running]:
     """The same, with the worker's functions doing what is queued."""
     stop = threading.Event()
-    thread = threading.Thread(target=_work, args=(running.doors, stop), daemon=True)
+    thread = threading.Thread(target=_work, args=(running.context, stop), daemon=True)
     thread.start()
     yield running
     stop.set()
     thread.join()
 
 
-def _work(doors: "Doors", stop: threading.Event) -> None:
+def _work(context: "WorkerContext", stop: threading.Event) -> None:
     from sqlalchemy import select
+    from tests.support.worker import build_board_of, score_submission
 
-    from exceptiondrive_records.db.base import JobState
-    from exceptiondrive_records.work.tables import BoardRequest, Job
-    from exceptiondrive_worker.board_run import build_board
-    from exceptiondrive_worker.scoring_run import score_submission
+    from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 
-    queued = select(Job.id).where(Job.state == JobState.QUEUED)
-    wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+    queued = select(Job.id).where(Job.state == WorkState.QUEUED)
+    wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
     while not stop.wait(0.02):
-        with doors.database.read() as session:
+        with context.database.read() as session:
             job_ids = list(session.scalars(queued))
             boards = [(row.phase_id, row.protocol_digest) for row in session.scalars(wanted)]
         for job_id in job_ids:
-            score_submission(doors, job_id)
+            score_submission(context, job_id)
         for phase_id, digest in boards:
-            build_board(doors, phase_id, digest)
+            build_board_of(context, phase_id, digest)

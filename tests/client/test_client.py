@@ -24,7 +24,9 @@ from exceptiondrive import (
     WaitTimeoutError,
 )
 from exceptiondrive.checking import manifest_of
+from exceptiondrive.client import TeamTokens
 from exceptiondrive.evaluation import read_split
+from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionView
 
@@ -351,3 +353,23 @@ def test_a_wait_ends_in_time_and_says_that_the_submission_is_safe(
         followed(canned_server).wait(timeout_s=0.05)
     assert "exceptiondrive status abc" in caught.value.advice
     assert caught.value.submission.id == "abc"
+
+
+@pytest.mark.parametrize("answer", [b"<html>a page of a proxy</html>", b'["of another form"]'])
+def test_an_answer_in_another_form_is_said_by_every_reader(
+    canned_server: "CannedServer", answer: bytes
+) -> None:
+    for path in ("GET /me", "GET /phases", "GET /tokens", "GET /phases/dev", "POST /tokens"):
+        canned_server.answer(path, 200, answer)
+    tokens = TeamTokens(canned_server.url, "edk_t_1")
+    readers: list[Callable[[], object]] = [
+        Client(canned_server.url).me,
+        Client(canned_server.url).phases,
+        tokens.all,
+        lambda: tokens.create("ci"),
+        lambda: Organizer(canned_server.url).phase("dev"),
+    ]
+    for read in readers:
+        with pytest.raises(ServerError, match="in a form that this client does not know") as caught:
+            read()
+        assert caught.value.code == "unexpected_answer"

@@ -101,7 +101,7 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     assert "phase created" in organize(running, "audit", "list").stdout
     few = json.loads(organize(running, "audit", "list", "--limit", "2", "--json").stdout)
     assert len(few) == 2
-    with running.doors.database.write() as session:
+    with running.context.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
         for (name,) in list(triggers):
             session.execute(text(f'DROP TRIGGER "{name}"'))

@@ -175,7 +175,7 @@ def test_late_entries_are_read_with_view_late(working: "Running", planning_file:
     early = run(working, "leaderboard", "--phase", "test", "--view", "late")
     assert early.exit_code != 0
     assert "nothing came late" in early.stderr
-    with working.doors.database.write() as session:
+    with working.context.database.write() as session:
         find_phase(session, "test").closes_at = database_now(session)
     late = scored(working, other_bytes(planning_file("late.json")), "TooLate")
     asked = ("leaderboard", "--phase", "test")

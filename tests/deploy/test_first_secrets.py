@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_records.db.roles import Role, role_of
 from exceptiondrive_server.launcher.broker import find_broker_binary
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.operations.cli import app
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ from tests.support.processes import free_port
 from exceptiondrive import ServerError
 from exceptiondrive.transport import Transport
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
-from exceptiondrive_server.web.problem_vocabulary import TITLE_OF
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.problems import TOO_LARGE
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"}
@@ -45,7 +45,7 @@ def problem_of(answer: httpx.Response) -> Problem:
     assert answer.headers["content-type"] == PROBLEM_MEDIA_TYPE
     problem = Problem.model_validate_json(answer.content)
     assert problem.status == answer.status_code
-    assert problem.title == TITLE_OF[problem.code]
+    assert problem.title == PROBLEMS[problem.code].title
     assert problem.type == f"/problems/{problem.code}"
     assert answer.headers["strict-transport-security"]
     return problem
@@ -76,7 +76,7 @@ def test_no_server_is_a_page_for_a_browser(browser: httpx.Client) -> None:
     answer = browser.get("/?phase=<script>", headers=BROWSER)
     assert (answer.status_code, answer.headers["retry-after"]) == (502, "5")
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
-    assert f"<h1>{TITLE_OF[ProblemCode.STORE_UNAVAILABLE]}</h1>" in answer.text
+    assert f"<h1>{PROBLEMS[ProblemCode.STORE_UNAVAILABLE].title}</h1>" in answer.text
     assert "No server answers right now." in answer.text
     assert "script" not in answer.text
     style = browser.get("/refusal.css")

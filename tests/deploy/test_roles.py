@@ -106,11 +106,11 @@ def test_a_role_that_is_there_gets_back_exactly_its_rights(
     owner = records_url.replace("+psycopg", "")
     with psycopg.connect(owner, autocommit=True) as connection:
         connection.execute("GRANT ALL ON tokens TO exceptiondrive_worker")
-        connection.execute("REVOKE ALL ON jobs FROM exceptiondrive_worker")
+        connection.execute("REVOKE ALL ON work FROM exceptiondrive_worker")
     address = tmp_path / "worker_database_url"
     address.write_text(as_role(records_url, Role.WORKER) + "\n")
     assert grant_to_files(records_url, [address]) == [Role.WORKER]
-    assert ask(Role.WORKER, "SELECT count(*) FROM jobs") == (0,)
+    assert ask(Role.WORKER, "SELECT count(*) FROM work") == (0,)
     with pytest.raises(errors.InsufficientPrivilege):
         ask(Role.WORKER, "SELECT * FROM tokens")
 

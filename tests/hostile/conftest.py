@@ -11,6 +11,7 @@ import pytest
 import structlog
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
+from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.phases.phases import create_phase
@@ -23,9 +24,7 @@ from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_worker.board_run import build_board
-from exceptiondrive_worker.doors import Doors, open_doors
-from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits_admin import register_all_splits
 
@@ -36,10 +35,10 @@ N_SAMPLES = 2
 
 @dataclass
 class Site:
-    """A server, and the doors of its worker."""
+    """A server, and the context of its worker."""
 
     client: TestClient
-    doors: Doors
+    context: WorkerContext
     token: str
 
     def post(self, data: bytes, method: str = "Probe", **form: str) -> Any:
@@ -55,9 +54,9 @@ class Site:
         response = self.post(data, **form)
         assert response.status_code in (200, 202), response.text
         submission_id = response.json()["id"]
-        with self.doors.database.read() as session:
+        with self.context.database.read() as session:
             job_id = session.query(Job).filter_by(submission_id=submission_id).one().id
-        score_submission(self.doors, job_id)
+        score_submission(self.context, job_id)
         return self.shown(submission_id)
 
     def shown(self, submission_id: str) -> dict[str, Any]:
@@ -68,11 +67,11 @@ class Site:
         return shown
 
     def publish(self) -> None:
-        build_board(self.doors, "dev", PROTOCOL.digest)
+        build_board_of(self.context, "dev", PROTOCOL.digest)
 
     @property
     def n_submissions(self) -> int:
-        with self.doors.database.read() as session:
+        with self.context.database.read() as session:
             return session.query(Submission).count()
 
 
@@ -93,13 +92,13 @@ def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Ite
         "file_store_url": (folder / "uploads").as_uri(),
     }
     worker: dict[str, Any] = {"splits_dir": split.parents[1], "private_dir": folder / "private"}
-    doors = open_doors(WorkerSettings(**places, **worker, broker_url="memory://"))
-    with doors.database.write() as session:
+    context = open_context(WorkerSettings(**places, **worker, broker_url="memory://"))
+    with context.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
-    register_all_splits(doors.database, doors.splits, PROTOCOL)
+    register_all_splits(context.database, context.splits, PROTOCOL)
     limits: dict[str, Any] = {"quota_per_day": 10_000, "rejected_per_day": 10_000}
     names: dict[str, Any] = {"title": "Dev", "split": "tiny", "protocol": "1.0"}
-    with doors.database.write() as session:
+    with context.database.write() as session:
         create_phase(
             session,
             NewPhase(id="dev", challenge=PLANNING.id, **names, **limits),
@@ -116,5 +115,5 @@ def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Ite
         structlog.testing.capture_logs(),
         TestClient(create_app(settings), raise_server_exceptions=False) as client,
     ):
-        yield Site(client, doors, token)
-    doors.close()
+        yield Site(client, context, token)
+    context.close()

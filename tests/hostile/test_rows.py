@@ -278,7 +278,7 @@ def test_i28_the_name_of_a_file_is_never_used(site: "Site", name: str) -> None:
     )
     assert response.status_code in (200, 202, 400)
     assert "passwd" not in response.text
-    store = Path(site.doors.settings.file_store_url.removeprefix("file://"))
+    store = Path(site.context.settings.file_store_url.removeprefix("file://"))
     names = [path.name for path in store.rglob("*") if path.is_file()]
     assert names
     assert all("passwd" not in known and len(known) <= 80 for known in names)

@@ -6,10 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.launch import require_free_port
-from exceptiondrive_server.launcher.layout import BrokerFolder, DataLock, Layout
-from exceptiondrive_server.launcher.plans import Address, find_command, worker_environment
+from exceptiondrive_server.launcher.layout import (
+    Address,
+    BrokerFolder,
+    DataLock,
+    Layout,
+    find_command,
+    worker_environment,
+)
 
 
 def mode(path: Path) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
+from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.phases.phases import create_phase
@@ -21,9 +22,7 @@ from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_worker.board_run import build_board
-from exceptiondrive_worker.doors import Doors, open_doors
-from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits_admin import register_all_splits
 
@@ -37,8 +36,8 @@ API = "/api/v1"
 class Participant:
     """Uploads by HTTP and reads what is public; workers score in this process."""
 
-    def __init__(self, client: TestClient, token: str, doors: Doors, digest: str) -> None:
-        self.client, self.doors, self.digest = client, doors, digest
+    def __init__(self, client: TestClient, token: str, context: WorkerContext, digest: str) -> None:
+        self.client, self.context, self.digest = client, context, digest
         self.headers = {"Authorization": f"Bearer {token}"}
 
     def publish(self, split: str, ids: tuple[str, ...], edited: Any) -> str:
@@ -60,10 +59,10 @@ class Participant:
         )
         assert response.status_code == 202, response.text
         submission_id: str = response.json()["id"]
-        with self.doors.database.read() as session:
+        with self.context.database.read() as session:
             job_id = session.query(Job).filter_by(submission_id=submission_id).one().id
-        score_submission(self.doors, job_id)
-        build_board(self.doors, "sample", self.digest)
+        score_submission(self.context, job_id)
+        build_board_of(self.context, "sample", self.digest)
         return submission_id
 
     def get(self, path: str) -> str:
@@ -83,11 +82,11 @@ def participant(tmp_path: Path, sqlite_url: str, protocol: Protocol) -> Iterator
         "splits_dir": SPLITS,
         "private_dir": tmp_path / "private",
     }
-    doors = open_doors(WorkerSettings(**places, **worker))
-    with doors.database.write() as session:
+    context = open_context(WorkerSettings(**places, **worker))
+    with context.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
-    register_all_splits(doors.database, doors.splits, protocol)
-    with doors.database.write() as session:
+    register_all_splits(context.database, context.splits, protocol)
+    with context.database.write() as session:
         create_phase(
             session,
             NewPhase(
@@ -108,8 +107,8 @@ def participant(tmp_path: Path, sqlite_url: str, protocol: Protocol) -> Iterator
         receipt_key_file=tmp_path / "receipt-key.pem",
     )
     with TestClient(create_app(settings)) as client:
-        yield Participant(client, token, doors, protocol.digest)
-    doors.close()
+        yield Participant(client, token, context, protocol.digest)
+    context.close()
 
 
 def numbers(text: str) -> list[str]:

@@ -15,7 +15,7 @@ from tests.operating.conftest import Lived
 
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.reconciler import take_lead
+from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
 
 BIN = Path(sys.executable).parent
@@ -96,14 +96,14 @@ def test_uploads_that_everyone_may_read_are_an_error(
 def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, lived: Lived) -> None:
     with lived.database.write() as session:
         session.execute(text("DELETE FROM worker_heartbeats"))
-        session.execute(text("DELETE FROM leaders"))
+        session.execute(text("DELETE FROM work WHERE kind = 'lead'"))
         take_lead(session, "sweep", "somebody", 60)
     assert whats(healthy) == "no worker is alive | no reconciler leads"
 
 
 def test_an_old_queue_is_named(healthy: RecordsSettings, lived: Lived) -> None:
     with lived.database.write() as session:
-        statement = "UPDATE jobs SET state = 'queued', created_at = '2026-01-01 00:00:00.000000'"
+        statement = "UPDATE work SET state = 'queued', created_at = '2026-01-01 00:00:00.000000'"
         session.execute(text(statement))
     assert "the oldest waiting job is" in whats(healthy)
 

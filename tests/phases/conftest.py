@@ -15,23 +15,21 @@ import pytest
 from sqlalchemy import select
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
+from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_worker.board_run import build_board
-from exceptiondrive_worker.doors import Doors, open_doors
-from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
@@ -85,14 +83,14 @@ class Life:
     """Everything a phase goes through, one call each."""
 
     worker: WorkerSettings
-    doors: Doors
+    context: WorkerContext
     server: ServerSettings
     client: TestClient
     tokens: dict[str, str] = field(default_factory=dict)
 
     @property
     def database(self) -> Database:
-        return self.doors.database
+        return self.context.database
 
     def request(self, method: str, path: str, who: str | None = None, **more: Any) -> Any:
         headers = {} if who is None else {"Authorization": f"Bearer {self.tokens[who]}"}
@@ -162,21 +160,21 @@ class Life:
             tend_runs(self.database)
             jobs = self._due_jobs()
             for job_id in jobs:
-                score_submission(self.doors, job_id)
+                score_submission(self.context, job_id)
             if not jobs and not self._build_boards():
                 return
 
     def _due_jobs(self) -> list[str]:
-        query = select(Job).where(Job.state == JobState.QUEUED).order_by(Job.lane, Job.created_at)
+        query = select(Job).where(Job.state == WorkState.QUEUED).order_by(Job.lane, Job.created_at)
         with self.database.read() as session:
-            return [job.id for job in session.scalars(query) if job.available_at.year < 9999]
+            return [job.id for job in session.scalars(query)]
 
     def _build_boards(self) -> bool:
-        wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+        wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
         with self.database.read() as session:
             rows = list(session.scalars(wanted))
         for row in rows:
-            build_board(self.doors, row.phase_id, row.protocol_digest, row.split_revision)
+            build_board_of(self.context, row.phase_id, row.protocol_digest, row.split_revision)
         return bool(rows)
 
     def now(self) -> datetime:
@@ -234,7 +232,7 @@ def life(database_url: str, tmp_path: Path) -> Iterator[Life]:
     server = ServerSettings(receipt_key_file=tmp_path / "key.pem", **common)
     app = create_app(server)
     client = TestClient(app, base_url="https://server.test", follow_redirects=False)
-    made = Life(worker, open_doors(worker), server, client)
+    made = Life(worker, open_context(worker), server, client)
     with made.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
         for slug, name in TEAMS.items():
@@ -246,7 +244,7 @@ def life(database_url: str, tmp_path: Path) -> Iterator[Life]:
     made.add_split(split_of(SAMPLES, "parted"))
     made.add_split(split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "plain"))
     yield made
-    made.doors.close()
+    made.context.close()
     app.state.services.close()
 
 

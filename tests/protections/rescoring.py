@@ -41,8 +41,8 @@ def _asks_though_a_sheet_is_there(_: Any) -> Callable[..., Any]:
 def _always_live(new_job: Any) -> Callable[..., Any]:
     from exceptiondrive_schemas.jobs import Lane
 
-    return lambda submission, protocol, split, lane, *more: new_job(
-        submission, protocol, split, Lane.LIVE, *more
+    return lambda submission, protocol, split, lane, *more, **named: new_job(
+        submission, protocol, split, Lane.LIVE, *more, **named
     )
 
 
@@ -154,7 +154,7 @@ RESCORING = (
     ),
     Protection(
         "lane",
-        f"{RECORDS}.submissions:new_job",
+        f"{RECORDS}.work.jobs:new_job",
         _always_live,
         f"{HERE}/test_flip.py::test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one",
     ),
@@ -239,7 +239,7 @@ RESCORING = (
     ),
     Protection(
         "verify-empty-store",
-        "exceptiondrive_worker.doors:stages_over",
+        "exceptiondrive_worker.context:stages_over",
         _over_the_kept_store,
         f"{HERE}/test_verification.py::test_the_private_store_is_not_looked_at",
     ),

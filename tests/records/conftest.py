@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 from tests.support.documents import make_manifest, make_sheet
+from tests.support.work import claim_this
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
@@ -13,8 +14,8 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.submissions import Accepted, accept
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.claims import Claim, Finish
+from exceptiondrive_records.work.jobs import Finish, finish_scored
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
@@ -45,18 +46,18 @@ class World:
                 size_bytes=len(content),
             )
 
-    def claim(self, job_id: str | None, max_attempts: int = 4) -> Claim:
+    def claim(self, job_id: str | None, max_attempts: int = 4) -> Job:
         assert job_id is not None
         with self.database.write() as session:
-            claim = jobs.claim(session, job_id, 120, max_attempts)
-        assert claim is not None
-        return claim
+            job = claim_this(session, job_id, 120, max_attempts)
+        assert job is not None
+        return job
 
-    def finish(self, claim: Claim, hcc: float = 0.5) -> Finish:
+    def finish(self, job: Job, hcc: float = 0.5) -> Finish:
         with self.database.write() as session:
-            return jobs.finish_scored(
+            return finish_scored(
                 session,
-                claim,
+                job,
                 self.sheet(hcc),
                 exact_digest=f"sha256:{hcc}",
                 measurement_key="m",

@@ -4,45 +4,37 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
-from sqlalchemy import update
+from sqlalchemy import func, select
+from tests.support.work import claim_board_of
 
 from exceptiondrive_records.boards import boards
-from exceptiondrive_records.db.settings import RecordsSettings
-from exceptiondrive_records.work.board_rings import (
+from exceptiondrive_records.work.board_requests import (
     LONGEST_PAUSE_S,
     PAUSE_FACTOR,
-    build_after,
-    due_boards,
-    ring_boards,
-    ring_due_boards,
-    take_due_boards,
+    is_due,
+    pause_after,
 )
-from exceptiondrive_records.work.doorbell import Doorbell
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
 World = Any
-SETTINGS = RecordsSettings()
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 
 
 def n_due(world: World) -> int:
     with world.database.read() as session:
-        return len(due_boards(session, SETTINGS))
-
-
-def take(world: World) -> list[Any]:
-    with world.database.write() as session:
-        return take_due_boards(session, SETTINGS)
+        query = select(func.count(BoardRequest.id)).where(is_due(session, Lane.LIVE))
+        return session.scalar(query) or 0
 
 
 def built(world: World) -> None:
     """A worker comes and builds the board."""
     with world.database.write() as session:
-        claim = boards.claim_board(session, "dev", world.protocol_digest, 30)
+        claim = claim_board_of(session, "dev", world.protocol_digest)
     assert claim is not None
     with world.database.write() as session:
         assert boards.publish_board(session, claim, board_of(world)) is not None
@@ -68,8 +60,9 @@ def board_of(world: World) -> Board:
 def set_pace(world: World, *, build_s: float, ended_s_ago: float) -> None:
     with world.database.write() as session:
         row = session.query(BoardRequest).one()
-        row.built_at = row.built_at - timedelta(seconds=ended_s_ago)
-        row.build_s = build_s
+        pause_s = pause_after(build_s) - ended_s_ago
+        assert row.leased_at is not None
+        row.available_at = row.leased_at + timedelta(seconds=pause_s)
 
 
 @pytest.mark.parametrize(
@@ -77,11 +70,28 @@ def set_pace(world: World, *, build_s: float, ended_s_ago: float) -> None:
 )
 def test_the_pause_grows_with_the_last_build_up_to_a_bound(build_s: float, pause_s: float) -> None:
     assert PAUSE_FACTOR == 4
-    assert build_after(NOON, build_s) == NOON + timedelta(seconds=pause_s)
+    assert pause_after(build_s) == pause_s
 
 
-def test_what_was_never_built_waits_for_nothing() -> None:
-    assert build_after(None, None) is None
+def test_the_pause_begins_when_a_build_ends(world: World) -> None:
+    with world.database.write() as session:
+        claim = claim_board_of(session, "dev", world.protocol_digest)
+    assert claim is not None
+    assert claim.leased_at is not None
+    claim.leased_at -= timedelta(seconds=2)
+    with world.database.write() as session:
+        assert boards.publish_board(session, claim, board_of(world)) is not None
+    with world.database.read() as session:
+        row = session.query(BoardRequest).one()
+    assert row.took_s == pytest.approx(2, abs=1)
+    assert row.available_at - row.finished_at == pytest.approx(
+        timedelta(seconds=4 * row.took_s), abs=timedelta(seconds=0.1)
+    )
+
+
+def test_what_was_never_built_waits_for_nothing(world: World) -> None:
+    world.submit("waiting")
+    assert n_due(world) == 1
 
 
 def test_an_idle_system_builds_after_every_score_at_once(world: World) -> None:
@@ -113,19 +123,17 @@ def test_no_board_lags_behind_for_long(world: World) -> None:
     assert n_due(world) == 1
 
 
-def test_a_taken_board_is_not_due_again_until_its_ring_is_lost(world: World) -> None:
-    assert len(take(world)) == 1
-    world.score(world.submit("file").job_id)
-    assert take(world) == [], "the message under way builds for the new score too"
-    with world.database.write() as session:
-        session.execute(update(BoardRequest).values(rung_at=NOON - timedelta(days=1000)))
-    assert len(take(world)) == 1
+def test_a_board_is_asked_for_once_however_many_scores_want_it(world: World) -> None:
+    for i in range(3):
+        world.score(world.submit(f"file {i}").job_id)
+    assert n_due(world) == 1
+    built(world)
+    assert n_due(world) == 0, "one build shows all of them"
 
 
 def test_a_build_under_way_is_followed_by_one_for_what_came_meanwhile(world: World) -> None:
-    take(world)
     with world.database.write() as session:
-        claim = boards.claim_board(session, "dev", world.protocol_digest, 30)
+        claim = claim_board_of(session, "dev", world.protocol_digest)
     assert claim is not None
     world.score(world.submit("file").job_id)
     assert n_due(world) == 0, "one build at a time"
@@ -134,23 +142,11 @@ def test_a_build_under_way_is_followed_by_one_for_what_came_meanwhile(world: Wor
     assert n_due(world) == 1
 
 
-def test_a_mark_that_comes_late_does_not_hide_the_next_board(world: World, broker: Any) -> None:
-    taken = take(world)
+def test_a_build_that_lost_its_lease_publishes_nothing(world: World) -> None:
     with world.database.write() as session:
-        assert boards.claim_board(session, "dev", world.protocol_digest, 30) is not None
-    broker.kill()
-    ring_boards(world.database, Doorbell(broker.url), taken)
+        frozen = claim_board_of(session, "dev", world.protocol_digest)
+        session.query(BoardRequest).one().lease_until = NOON - timedelta(days=1000)
+    built(world)
     with world.database.write() as session:
-        row = session.query(BoardRequest).one()
-        row.rung_at = NOON
-    ring_boards(world.database, Doorbell(broker.url), taken)
-    with world.database.read() as session:
-        assert session.query(BoardRequest).one().rung_at == NOON, "the claim came between"
-
-
-def test_a_ring_that_the_broker_does_not_take_is_due_again(world: World, broker: Any) -> None:
-    broker.kill()
-    bell = Doorbell(broker.url)
-    assert ring_due_boards(world.database, bell, SETTINGS) == 0
-    assert n_due(world) == 1
-    bell.close()
+        assert frozen is not None
+        assert boards.publish_board(session, frozen, board_of(world)) is None

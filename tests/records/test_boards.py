@@ -7,11 +7,11 @@ import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import DatabaseError
 from tests.records.statements import statements
+from tests.support.work import claim_board_of
 
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.boards import boards
 from exceptiondrive_records.boards import ranking as board_records
-from exceptiondrive_records.boards.boards import BoardClaim
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
@@ -20,7 +20,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -65,14 +65,14 @@ def board(world: World, *submission_ids: str) -> Board:
     )
 
 
-def take(world: World) -> BoardClaim | None:
+def take(world: World) -> BoardRequest | None:
     with world.database.write() as session:
-        return boards.claim_board(session, "dev", world.protocol_digest, 120)
+        return claim_board_of(session, "dev", world.protocol_digest)
 
 
 def want(world: World) -> None:
     with world.database.write() as session:
-        session.execute(update(BoardRequest).values(wanted=BoardRequest.wanted + 1))
+        want_board(session, "dev", world.protocol_digest)
 
 
 def test_a_board_knows_its_entries(world: World) -> None:
@@ -114,7 +114,7 @@ def publish(world: World, what: Board) -> BoardRow:
 
 def test_a_new_phase_wants_its_first_board(world: World) -> None:
     with world.database.read() as session:
-        assert boards.is_board_wanted(session, "dev", world.protocol_digest)
+        assert is_board_wanted(session, "dev", world.protocol_digest)
         assert boards.current_board(session, "dev") is None
 
 
@@ -138,7 +138,7 @@ def test_a_published_board_is_current_and_its_body_is_served_as_it_is(world: Wor
         assert (served.board, served.published_at) == (1, current.published_at)
         assert current.digest == board(world, "a").content_digest
         assert current.body_digest == content_digest(served)
-        assert not boards.is_board_wanted(session, "dev", world.protocol_digest)
+        assert not is_board_wanted(session, "dev", world.protocol_digest)
     assert take(world) is None
 
 
@@ -158,14 +158,15 @@ def test_what_came_while_a_board_was_built_is_built_next(world: World) -> None:
     with world.database.write() as session:
         boards.publish_board(session, claim, board(world, "a"))
     with world.database.read() as session:
-        assert boards.is_board_wanted(session, "dev", world.protocol_digest)
+        assert is_board_wanted(session, "dev", world.protocol_digest)
 
 
 def test_a_late_builder_publishes_nothing(world: World) -> None:
     late = take(world)
     assert late is not None
+    assert late.leased_at is not None
     with world.database.write() as session:
-        session.execute(update(BoardRequest).values(lease_until=late.claimed_at.replace(year=2020)))
+        session.execute(update(BoardRequest).values(lease_until=late.leased_at.replace(year=2020)))
     publish(world, board(world, "new"))
     with world.database.write() as session:
         assert boards.publish_board(session, late, board(world, "old")) is None
@@ -200,7 +201,7 @@ def test_a_board_under_another_protocol_is_kept_but_not_shown(world: World) -> N
         )
         want_board(session, "dev", OTHER)
     with world.database.write() as session:
-        claim = boards.claim_board(session, "dev", OTHER, 120)
+        claim = claim_board_of(session, "dev", OTHER)
         assert claim is not None
         draft = boards.publish_board(session, claim, board(world, "b"))
     with world.database.read() as session:

@@ -3,13 +3,13 @@
 from typing import Any
 
 from sqlalchemy import update
+from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.claims import Claim, Finish
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.jobs import Finish
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -20,18 +20,18 @@ LEASE_S = 120
 World = Any
 
 
-def take(world: World, job_id: str, max_attempts: int = 4) -> Claim | None:
+def take(world: World, job_id: str, max_attempts: int = 4) -> Job | None:
     with world.database.write() as session:
-        return jobs.claim(session, job_id, LEASE_S, max_attempts)
+        return claim_this(session, job_id, LEASE_S, max_attempts)
 
 
-def must_take(world: World, job_id: str, max_attempts: int = 4) -> Claim:
+def must_take(world: World, job_id: str, max_attempts: int = 4) -> Job:
     claim = take(world, job_id, max_attempts)
     assert claim is not None
     return claim
 
 
-def score(world: World, claim: Claim, exact_digest: str = "sha256:exact") -> Finish:
+def score(world: World, claim: Job, exact_digest: str = "sha256:exact") -> Finish:
     with world.database.write() as session:
         return jobs.finish_scored(
             session,
@@ -49,7 +49,7 @@ def expire_lease(world: World, job_id: str) -> None:
         job.lease_until = job.lease_until.replace(year=2020)
 
 
-def state_of(world: World, submission_id: str) -> tuple[SubmissionStatus, JobState]:
+def state_of(world: World, submission_id: str) -> tuple[SubmissionStatus, WorkState]:
     with world.database.read() as session:
         job = session.query(Job).filter_by(submission_id=submission_id, is_first=True).one()
         return session.get(Submission, submission_id).status, job.state
@@ -59,20 +59,19 @@ def test_a_claim_says_all_that_scoring_needs(world: World) -> None:
     accepted = world.submit("file")
     claim = must_take(world, accepted.job_id)
     assert claim.submission_id == accepted.submission.id
-    assert (claim.fence, claim.attempts, claim.max_attempts) == (1, 1, 4)
-    assert (claim.split_name, claim.protocol_digest) == ("sample", world.protocol_digest)
-    assert claim.file_digest == accepted.submission.file_digest
-    assert state_of(world, claim.submission_id) == (SubmissionStatus.SCORING, JobState.LEASED)
+    assert (claim.fence, claim.attempts, claim.is_first) == (1, 1, True)
+    assert (claim.protocol_digest, claim.split_revision) == (world.protocol_digest, REVISION)
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.SCORING, WorkState.LEASED)
 
 
 def test_scoring_leaves_sheet_status_audit_line_and_board_request_together(world: World) -> None:
     claim = must_take(world, world.submit("file").job_id)
     assert score(world, claim) is Finish.RECORDED
-    assert state_of(world, claim.submission_id) == (SubmissionStatus.SCORED, JobState.DONE)
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.SCORED, WorkState.DONE)
     with world.database.read() as session:
         key = (claim.submission_id, claim.protocol_digest, claim.split_revision)
         assert session.get(ScoreSheetRow, key).sheet == world.sheet()
-        assert session.get(BoardRequest, ("dev", world.protocol_digest, REVISION)).wanted == 2
+        assert session.query(BoardRequest).one().asked == 2
         assert count_audit_lines(session, "submission scored") == 1
         assert verify_audit(session).is_whole
 
@@ -124,22 +123,24 @@ def test_a_rejected_file_keeps_its_report_and_makes_no_sheet(world: World) -> No
     claim = must_take(world, world.submit("file").job_id)
     with world.database.write() as session:
         assert jobs.finish_rejected(session, claim, report) is Finish.RECORDED
-    assert state_of(world, claim.submission_id) == (SubmissionStatus.REJECTED, JobState.DONE)
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.REJECTED, WorkState.DONE)
     with world.database.read() as session:
         assert session.get(Submission, claim.submission_id).report == report
         assert session.query(ScoreSheetRow).count() == 0
 
 
-def fail(world: World, claim: Claim, *, retry: bool) -> Finish:
+def fail(world: World, claim: Job, *, retry: bool, max_attempts: int = 4) -> Finish:
     with world.database.write() as session:
-        return jobs.finish_failed(session, claim, "internal", "We failed.", retry=retry)
+        return jobs.finish_failed(
+            session, claim, "internal", "We failed.", retry=retry, max_attempts=max_attempts
+        )
 
 
 def test_a_failure_that_may_pass_is_queued_again_after_a_wait(world: World) -> None:
     job_id = world.submit("file").job_id
     claim = must_take(world, job_id)
     assert fail(world, claim, retry=True) is Finish.RETRY_LATER
-    assert state_of(world, claim.submission_id) == (SubmissionStatus.QUEUED, JobState.QUEUED)
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.QUEUED, WorkState.QUEUED)
     assert take(world, job_id) is None  # not before its time
     with world.database.write() as session:
         session.execute(update(Job).values(available_at=Job.created_at))
@@ -148,14 +149,14 @@ def test_a_failure_that_may_pass_is_queued_again_after_a_wait(world: World) -> N
 
 def test_a_failure_on_the_last_attempt_is_final(world: World) -> None:
     claim = must_take(world, world.submit("file").job_id, max_attempts=1)
-    assert fail(world, claim, retry=True) is Finish.RECORDED
-    assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, JobState.DEAD)
+    assert fail(world, claim, retry=True, max_attempts=1) is Finish.RECORDED
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, WorkState.DEAD)
 
 
 def test_a_failure_that_cannot_pass_is_final_and_says_why(world: World) -> None:
     claim = must_take(world, world.submit("file").job_id)
     assert fail(world, claim, retry=False) is Finish.RECORDED
-    assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, JobState.FAILED)
+    assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, WorkState.FAILED)
     with world.database.read() as session:
         submission = session.get(Submission, claim.submission_id)
         assert (submission.failure_code, submission.failure_message) == ("internal", "We failed.")
@@ -165,7 +166,7 @@ def test_a_score_that_differs_for_one_key_is_an_alarm_and_never_an_overwrite(wor
     job_id = world.submit("file").job_id
     score(world, must_take(world, job_id), "sha256:first")
     with world.database.write() as session:  # an organizer queues the finished job again
-        session.execute(update(Job).values(state=JobState.QUEUED))
+        session.execute(update(Job).values(state=WorkState.QUEUED))
     score(world, must_take(world, job_id), "sha256:second")
     with world.database.read() as session:
         assert [row.exact_digest for row in session.query(ScoreSheetRow)] == ["sha256:first"]
@@ -176,7 +177,7 @@ def test_a_rescoring_job_leaves_the_status_of_the_submission_alone(world: World)
     accepted = world.submit("file")
     score(world, must_take(world, accepted.job_id))
     with world.database.write() as session:
-        session.execute(update(Job).values(state=JobState.QUEUED, is_first=False))
+        session.execute(update(Job).values(state=WorkState.QUEUED, is_first=False))
     claim = must_take(world, accepted.job_id)
     with world.database.read() as session:
         assert session.get(Submission, claim.submission_id).status is SubmissionStatus.SCORED

@@ -1,10 +1,9 @@
 """Any interleaving of submissions, deliveries, crashes and losses ends every submission, once.
 
-Hypothesis drives the real records, the real doorbell and a real broker. A worker is a claim that
+Hypothesis drives the real records, the real dispatcher and a real broker. A worker is a claim that
 is held; a crash forgets it; a frozen worker answers late; time is moved by moving recorded times.
 """
 
-import json
 import shutil
 from collections.abc import Callable
 from datetime import timedelta
@@ -21,27 +20,27 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 from sqlalchemy import func, select
+from tests.support.work import let_time_pass
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.claims import Claim, Finish
-from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
+from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.reconciler import reconcile_once
-from exceptiondrive_records.work.ringing import outstanding, ring_job
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 MAX_ATTEMPTS = 2
-WINDOW = 2
+SLOTS = 2
 REPORT = CheckReport(
     challenge=None, split=None, n_predictions=None, digest="sha256:x", size_bytes=1
 )
@@ -65,23 +64,25 @@ class Lifecycle(RuleBasedStateMachine):
         self.database: Database = self.world.database
         self.client = self.broker.client()
         self.client.flushall()
-        self.bell = Doorbell(self.broker.url)
-        self.settings = RecordsSettings(max_attempts=MAX_ATTEMPTS, window=WINDOW)
-        self.held: list[Claim] = []
+        self.dispatcher = Dispatcher(self.broker.url)
+        self.settings = RecordsSettings(max_attempts=MAX_ATTEMPTS)
+        with self.database.write() as session:
+            beat(session, "worker", (Lane.LIVE,), slots=SLOTS)
+        self.held: list[Job] = []
         self.jobs: list[str] = []
         self.ended: dict[str, SubmissionStatus] = {}
 
     @initialize()
     def begin_with_work(self) -> None:
         for content in range(3):
-            self.submit(content, is_rung=True)
+            self.submit(content, wakes=True)
         self.take(self.jobs[0])
 
     @rule(what=st.sampled_from(STEPS), which=ANY, flag=st.booleans())
     def step(self, what: str, which: int, flag: bool) -> None:
         """Do one thing; a single rule, so that every run mixes all of them."""
         if what == "submit":
-            self.submit(which, is_rung=flag)
+            self.submit(which, wakes=flag)
         elif what == "deliver":
             self.deliver_a_message()
         elif what == "deliver again":
@@ -103,44 +104,43 @@ class Lifecycle(RuleBasedStateMachine):
             self.held.remove(claim)
         elif what == "freeze":  # so long that another comes
             self.an_hour_passes()
-            self.take(claim.job_id)
+            self.take(claim.id)
         else:
             self.answer(claim, what, keeps=flag)
 
-    def submit(self, content: int, *, is_rung: bool) -> None:
+    def submit(self, content: int, *, wakes: bool) -> None:
         accepted = self.world.submit(f"file {content % 5}", method=f"m{content % 3}")
         if accepted.job_id is None:
             assert accepted.is_duplicate
             return
         self.jobs.append(accepted.job_id)
-        if is_rung:
-            ring_job(self.database, self.bell, accepted.job_id, self.settings)
+        if wakes:
+            wake_lanes(self.database, self.dispatcher, self.settings)
 
     def deliver_a_message(self) -> None:
-        message = self.client.rpop("ed:live")
-        if message is None:
-            return
-        job_id, *rest = json.loads(message)["headers"]["argsrepr"].strip("(),'").split("', '")
-        if not rest:  # one id: a job; two: a board
-            self.take(job_id)
+        """Whoever is woken takes what comes next, whatever the message was sent for."""
+        if self.client.rpop("ed:live") is not None:
+            self.take(None)
 
-    def take(self, job_id: str) -> None:
+    def take(self, job_id: str | None) -> None:
+        which = () if job_id is None else (Job.id == job_id,)
         with self.database.write() as session:
-            claim = jobs.claim(session, job_id, 120, MAX_ATTEMPTS)
+            claim = jobs.claim_job(session, Lane.LIVE, 120, MAX_ATTEMPTS, *which)
         if claim is not None:
             assert claim.attempts <= MAX_ATTEMPTS
+            assert job_id in (None, claim.id)
             self.held.append(claim)
 
-    def answer(self, claim: Claim, answer: str, *, keeps: bool) -> None:
+    def answer(self, claim: Job, answer: str, *, keeps: bool) -> None:
         """A worker answers; one that `keeps` its claim answers a second time some day."""
         if not keeps:
             self.held.remove(claim)
         with self.database.read() as session:
-            job = session.get_one(Job, claim.job_id)
-            holds_the_lease = job.state is JobState.LEASED and job.fence == claim.fence
+            job = session.get_one(Job, claim.id)
+            holds_the_lease = job.state is WorkState.LEASED and job.fence == claim.fence
         assert (self.finish(claim, answer) is not Finish.LEASE_LOST) is holds_the_lease
 
-    def finish(self, claim: Claim, answer: str) -> Finish:
+    def finish(self, claim: Job, answer: str) -> Finish:
         if answer == "scored":
             done: Finish = self.world.finish(claim)
             return done
@@ -148,15 +148,14 @@ class Lifecycle(RuleBasedStateMachine):
             if answer == "rejected":
                 return jobs.finish_rejected(session, claim, REPORT)
             retry = answer == "retry"
-            return jobs.finish_failed(session, claim, "internal", "We failed.", retry=retry)
+            return jobs.finish_failed(
+                session, claim, "internal", "We failed.", retry=retry, max_attempts=MAX_ATTEMPTS
+            )
 
     def an_hour_passes(self) -> None:
-        hour = timedelta(hours=1)
         with self.database.write() as session:
-            for job in session.scalars(select(Job)):
-                job.available_at -= hour
-                job.lease_until = job.lease_until and job.lease_until - hour
-                job.rung_at = job.rung_at and job.rung_at - hour
+            let_time_pass(session, timedelta(hours=1))
+            beat(session, "worker", (Lane.LIVE,), slots=SLOTS)
 
     def the_team_withdraws(self, which: int) -> None:
         with self.database.write() as session:
@@ -169,7 +168,7 @@ class Lifecycle(RuleBasedStateMachine):
             self.ended[submission_id] = SubmissionStatus.WITHDRAWN
 
     def reconcile(self) -> None:
-        reconcile_once(self.database, self.bell, self.settings)
+        reconcile_once(self.database, self.dispatcher, self.settings)
 
     @invariant()
     def what_has_ended_stays_as_it_ended(self) -> None:
@@ -190,7 +189,7 @@ class Lifecycle(RuleBasedStateMachine):
             for submission, job in pairs:
                 assert job.attempts <= MAX_ATTEMPTS
                 assert submission.status.is_terminal is job.state.is_final
-                if job.state is JobState.LEASED:
+                if job.state is WorkState.LEASED:
                     assert submission.status is SubmissionStatus.SCORING
 
     @invariant()
@@ -207,9 +206,8 @@ class Lifecycle(RuleBasedStateMachine):
             assert set(session.scalars(scored)) <= sheets
 
     @invariant()
-    def messages_outstanding_stay_within_the_window(self) -> None:
-        with self.database.read() as session:
-            assert outstanding(session, Lane.LIVE) <= WINDOW
+    def no_more_messages_wait_than_there_are_slots(self) -> None:
+        assert self.client.llen("ed:live") <= SLOTS
 
     def teardown(self) -> None:
         """Faults stop: everything ends within a bounded number of passes."""
@@ -225,10 +223,10 @@ class Lifecycle(RuleBasedStateMachine):
                 self.finish(self.held.pop(), "scored")
         self.what_has_ended_stays_as_it_ended()
         with self.database.read() as session:
-            open_jobs = select(Job.id).where(Job.state.in_((JobState.QUEUED, JobState.LEASED)))
+            open_jobs = select(Job.id).where(Job.state.in_((WorkState.QUEUED, WorkState.LEASED)))
             assert list(session.scalars(open_jobs)) == []
             assert verify_audit(session).is_whole
-        self.bell.close()
+        self.dispatcher.close()
         self.client.close()
         self.database.dispose()
 

@@ -10,19 +10,17 @@ from tests.records.conftest import World
 from tests.records.test_boards import board, take
 
 from exceptiondrive_records.boards.boards import publish_board
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.board_rings import take_due_boards
-from exceptiondrive_records.work.claims import Finish
+from exceptiondrive_records.work.board_requests import claim_board, is_due, want_board
+from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.phase_boards import want_boards
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -59,7 +57,7 @@ def test_a_withdrawal_waits_for_the_scoring_run_that_ends(world: World) -> None:
     assert errors == []
     assert finish is Finish.RECORDED
     with world.database.read() as session:
-        assert session.get_one(Job, accepted.job_id).state is JobState.DONE
+        assert session.get_one(Job, accepted.job_id).state is WorkState.DONE
         status = session.get_one(Submission, accepted.submission.id).status
         assert status is SubmissionStatus.WITHDRAWN
 
@@ -99,11 +97,11 @@ def test_a_score_and_its_board_request_wait_for_nobody_who_holds_the_phase(world
         lock_phase(holder, "dev")
         session.execute(text("SET LOCAL lock_timeout = '2s'"))
         want_board(session, "dev", world.protocol_digest)
-        assert take_due_boards(session, RecordsSettings())  # the row is written a second time
+        want_board(session, "dev", world.protocol_digest)  # the row is written a second time
 
 
 @POSTGRES_ALONE
-def test_who_rings_for_boards_waits_for_no_request_that_another_holds(world: World) -> None:
+def test_who_builds_boards_waits_for_no_request_that_another_holds(world: World) -> None:
     with world.database.write() as session:
         create_phase(
             session,
@@ -119,8 +117,22 @@ def test_who_rings_for_boards_waits_for_no_request_that_another_holds(world: Wor
     with world.database.write() as held, world.database.write() as session:
         want_board(held, "other", world.protocol_digest)
         session.execute(text("SET LOCAL lock_timeout = '2s'"))
-        taken = take_due_boards(session, RecordsSettings())
-        assert [board.phase_id for board in taken] == ["dev"]
+        taken = claim_board(session, is_due(session, Lane.LIVE), 30)
+        assert taken is not None
+        assert taken.phase_id == "dev"
+        assert claim_board(session, is_due(session, Lane.LIVE), 30) is None
+
+
+@POSTGRES_ALONE
+def test_who_claims_waits_for_no_job_that_another_holds(world: World) -> None:
+    held, free = world.submit("held"), world.submit("free")
+    with world.database.write() as holder, world.database.write() as session:
+        holder.execute(update(Job).where(Job.id == held.job_id).values(attempts=Job.attempts))
+        session.execute(text("SET LOCAL lock_timeout = '2s'"))
+        taken = jobs.claim_job(session, Lane.LIVE, 30, 4)
+        assert taken is not None
+        assert taken.id == free.job_id
+        assert jobs.claim_job(session, Lane.LIVE, 30, 4) is None
 
 
 def _wait_until_it_waits(database: Database, thread: threading.Thread) -> None:

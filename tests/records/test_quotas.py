@@ -54,8 +54,8 @@ def try_to_submit(database: Database, team_id: int, number: int) -> str:
 IN_A_PROCESS = """
 import sys
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.errors import QuotaExceeded
-from exceptiondrive_records.submissions import accept
+from exceptiondrive_records.db.errors import QuotaExceeded
+from exceptiondrive_records.submissions.submissions import accept
 
 url, team_id, *numbers = sys.argv[1:]
 database = Database(url)

@@ -1,157 +1,120 @@
-"""The reconciler: what is due is rung, what is exhausted is given up, by one leader."""
+"""The reconciler: lanes with work are woken, what is exhausted is given up, by one leader."""
 
 import threading
 from datetime import timedelta
 from typing import Any
 
 from sqlalchemy import update
+from tests.records.test_dispatch import board_is_built, waiting
+from tests.support.work import let_time_pass
 
 from exceptiondrive_records.audit.log import count_audit_lines
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.reconciler import (
-    Pass,
-    give_up_lead,
-    reconcile_once,
-    run_reconciler,
-    take_lead,
-)
-from exceptiondrive_records.work.ringing import ring_job
-from exceptiondrive_records.work.tables import BoardRequest, Job, Leader
+from exceptiondrive_records.work.lease import give_up_lead, take_lead
+from exceptiondrive_records.work.reconciler import Pass, reconcile_once, run_reconciler
+from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 World = Any
 Broker = Any
-SETTINGS = RecordsSettings(window=3, max_attempts=2)
-
-
-def messages(broker: Broker, name: str = "exceptiondrive.score") -> int:
-    with broker.client() as client:
-        return sum(name.encode() in message for message in client.lrange("ed:live", 0, -1))
+SETTINGS = RecordsSettings(max_attempts=2)
 
 
 def hours_pass(world: World) -> None:
     with world.database.write() as session:
-        for job in session.query(Job):
-            job.lease_until = job.lease_until and job.lease_until - timedelta(hours=2)
-            job.rung_at = job.rung_at and job.rung_at - timedelta(hours=2)
-        for request in session.query(BoardRequest):
-            request.rung_at = request.rung_at and request.rung_at - timedelta(hours=2)
+        let_time_pass(session, timedelta(hours=2))
 
 
-def test_a_new_submission_is_rung_once_and_shows_as_queued(world: World, broker: Broker) -> None:
+def test_a_new_submission_wakes_a_worker_and_shows_as_queued(world: World, broker: Broker) -> None:
+    board_is_built(world)
     accepted = world.submit("file")
-    bell = Doorbell(broker.url)
-    assert ring_job(world.database, bell, accepted.job_id, SETTINGS)
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 0
-    assert messages(broker) == 1
+    dispatcher = Dispatcher(broker.url)
+    assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
+    assert waiting(broker) == 1
     with world.database.read() as session:
         assert session.get(Submission, accepted.submission.id).status is SubmissionStatus.QUEUED
 
 
-def test_what_was_accepted_while_the_broker_was_down_is_rung_later(
+def test_what_was_accepted_while_the_broker_was_down_wakes_a_worker_later(
     world: World, broker: Broker
 ) -> None:
-    bell = Doorbell(broker.url)
+    board_is_built(world)
+    dispatcher = Dispatcher(broker.url)
     broker.kill()
     accepted = world.submit("file")
-    assert ring_job(world.database, bell, accepted.job_id, SETTINGS) is False
+    assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass()
     with world.database.read() as session:
-        assert session.get(Job, accepted.job_id).rung_at is None
+        assert session.get(Submission, accepted.submission.id).status is SubmissionStatus.RECEIVED
     broker.start()
-    assert reconcile_once(world.database, Doorbell(broker.url), SETTINGS).rung_jobs == 1
-    assert messages(broker) == 1
+    assert reconcile_once(world.database, Dispatcher(broker.url), SETTINGS).woken_for == 1
+    assert waiting(broker) == 1
 
 
-def test_at_most_a_window_of_messages_is_outstanding(world: World, broker: Broker) -> None:
-    jobs = [world.submit(f"file {i}").job_id for i in range(7)]
-    bell = Doorbell(broker.url)
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 3
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 0
-    assert ring_job(world.database, bell, jobs[6], SETTINGS) is False
-    world.claim(jobs[0])
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 1
-    assert messages(broker) == 4
-
-
-def test_the_window_grows_with_the_live_slots(world: World, broker: Broker) -> None:
-    for i in range(30):
-        world.submit(f"file {i}")
-    with world.database.write() as session:
-        beat(session, "worker-1", (Lane.LIVE,), slots=5)
-    settings = RecordsSettings()
-    assert reconcile_once(world.database, Doorbell(broker.url), settings).rung_jobs == 5 + 2
-
-
-def test_lost_messages_are_sent_again_with_growing_pauses(world: World, broker: Broker) -> None:
+def test_lost_messages_are_sent_again_in_the_next_pass(world: World, broker: Broker) -> None:
     world.submit("file")
-    bell = Doorbell(broker.url)
-    reconcile_once(world.database, bell, SETTINGS)
+    dispatcher = Dispatcher(broker.url)
+    reconcile_once(world.database, dispatcher, SETTINGS)
     with broker.client() as client:
         client.flushall()
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 0  # too soon
-    hours_pass(world)
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 1
-    with world.database.read() as session:
-        assert session.query(Job).one().rings == 2
+    reconcile_once(world.database, dispatcher, SETTINGS)
+    assert waiting(broker) == 1
 
 
-def test_lost_messages_are_sent_again_though_the_window_has_shrunk(
+def test_however_often_it_passes_no_more_messages_wait_than_there_are_slots(
     world: World, broker: Broker
 ) -> None:
-    for i in range(5):
+    for i in range(7):
         world.submit(f"file {i}")
-    bell = Doorbell(broker.url)
-    wide, narrow = RecordsSettings(window=5), RecordsSettings(window=2)
-    assert reconcile_once(world.database, bell, wide).rung_jobs == 5
-    hours_pass(world)  # the workers are gone, and so is what was rung
-    assert reconcile_once(world.database, bell, narrow).rung_jobs == 5
+    with world.database.write() as session:
+        beat(session, "worker-1", (Lane.LIVE,), slots=3)
+    dispatcher = Dispatcher(broker.url)
+    for _ in range(5):
+        reconcile_once(world.database, dispatcher, SETTINGS)
+    assert waiting(broker) == 3
 
 
-def test_an_expired_lease_is_rung_again(world: World, broker: Broker) -> None:
+def test_an_expired_lease_wakes_a_worker(world: World, broker: Broker) -> None:
+    board_is_built(world)
     world.claim(world.submit("file").job_id)
-    bell = Doorbell(broker.url)
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 0
+    dispatcher = Dispatcher(broker.url)
+    assert reconcile_once(world.database, dispatcher, SETTINGS).woken_for == 0
     hours_pass(world)
-    assert reconcile_once(world.database, bell, SETTINGS).rung_jobs == 1
+    assert reconcile_once(world.database, dispatcher, SETTINGS).woken_for == 1
 
 
 def test_a_job_without_attempts_left_is_given_up_and_the_team_is_told(
     world: World, broker: Broker
 ) -> None:
+    board_is_built(world)
     accepted = world.submit("poison")
-    bell = Doorbell(broker.url)
+    dispatcher = Dispatcher(broker.url)
     for _ in range(SETTINGS.max_attempts):
         late = world.claim(accepted.job_id)
         hours_pass(world)
-    assert reconcile_once(world.database, bell, SETTINGS).dead_jobs == 1
-    assert reconcile_once(world.database, bell, SETTINGS).dead_jobs == 0
+    assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(dead_jobs=1)
+    assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass()
     assert world.finish(late).value == "lease_lost"
     with world.database.read() as session:
         submission = session.get(Submission, accepted.submission.id)
         assert submission.status is SubmissionStatus.FAILED
         assert submission.failure_code == "attempts_exhausted"
-        assert session.get(Job, accepted.job_id).state is JobState.DEAD
+        assert session.get(Job, accepted.job_id).state is WorkState.DEAD
         assert count_audit_lines(session, "scoring failed") == 1
 
 
-def test_a_wanted_board_is_rung_once_until_a_worker_comes(world: World, broker: Broker) -> None:
-    bell = Doorbell(broker.url)
-    assert reconcile_once(world.database, bell, SETTINGS) == Pass(rung_boards=1)
-    assert reconcile_once(world.database, bell, SETTINGS) == Pass()
+def test_a_wanted_board_wakes_a_worker_until_it_is_built(world: World, broker: Broker) -> None:
+    dispatcher = Dispatcher(broker.url)
+    assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
     world.score(world.submit("file").job_id)
-    assert reconcile_once(world.database, bell, SETTINGS) == Pass(), "who comes builds for both"
-    hours_pass(world)
-    assert reconcile_once(world.database, bell, SETTINGS) == Pass(rung_boards=1), "it was lost"
-    with world.database.write() as session:
-        session.execute(update(BoardRequest).values(built=BoardRequest.wanted, rung_at=None))
-    assert reconcile_once(world.database, bell, SETTINGS) == Pass()
-    assert messages(broker, "exceptiondrive.build_board") == 2
+    assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
+    assert waiting(broker) == 1, "who comes builds for both"
+    board_is_built(world)
+    assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass()
 
 
 def test_one_leads_until_its_lease_ends(database: Database) -> None:
@@ -163,7 +126,8 @@ def test_one_leads_until_its_lease_ends(database: Database) -> None:
     assert not leads("b")
     assert leads("a")
     with database.write() as session:
-        lease_until = session.get_one(Leader, "reconciler").lease_until
+        lease_until = session.query(Leader).one().lease_until
+        assert lease_until is not None
         session.execute(update(Leader).values(lease_until=lease_until - timedelta(hours=1)))
     assert leads("b")
     assert not leads("a")
@@ -173,14 +137,16 @@ def test_one_leads_until_its_lease_ends(database: Database) -> None:
     assert leads("a")
 
 
-def test_two_reconcilers_ring_no_more_than_one(world: World, broker: Broker) -> None:
+def test_two_reconcilers_wake_no_more_than_one(world: World, broker: Broker) -> None:
     for i in range(5):
         world.submit(f"file {i}")
+    with world.database.write() as session:
+        beat(session, "worker-1", (Lane.LIVE,), slots=3)
     stop = threading.Event()
-    settings = RecordsSettings(window=3, reconcile_every_s=0.02)
+    settings = RecordsSettings(reconcile_every_s=0.02)
     threads = [
         threading.Thread(
-            target=run_reconciler, args=(world.database, Doorbell(broker.url), settings, stop)
+            target=run_reconciler, args=(world.database, Dispatcher(broker.url), settings, stop)
         )
         for _ in range(2)
     ]
@@ -188,13 +154,13 @@ def test_two_reconcilers_ring_no_more_than_one(world: World, broker: Broker) -> 
         thread.start()
     waiter = threading.Event()
     for _ in range(500):
-        if messages(broker) >= 3:
+        if waiting(broker) >= 3:
             break
         waiter.wait(0.02)
     waiter.wait(0.2)  # some more passes
     stop.set()
     for thread in threads:
         thread.join()
-    assert messages(broker) == 3
+    assert waiting(broker) == 3
     with world.database.read() as session:
         assert session.query(Leader).count() == 0  # both gave up in good order

@@ -10,7 +10,6 @@ from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, l
 def test_the_defaults_are_those_that_survived_every_fault() -> None:
     settings = load_settings(RecordsSettings)
     assert (settings.lease_s, settings.max_attempts, settings.reconcile_every_s) == (120, 4, 1)
-    assert settings.window is None
 
 
 @pytest.mark.parametrize(

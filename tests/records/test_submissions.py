@@ -7,9 +7,9 @@ import pytest
 from sqlalchemy import update
 
 from exceptiondrive_records.audit.log import count_audit_lines
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import (
     accept,
     find_submission,
@@ -19,9 +19,8 @@ from exceptiondrive_records.submissions.submissions import (
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.claims import Finish
-from exceptiondrive_records.work.jobs import retry_submission
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.jobs import Finish
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -55,7 +54,7 @@ def test_an_accepted_upload_is_a_submission_and_a_queued_job(world: World) -> No
         submission = session.get(Submission, accepted.submission.id)
         job = session.get(Job, accepted.job_id)
         assert submission.status is SubmissionStatus.RECEIVED
-        assert (job.state, job.is_first, job.attempts) == (JobState.QUEUED, True, 0)
+        assert (job.state, job.is_first, job.attempts) == (WorkState.QUEUED, True, 0)
         assert job.submission_id == submission.id
         assert count_audit_lines(session, "submission received") == 1
 
@@ -138,20 +137,18 @@ def test_withdrawing_a_waiting_submission_ends_its_job_and_a_late_answer_is_refu
         withdraw(session, accepted.submission.id, actor="test")
     assert world.finish(claim) is Finish.LEASE_LOST
     with world.database.read() as session:
-        assert session.get(Job, accepted.job_id).state is JobState.CANCELLED
+        assert session.get(Job, accepted.job_id).state is WorkState.CANCELLED
         assert session.get(Submission, accepted.submission.id).status is SubmissionStatus.WITHDRAWN
 
 
 def test_withdrawing_a_scored_submission_asks_for_a_new_board(world: World) -> None:
     submission_id = scored(world, "file")
     with world.database.write() as session:
-        before = session.get(BoardRequest, ("dev", world.protocol_digest, REVISION)).wanted
+        before = session.query(BoardRequest).one().asked
         withdraw(session, submission_id, actor="test")
         withdraw(session, submission_id, actor="test")  # twice does nothing
     with world.database.read() as session:
-        assert (
-            session.get(BoardRequest, ("dev", world.protocol_digest, REVISION)).wanted == before + 1
-        )
+        assert session.query(BoardRequest).one().asked == before + 1
         assert count_audit_lines(session, "submission withdrawn") == 1
 
 

@@ -7,13 +7,12 @@ from sqlalchemy import update
 from tests.records.statements import statements
 from tests.records.test_boards import board, publish
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import recent_scoring_s, view, views
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.heartbeats import beat, forget_worker, live_workers
-from exceptiondrive_records.work.tables import Job, WorkerHeartbeat
+from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
@@ -140,7 +139,7 @@ def test_a_cancelled_job_takes_no_place_in_the_queue(world: World) -> None:
     first, second = world.submit("first"), world.submit("second")
     with world.database.write() as session:
         withdraw(session, first.submission.id, actor="test")
-        assert session.get_one(Job, first.job_id).state is JobState.CANCELLED
+        assert session.get_one(Job, first.job_id).state is WorkState.CANCELLED
     place = seen(world, second.submission.id).queue
     assert place is not None
     assert place.position == 0

@@ -1,4 +1,4 @@
-"""A phase with submissions, a worker's doors, and a reconciler without a broker.
+"""A phase with submissions, a worker's context, and a reconciler without a broker.
 
 Jobs are run in the test's own process, as a worker runs them; the databases are real.
 """
@@ -12,9 +12,9 @@ from typing import Any
 from sqlalchemy import select
 from tests.rescoring.documents import planning_file, split_document
 from tests.support.databases import as_role
+from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.boards.boards import current_board
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.phases.phases import create_phase
@@ -26,15 +26,13 @@ from exceptiondrive_records.rescoring.tables import VerificationItem
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.rescoring import RunView, VerifyState
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.board_run import build_board
-from exceptiondrive_worker.doors import Doors, open_doors
-from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
@@ -45,10 +43,10 @@ STEP = {"reason": "because", "actor": "organizer"}
 
 @dataclass
 class Stage:
-    """Records, files and a worker's doors; every step of an organizer in one call."""
+    """Records, files and a worker's context; every step of an organizer in one call."""
 
     settings: WorkerSettings
-    doors: Doors
+    context: WorkerContext
     database: Database
     """As the server sees it: on PostgreSQL every service has its own role."""
     reconciler: Database
@@ -62,7 +60,7 @@ class Stage:
     def submit_file(
         self, data: bytes, method: str, team: str = "alpha", linked_to: str | None = None
     ) -> str:
-        digest, size = self.doors.files.put_stream([data], limit_bytes=2**20)
+        digest, size = self.context.files.put_stream([data], limit_bytes=2**20)
         with self.database.write() as session:
             if team not in [known.slug for known in list_teams(session)]:
                 create_team(session, team, team.title(), actor="test")
@@ -85,26 +83,26 @@ class Stage:
             tend_runs(self.reconciler)
             jobs = self._due_jobs()[: most - n_done]
             for job_id in jobs:
-                score_submission(self.doors, job_id)
+                score_submission(self.context, job_id)
             n_done += len(jobs)
             if not jobs and not self._build_boards():
                 break
         return n_done
 
     def _due_jobs(self) -> list[str]:
-        query = select(Job).where(Job.state == JobState.QUEUED).order_by(Job.lane, Job.created_at)
+        query = select(Job).where(Job.state == WorkState.QUEUED).order_by(Job.lane, Job.created_at)
         with self.database.read() as session:
-            return [job.id for job in session.scalars(query) if job.available_at.year < 9999]
+            return [job.id for job in session.scalars(query)]
 
     def _build_boards(self) -> bool:
-        wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+        wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
         with self.database.read() as session:
             keys = [
                 (row.phase_id, row.protocol_digest, row.split_revision)
                 for row in session.scalars(wanted)
             ]
         for key in keys:
-            build_board(self.doors, *key)
+            build_board_of(self.context, *key)
         return bool(keys)
 
     def draft(self, **target: str) -> str:
@@ -158,7 +156,7 @@ class Stage:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
         splits = SplitStore(self.settings.splits_dir)
-        registered = register_all_splits(self.doors.database, splits, packaged_protocol())
+        registered = register_all_splits(self.context.database, splits, packaged_protocol())
         return registered[0].manifest.revision
 
     def verify_all(self) -> None:
@@ -167,7 +165,7 @@ class Stage:
         with self.database.read() as session:
             items = list(session.scalars(query))
         for item in items:
-            verify_sheet(self.doors, item)
+            verify_sheet(self.context, item)
 
 
 @contextmanager
@@ -184,7 +182,7 @@ def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stag
         Database(as_role(database_url, role)) for role in (Role.API, Role.RECONCILER)
     )
     owner = Database(database_url)
-    made = Stage(settings, open_doors(settings), server, reconciler, owner)
+    made = Stage(settings, open_context(settings), server, reconciler, owner)
     with made.database.write() as session:
         add_protocol(session, packaged_protocol_toml(), "test")
     made.put_split(split_document())
@@ -202,7 +200,7 @@ def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stag
             actor="test",
         )
     yield made
-    made.doors.close()
+    made.context.close()
     server.dispose()
     reconciler.dispose()
     owner.dispose()

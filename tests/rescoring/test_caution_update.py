@@ -69,12 +69,12 @@ def counted(stage: Stage) -> Counter[str]:
             done["grade"] += 1
             return super()._grade(*given)
 
-    old = stage.doors.stages
+    old = stage.context.stages
     measured = dict(old._scoring)
     for key, scoring in measured.items():
         measured[key] = _CountingMeasure(scoring, done)
     stages = Counting(old._private, old._load_upload, old._read_answers, measured)
-    stage.doors = replace(stage.doors, stages=stages)
+    stage.context = replace(stage.context, stages=stages)
     return done
 
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
+from tests.support.work import claim_this
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases.changes import freeze_phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.work.jobs import claim, finish_failed
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.jobs import finish_failed
+from exceptiondrive_records.work.tables import Job, WorkState
 
 Stage = Any
 Make = Callable[..., str]
@@ -61,9 +61,9 @@ def test_a_challenge_without_waypoints_takes_a_protocol_with_others(
 def fail(stage: Stage) -> str:
     """Let the next waiting job fail for good; return its submission."""
     with stage.database.write() as session:
-        job = session.scalars(select(Job).where(Job.state == JobState.QUEUED)).first()
+        job = session.scalars(select(Job).where(Job.state == WorkState.QUEUED)).first()
         assert job is not None
-        claimed = claim(session, job.id, 60, 4)
+        claimed = claim_this(session, job.id, 60, 4)
         assert claimed is not None
         finish_failed(session, claimed, "out_of_memory", "Too large.", retry=False)
     return str(claimed.submission_id)

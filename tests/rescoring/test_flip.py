@@ -8,24 +8,22 @@ from typing import Any
 
 import pytest
 from sqlalchemy import delete, func, select
+from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardFlip
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring import flip
 from exceptiondrive_records.rescoring.comparison import _compared
 from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.board_rings import due_boards
-from exceptiondrive_records.work.claims import Claim
-from exceptiondrive_records.work.jobs import retry_submission
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_worker import scoring_run
+from exceptiondrive_worker import work
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
@@ -67,7 +65,8 @@ def test_the_board_of_a_draft_is_built_behind_the_live_ones(
         shown = session.get_one(Phase, "dev").protocol_digest
         for digest in (shown, draft):
             want_board(session, "dev", digest)
-        lanes = {board.protocol_digest: board.lane for board in due_boards(session, stage.settings)}
+        wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
+        lanes = {row.protocol_digest: row.lane for row in session.scalars(wanted)}
     assert lanes == {shown: Lane.LIVE, draft: Lane.RESCORE}
 
 
@@ -110,7 +109,7 @@ def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
     fresh = stage.submit(3.0, "fresh")
     tend_runs(stage.database)
     with stage.database.read() as session:
-        waiting = list(session.scalars(select(Job).where(Job.state == JobState.QUEUED)))
+        waiting = list(session.scalars(select(Job).where(Job.state == WorkState.QUEUED)))
     lanes = {(job.submission_id, job.is_first): job.lane for job in waiting}
     assert lanes.pop((fresh, True)) is Lane.LIVE
     assert lanes == {(key, False): Lane.RESCORE for key in stage.submitted}
@@ -119,11 +118,11 @@ def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
 def test_the_background_waits_while_other_workers_have_live_work(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scoring_run, "_MOST_PATIENCE_S", 60.0)
+    monkeypatch.setattr(work, "_MOST_PATIENCE_S", 60.0)
     stage.submit(3.0, "fresh")
-    scoring_run.let_live_work_pass(stage.doors)  # serves the live lane itself: does not wait
-    background = replace(stage.doors, serves_live=False)
-    waiting = threading.Thread(target=scoring_run.let_live_work_pass, args=(background,))
+    work.let_live_work_pass(stage.context)  # serves the live lane itself: does not wait
+    background = replace(stage.context, lanes=frozenset({Lane.RESCORE}))
+    waiting = threading.Thread(target=work.let_live_work_pass, args=(background,))
     waiting.start()
     waiting.join(0.3)
     assert waiting.is_alive()
@@ -164,7 +163,7 @@ def test_what_failed_before_an_update_stands_on_the_board_when_it_is_tried_again
 ) -> None:
     failed = stage.submit(2.5, "Failing")
     claim = _claimed(stage, failed)
-    with stage.doors.database.write() as session:
+    with stage.context.database.write() as session:
         jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
     stage.apply(run_id)
@@ -183,16 +182,16 @@ def test_what_is_scored_while_an_update_is_applied_and_closed_stands_on_the_boar
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
     stage.apply(run_id)
     stage.step("close", run_id)
-    with stage.doors.database.write() as session:
+    with stage.context.database.write() as session:
         jobs.finish_failed(session, claim, "internal", "We failed.", retry=True, backoff_s=0)
     stage.work()
     assert slow in stage.board()
 
 
-def _claimed(stage: Stage, submission_id: str) -> Claim:
+def _claimed(stage: Stage, submission_id: str) -> Job:
     with stage.database.read() as session:
         job_id = session.scalars(select(Job.id).where(Job.submission_id == submission_id)).one()
-    with stage.doors.database.write() as session:
-        claim = jobs.claim(session, job_id, 120, 4)
+    with stage.context.database.write() as session:
+        claim = claim_this(session, job_id, 120, 4)
     assert claim is not None
     return claim

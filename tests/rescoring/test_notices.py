@@ -31,13 +31,9 @@ from exceptiondrive_records.notifications.contacts import (
 )
 from exceptiondrive_records.notifications.outbox import send_next
 from exceptiondrive_records.notifications.settings import NoticeSettings
-from exceptiondrive_records.notifications.tables import (
-    Channel,
-    ContactPoint,
-    Delivery,
-    DeliveryState,
-)
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_records.work.lease import new_item
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
@@ -142,7 +138,7 @@ def test_a_webhook_is_signed_over_time_and_body_and_sent_once(
     document = json.loads(body)
     assert document["kind"] == "protocol_applied"
     assert document["entries"][0]["old"] != document["entries"][0]["new"]
-    assert delivery(stage).state.value == "sent"
+    assert delivery(stage).outcome.value == "sent"
 
 
 def test_a_webhook_that_stumbles_is_tried_again(
@@ -152,7 +148,7 @@ def test_a_webhook_that_stumbles_is_tried_again(
     told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
     send_next(stage.database, settings())
     assert len(receiver.received) == 2
-    assert delivery(stage).state.value == "sent"
+    assert delivery(stage).outcome.value == "sent"
 
 
 def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
@@ -162,11 +158,11 @@ def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
     told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
     patience = settings(delivery_attempts=2, delivery_backoff_s=0.001)
     send_next(stage.database, patience)
-    assert delivery(stage).last_error == "the webhook answered 400"
+    assert delivery(stage).note == "the webhook answered 400"
     while not send_next(stage.database, patience):
         pass
-    assert delivery(stage).state.value == "given_up"
-    assert delivery(stage).last_error == "the webhook answered 302; it is not followed"
+    assert delivery(stage).outcome.value == "given_up"
+    assert delivery(stage).note == "the webhook answered 302; it is not followed"
     assert len(receiver.received) == 2
 
 
@@ -196,18 +192,16 @@ def test_an_address_that_cannot_be_called_keeps_no_other_message_waiting(
         )  # fmt: skip
         session.add(bad)
         session.flush()
-        session.add(
-            Delivery(
-                id="bad", notification_id=held.notification_id, contact_id="bad",
-                state=DeliveryState.WAITING, attempts=0,
-                available_at=held.available_at - timedelta(seconds=1),
-            )
+        bad_one = new_item(
+            Delivery, "bad", held.available_at - timedelta(seconds=1),
+            notification_id=held.notification_id, contact_id="bad",
         )  # fmt: skip
+        session.add(bad_one)
     assert send_next(stage.database, settings())
     assert send_next(stage.database, settings())
     assert len(receiver.received) == 1
     with stage.database.read() as session:
-        assert session.get_one(Delivery, "bad").last_error == "the host of the webhook is unknown"
+        assert session.get_one(Delivery, bad_one.id).note == "the host of the webhook is unknown"
 
 
 def test_a_receiver_that_answers_letter_by_letter_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -309,4 +303,4 @@ def test_without_a_mail_server_the_message_waits(
 ) -> None:
     told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
     send_next(stage.database, settings())
-    assert "no SMTP server" in (delivery(stage).last_error or "")
+    assert "no SMTP server" in (delivery(stage).note or "")

@@ -11,10 +11,9 @@ from tests.support.databases import as_role
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 
@@ -157,8 +156,8 @@ def test_each_step_of_a_run_is_offered_asked_for_and_refused_in_words(
     organizer.step(run_id, "resume")
     assert stage.view(run_id).state.value == "scoring"
     with stage.database.write() as session:
-        waiting = Job.state == JobState.QUEUED
-        session.execute(update(Job).where(waiting).values(state=JobState.FAILED))
+        waiting = Job.state == WorkState.QUEUED
+        session.execute(update(Job).where(waiting).values(state=WorkState.FAILED))
     assert "Try failed sheets again" in organizer.get(here).text
     assert "public board never changed" in organizer.get(f"{here}/cancel").text
     organizer.step(run_id, "cancel")

@@ -26,6 +26,8 @@ from hypothesis.stateful import (
 from sqlalchemy import select
 from tests.rescoring.documents import new_protocol
 from tests.rescoring.stage import Stage, open_stage
+from tests.support.work import claim_this
+from tests.support.worker import score_submission
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.operations.invariants import unfinished, violations
@@ -34,14 +36,13 @@ from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.keys import OPEN, UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.jobs import retry_submission
 from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.rescoring import RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_worker.scoring_run import score_submission
 
 MAX_ATTEMPTS = 4
 STEPS = [
@@ -105,10 +106,10 @@ class Updates(RuleBasedStateMachine):
             return
         job_id = due[which % len(due)]
         if what == "score":
-            score_submission(self.stage.doors, job_id)
+            score_submission(self.stage.context, job_id)
             return
         with self.stage.database.write() as session:
-            claim = jobs.claim(session, job_id, 120, MAX_ATTEMPTS)
+            claim = claim_this(session, job_id, 120, MAX_ATTEMPTS)
         if claim is not None and what == "fail":
             with self.stage.database.write() as session:
                 jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
@@ -182,7 +183,7 @@ class Updates(RuleBasedStateMachine):
         with self.stage.database.read() as session:
             held = list(session.scalars(select(Job.id).where(Job.lease_until.is_not(None))))
         for job_id in held:
-            score_submission(self.stage.doors, job_id)
+            score_submission(self.stage.context, job_id)
 
 
 def run(machine: type[Updates], n_examples: int) -> None:

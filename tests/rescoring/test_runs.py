@@ -10,7 +10,6 @@ from sqlalchemy import delete, func, select, update
 
 from exceptiondrive_records.audit.log import audit_page, verify_audit
 from exceptiondrive_records.boards.boards import board_at, find_board
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.notifications.inbox import list_notifications
@@ -19,7 +18,7 @@ from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import Job, WorkState
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
@@ -87,17 +86,17 @@ def test_nothing_can_be_drafted_that_changes_nothing_or_gives_no_reason(stage: S
         runs.create_run(session, "dev", protocol="1.0", reason=" ", actor="me")
 
 
-@pytest.mark.parametrize("state", [JobState.FAILED, JobState.QUEUED])
+@pytest.mark.parametrize("state", [WorkState.FAILED, WorkState.QUEUED])
 def test_apply_is_refused_while_a_pair_is_failed_or_missing(
-    stage: Stage, make_protocol: Callable[..., str], state: JobState
+    stage: Stage, make_protocol: Callable[..., str], state: WorkState
 ) -> None:
     stage.add_protocol(make_protocol("1.1", *D_SAFE))
     run_id = stage.draft(protocol="1.1")
     stage.step("start", run_id)
     stage.work(most=2)
-    if state is JobState.FAILED:
+    if state is WorkState.FAILED:
         with stage.database.write() as session:
-            session.execute(update(Job).where(Job.state == JobState.QUEUED).values(state=state))
+            session.execute(update(Job).where(Job.state == WorkState.QUEUED).values(state=state))
     (blocker,) = stage.view(run_id).blockers
     assert "1 sheet" in blocker
     with pytest.raises(Conflict, match="1 sheet"):
@@ -189,7 +188,7 @@ def test_a_run_resumes_after_any_crash_without_losing_or_doubling_a_pair(
     stage.step("start", run_id)
     stage.work(most=1)
     with stage.database.write() as session:  # jobs that were made are lost, as from a backup
-        session.execute(delete(Job).where(Job.state == JobState.QUEUED))
+        session.execute(delete(Job).where(Job.state == WorkState.QUEUED))
     stage.work()
     assert stage.view(run_id).state.value == "ready"
     assert sheets(stage) == 6

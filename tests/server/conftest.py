@@ -19,9 +19,10 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 from tests.support.databases import as_role
 from tests.support.documents import REVISION, make_manifest, make_sheet
+from tests.support.work import claim_board_of, claim_this
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
-from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
@@ -141,7 +142,7 @@ class Api:
         """Do what a worker does when it has scored."""
         with self.database.write() as session:
             job = session.query(Job).filter_by(submission_id=submission_id).one()
-            claim = jobs.claim(session, job.id, 120, 4)
+            claim = claim_this(session, job.id, 120, 4)
         assert claim is not None
         with self.database.write() as session:
             jobs.finish_scored(
@@ -171,7 +172,7 @@ class Api:
             entries=entries,
         )
         with self.database.write() as session:
-            claim = claim_board(session, phase, PROTOCOL.digest, 30)
+            claim = claim_board_of(session, phase, PROTOCOL.digest)
             assert claim is not None
             row = publish_board(session, claim, board)
         assert row is not None

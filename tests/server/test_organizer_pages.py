@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from fastapi.routing import APIRoute
 from sqlalchemy import select, text
+from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.teams.teams import register_team
@@ -39,7 +40,7 @@ def fail(api: "Api", submission_id: str) -> None:
     """Do what a worker does when our own part is broken for good."""
     with api.database.write() as session:
         job = session.query(Job).filter_by(submission_id=submission_id).one()
-        claim = jobs.claim(session, job.id, 120, 1)
+        claim = claim_this(session, job.id, 120, 1)
     assert claim is not None
     with api.database.write() as session:
         jobs.finish_failed(session, claim, "store_broken", "The store is away.", retry=False)

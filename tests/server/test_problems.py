@@ -10,7 +10,7 @@ from fastapi import Request
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.problems import Problem as ProblemDocument
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.web.problem_vocabulary import STATUS_OF, TITLE_OF
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
@@ -20,7 +20,7 @@ SECRET = "48.858370N-2.294481E"
 
 
 def test_every_code_has_a_status_and_a_title() -> None:
-    assert set(STATUS_OF) == set(TITLE_OF) == set(ProblemCode)
+    assert set(PROBLEMS) == set(ProblemCode)
 
 
 def test_an_unknown_address_is_404(api: "Api", as_problem: Problem) -> None:

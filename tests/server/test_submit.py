@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import httpx
 import pytest
 from sqlalchemy import func, select
+from tests.support.work import claim_this
 
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
@@ -138,7 +139,7 @@ def test_rejected_files_cost_no_quota_but_are_capped(api: "Api", as_problem: Pro
     )
     with api.database.write() as session:
         job = session.query(Job).filter_by(submission_id=taken["id"]).one()
-        claim = jobs.claim(session, job.id, 120, 4)
+        claim = claim_this(session, job.id, 120, 4)
         assert claim is not None
         jobs.finish_rejected(session, claim, report)
     quota = api.get("/phases/strict", "alpha").json()["quota"]

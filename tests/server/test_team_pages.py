@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.support.work import claim_this
 
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
@@ -28,7 +29,7 @@ def reject(api: "Api", submission_id: str, report: CheckReport) -> None:
     """Do what a worker does when a file is wrong."""
     with api.database.write() as session:
         job = session.query(Job).filter_by(submission_id=submission_id).one()
-        claim = jobs.claim(session, job.id, 120, 4)
+        claim = claim_this(session, job.id, 120, 4)
     assert claim is not None
     with api.database.write() as session:
         jobs.finish_rejected(session, claim, report)

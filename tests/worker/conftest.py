@@ -16,6 +16,7 @@ import pytest
 from tests.canary.values import CANARY_M
 from tests.support import processes
 from tests.support.databases import as_role
+from tests.support.worker import score_submission
 from tests.worker.real_broker import QUICK
 
 from exceptiondrive_records.db.database import Database
@@ -26,14 +27,13 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
-from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.doors import Doors, open_doors
-from exceptiondrive_worker.scoring_run import score_submission
+from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
@@ -114,7 +114,7 @@ def planning_file() -> Callable[..., bytes]:
 
 
 class World:
-    """Records, files and splits of one test, and the doors of a worker.
+    """Records, files and splits of one test, and the context of a worker.
 
     On PostgreSQL the worker has its own role, and `database` is the owner's.
     """
@@ -124,18 +124,18 @@ class World:
         self.settings = settings.model_copy(update={"database_url": role_url})
         self.database = Database(settings.database_url)
         self.files = FileStore(settings.file_store_url)
-        self._doors: Doors | None = None
+        self._context: WorkerContext | None = None
 
     @property
-    def doors(self) -> Doors:
-        if self._doors is None:
-            self._doors = open_doors(self.settings)
-        return self._doors
+    def context(self) -> WorkerContext:
+        if self._context is None:
+            self._context = open_context(self.settings)
+        return self._context
 
-    def reopen_doors(self) -> None:
+    def reopen_context(self) -> None:
         """As a new worker process would: nothing is remembered but what is stored."""
-        self.close_doors()
-        self._doors = None
+        self.close_context()
+        self._context = None
 
     def add_split(self, split: Split) -> None:
         path = self.settings.splits_dir / split.name / "split.json"
@@ -185,7 +185,7 @@ class World:
     def score(self, data: bytes, **where: Any) -> str:
         """Submit and score in this process; return the id of the submission."""
         submission_id, job_id = self.submit(data, **where)
-        score_submission(self.doors, job_id)
+        score_submission(self.context, job_id)
         return submission_id
 
     def submission(self, submission_id: str) -> Submission:
@@ -196,12 +196,12 @@ class World:
         with self.database.read() as session:
             return session.get_one(Job, job_id)
 
-    def close_doors(self) -> None:
-        if self._doors is not None:
-            self._doors.close()
+    def close_context(self) -> None:
+        if self._context is not None:
+            self._context.close()
 
     def close(self) -> None:
-        self.close_doors()
+        self.close_context()
         self.database.dispose()
 
 
@@ -311,8 +311,8 @@ def run_reconciler() -> Iterator[Callable[[World], None]]:
     stop, threads = threading.Event(), []
 
     def run(world: World) -> None:
-        doorbell = Doorbell(world.settings.broker_url)
-        arguments = (world.database, doorbell, world.settings, stop)
+        dispatcher = Dispatcher(world.settings.broker_url)
+        arguments = (world.database, dispatcher, world.settings, stop)
         threads.append(threading.Thread(target=reconcile, args=arguments))
         threads[-1].start()
 

@@ -6,10 +6,9 @@ from typing import Any
 from sqlalchemy import func, select
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.heartbeats import live_workers
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -21,7 +20,6 @@ QUICK = {
     "lease_s": 5.0,
     "board_lease_s": 3.0,
     "reconcile_every_s": 0.2,
-    "ring_again_after_s": 1.0,
     "retry_backoff_s": 0.2,
     "heartbeat_every_s": 1.0,
     "max_attempts": 6,
@@ -36,7 +34,7 @@ def count_scored(world: World) -> int:
 
 def count_leased(world: World) -> int:
     with world.database.read() as session:
-        return int(session.scalar(select(func.count()).where(Job.state == JobState.LEASED)) or 0)
+        return int(session.scalar(select(func.count()).where(Job.state == WorkState.LEASED)) or 0)
 
 
 def live_slots(world: World) -> int:

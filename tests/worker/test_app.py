@@ -5,8 +5,8 @@ from celery import Celery
 
 from exceptiondrive_schemas.jobs import JobName, Lane
 from exceptiondrive_worker.app import create_app
+from exceptiondrive_worker.process import register_tasks
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.tasks import register_jobs
 
 BLOCK = {
     "task_acks_late": False,
@@ -77,16 +77,16 @@ def test_there_are_two_lanes_and_live_sorts_first() -> None:
 @pytest.mark.parametrize("url", ["redis://h/0", "rediss://h/0", "redis+socket:///run/broker.sock"])
 def test_junk_is_kept_from_celery_whatever_way_leads_to_the_broker(url: str) -> None:
     with create_app(WorkerSettings(broker_url=url)).connection_for_read() as connection:
-        assert connection.get_transport_cls().__name__ == "_RingTransport"
+        assert connection.get_transport_cls().__name__ == "_WakeTransport"
 
 
 def test_nobody_commands_workers_through_the_broker() -> None:
     assert app().conf.worker_enable_remote_control is False
 
 
-def test_the_app_has_all_jobs_by_name_and_no_result_backend() -> None:
+def test_the_app_has_all_tasks_by_name_and_no_result_backend() -> None:
     worker = app()
-    register_jobs(worker, lambda: None)  # type: ignore[arg-type, return-value]
+    register_tasks(worker, lambda: None)  # type: ignore[arg-type, return-value]
     own = {name for name in worker.tasks if not name.startswith("celery.")}
     assert own == {name.value for name in JobName}
     assert type(worker.backend).__name__ == "DisabledBackend"

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
+from tests.support.worker import build_board_of
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.boards.tables import BoardRow
@@ -13,7 +14,6 @@ from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.private_store import Shelf
 
 World = Any
@@ -35,7 +35,7 @@ def build(world: World) -> Board:
     """Want a board, build it, and return the current one."""
     with world.database.write() as session:
         want_board(session, "dev", protocol_digest(world))
-    build_board(world.doors, "dev", protocol_digest(world))
+    build_board_of(world.context, "dev", protocol_digest(world))
     with world.database.read() as session:
         row = current_board(session, "dev")
     assert row is not None
@@ -210,7 +210,7 @@ def test_the_first_board_of_a_phase_is_empty(phase: World) -> None:
 
 def test_nothing_is_built_when_nothing_is_wanted(phase: World) -> None:
     build(phase)
-    build_board(phase.doors, "dev", protocol_digest(phase))
+    build_board_of(phase.context, "dev", protocol_digest(phase))
     assert n_boards(phase) == 1
 
 
@@ -219,8 +219,8 @@ def test_without_its_split_a_board_is_not_built_but_stays_wanted(
 ) -> None:
     phase.score(planning_file(tiny))
     (phase.settings.splits_dir / "tiny" / "split.json").rename(phase.settings.splits_dir / "away")
-    phase.reopen_doors()
-    build_board(phase.doors, "dev", protocol_digest(phase))
+    phase.reopen_context()
+    build_board_of(phase.context, "dev", protocol_digest(phase))
     assert n_boards(phase) == 0
     assert "split unavailable: board not built" in capsys.readouterr().out
 
@@ -232,7 +232,7 @@ def test_a_lost_private_store_changes_no_board(
         phase.score(planning_file(tiny, edited_mps=speed), method=f"m{speed}")
     before = build(phase)
     for shelf in Shelf:
-        for path in (phase.doors.private.root / shelf).iterdir():
+        for path in (phase.context.private.root / shelf).iterdir():
             path.unlink()
     assert build(phase).entries == before.entries
     assert n_boards(phase) == 1
@@ -244,7 +244,7 @@ def test_a_new_entry_costs_only_its_own_intervals(
     for speed in (1.9, 2.0, 3.0):
         phase.score(planning_file(tiny, edited_mps=speed), method=f"m{speed}")
     build(phase)
-    intervals = phase.doors.private.root / Shelf.INTERVALS
+    intervals = phase.context.private.root / Shelf.INTERVALS
     written = {path.name: path.stat().st_mtime_ns for path in intervals.iterdir()}
     assert len(written) == 3
     phase.score(planning_file(tiny, edited_mps=2.5), method="new")

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
+from tests.support.worker import build_board_of
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.phases.tables import Phase
@@ -18,7 +19,6 @@ from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol
 from exceptiondrive_schemas.published import example_text
 from exceptiondrive_schemas.score_sheet import BreakdownRow, ScoreSheet
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.comparisons import published_comparison
 from exceptiondrive_worker.private_store import Shelf
 
@@ -37,7 +37,7 @@ def build(world: World) -> Board:
     with world.database.write() as session:
         digest = str(session.get_one(Phase, "dev").protocol_digest)
         want_board(session, "dev", digest)
-    build_board(world.doors, "dev", digest)
+    build_board_of(world.context, "dev", digest)
     with world.database.read() as session:
         row = current_board(session, "dev")
     assert row is not None
@@ -97,7 +97,7 @@ def test_only_digits_that_the_protocol_publishes_leave(board: Board) -> None:
 def test_a_new_entry_repeats_no_comparison(
     phase: World, tiny: Split, planning_file: MakeFile, board: Board
 ) -> None:
-    folder = phase.doors.private.root / Shelf.COMPARISONS
+    folder = phase.context.private.root / Shelf.COMPARISONS
     kept = {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
     assert len(kept) == 6
     phase.score(planning_file(tiny, edited_mps=3.0), method="new", team="new")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import IntegrityError
+from tests.support.worker import build_board_of
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.operations.invariants import violations
@@ -32,7 +33,6 @@ from exceptiondrive_scoring.clearance import clearance_m
 from exceptiondrive_scoring.drawing import protocol_drawing as draw_made_up
 from exceptiondrive_scoring.footprint import footprints_m
 from exceptiondrive_scoring.region import prepare_regions
-from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.drawing import WithheldSplitError, drawings_of, packaged_drawing_text
 from exceptiondrive_worker.splits_admin import publish_split_file
 from exceptiondrive_worker.stages import Target
@@ -55,11 +55,11 @@ def build(world: World) -> None:
     with world.database.write() as session:
         digest = session.get_one(Phase, "dev").protocol_digest
         want_board(session, "dev", digest)
-    build_board(world.doors, "dev", digest)
+    build_board_of(world.context, "dev", digest)
 
 
 def publish(world: World, protocol: Protocol) -> None:
-    publish_split_file(world.database, world.files, world.doors.splits, "tiny", protocol)
+    publish_split_file(world.database, world.files, world.context.splits, "tiny", protocol)
 
 
 def kept(world: World, submission_id: str, split: Split, protocol: Protocol) -> EntryDrawings:
@@ -190,12 +190,12 @@ def test_the_worker_refuses_to_draw_a_split_that_is_not_the_public_one(
 ) -> None:
     world.add_phase(canary_split)
     submission_id = world.score(planning_file(canary_split))
-    loaded = world.doors.splits.find("tiny", canary_split.revision, protocol)
+    loaded = world.context.splits.find("tiny", canary_split.revision, protocol)
     challenge = PLANNING
     target = Target(world.submission(submission_id).file_digest, challenge, loaded, protocol)
     other = PublicSplit(SplitRef(name="tiny", revision="sha256:" + "0" * 64), "sha256:" + "1" * 64)
     with pytest.raises(WithheldSplitError, match="not public"):
-        drawings_of(world.doors.stages, other, target)
+        drawings_of(world.context.stages, other, target)
 
 
 def test_the_database_refuses_drawings_of_a_withheld_split(

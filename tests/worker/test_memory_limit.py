@@ -3,10 +3,10 @@ import sys
 
 import pytest
 
-from exceptiondrive_worker.memory_limit import address_space_bytes
+from exceptiondrive_worker.process import address_space_bytes
 
 CODE = """
-from exceptiondrive_worker.memory_limit import limit_memory
+from exceptiondrive_worker.process import limit_memory
 limit_memory(200 * 2**20)
 kept = bytearray(100 * 2**20)
 try:

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.private_pruning import KeptFile, files_to_prune, prune
-from exceptiondrive_worker.private_store import PrivateStore, Shelf
+from exceptiondrive_worker.private_store import KeptFile, PrivateStore, Shelf, files_to_prune, prune
 
 DAY_S = 86_400
 World = Any
@@ -75,11 +74,11 @@ def test_what_was_pruned_is_made_again_bit_for_bit(
     world.add_phase(tiny)
     data = planning_file(tiny)
     world.score(data, method="one")
-    before = shelves(world.doors.private)
-    assert prune(world.doors.private, max_bytes=0, max_age_days=30) == len(before) > 0
-    assert shelves(world.doors.private) == {}
+    before = shelves(world.context.private)
+    assert prune(world.context.private, max_bytes=0, max_age_days=30) == len(before) > 0
+    assert shelves(world.context.private) == {}
     world.score(data, method="one", team="beta")
-    assert shelves(world.doors.private) == before
+    assert shelves(world.context.private) == before
 
 
 def shelves(store: PrivateStore) -> dict[str, bytes]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.worker import build_board_of
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.phases.tables import Phase
@@ -21,7 +22,6 @@ from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off
 from exceptiondrive_worker import reminder_effects as reminder_effects_module
-from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.private_store import Shelf
 from exceptiondrive_worker.rounding import Rounding
 
@@ -114,7 +114,7 @@ def build(world: World) -> Board:
     with world.database.write() as session:
         digest = session.get_one(Phase, "dev").protocol_digest
         want_board(session, "dev", digest)
-    build_board(world.doors, "dev", digest)
+    build_board_of(world.context, "dev", digest)
     with world.database.read() as session:
         row = current_board(session, "dev")
     assert row is not None

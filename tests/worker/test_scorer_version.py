@@ -13,7 +13,7 @@ from exceptiondrive_records.work.heartbeats import beat, forget_worker, newer_sc
 from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.operator_cli import app
-from exceptiondrive_worker.scorer_version import may_work
+from exceptiondrive_worker.work import may_work
 
 World = Any
 NEWER = f"{int(SCORER_VERSION.split('.')[0]) + 1}.0"

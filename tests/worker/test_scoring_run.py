@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 from billiard.exceptions import SoftTimeLimitExceeded
 from sqlalchemy import func, select
+from tests.support.work import claim_this
+from tests.support.worker import score_submission
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.submissions.submissions import new_job
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.jobs import new_job
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
@@ -21,7 +21,6 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.private_store import Shelf
-from exceptiondrive_worker.scoring_run import score_submission
 
 World = Any
 MakeFile = Callable[..., bytes]
@@ -54,9 +53,9 @@ def add_job(world: World, submission_id: str, toml: str) -> str:
 
 def test_a_sound_upload_is_scored(phase: World, tiny: Split, planning_file: MakeFile) -> None:
     submission_id, job_id = phase.submit(planning_file(tiny))
-    score_submission(phase.doors, job_id)
+    score_submission(phase.context, job_id)
     assert phase.submission(submission_id).status is SubmissionStatus.SCORED
-    assert phase.job(job_id).state is JobState.DONE
+    assert phase.job(job_id).state is WorkState.DONE
     (row,) = sheets_of(phase, submission_id)
     assert row.scorer_version == SCORER_VERSION
     assert row.sheet.n == 4
@@ -66,7 +65,7 @@ def test_a_sound_upload_is_scored(phase: World, tiny: Split, planning_file: Make
     # source at 4 m/s, edited at 1 m/s: shifts 0, 1.5, 3 ... 9 over 7 points
     assert row.sheet.micro["cts"] == 4.5
     with phase.database.read() as session:
-        assert session.scalar(select(func.max(BoardRequest.wanted))) == 2
+        assert session.scalar(select(func.max(BoardRequest.asked))) == 2
 
 
 def test_a_sheet_in_the_records_is_rounded_and_the_exact_one_stays(
@@ -78,14 +77,14 @@ def test_a_sheet_in_the_records_is_rounded_and_the_exact_one_stays(
     for value in row.sheet.micro.values():
         assert value is not None
         assert value == round(value, 4)
-    exact = [path.read_bytes()[32:] for path in (phase.doors.private.root / "sheets").iterdir()]
+    exact = [path.read_bytes()[32:] for path in (phase.context.private.root / "sheets").iterdir()]
     assert len(exact) == 1
     assert exact[0] != row.sheet.model_dump_json(by_alias=True).encode()
 
 
 def test_a_faulty_upload_is_rejected_with_its_report(phase: World) -> None:
     submission_id, job_id = phase.submit(b'{"schema": "exceptiondrive.planning/1"}')
-    score_submission(phase.doors, job_id)
+    score_submission(phase.context, job_id)
     submission = phase.submission(submission_id)
     assert submission.status is SubmissionStatus.REJECTED
     assert submission.report is not None
@@ -98,7 +97,7 @@ def test_the_same_call_five_times_scores_once(
 ) -> None:
     submission_id, job_id = phase.submit(planning_file(tiny))
     for _ in range(5):
-        score_submission(phase.doors, job_id)
+        score_submission(phase.context, job_id)
     assert len(sheets_of(phase, submission_id)) == 1
     assert phase.job(job_id).attempts == 1
 
@@ -108,20 +107,20 @@ def test_a_job_that_another_worker_holds_is_left_alone(
 ) -> None:
     _, job_id = phase.submit(planning_file(tiny))
     with phase.database.write() as session:
-        assert jobs.claim(session, job_id, 60, 4) is not None
-    score_submission(phase.doors, job_id)
-    assert phase.job(job_id).state is JobState.LEASED
+        assert claim_this(session, job_id, 60, 4) is not None
+    score_submission(phase.context, job_id)
+    assert phase.job(job_id).state is WorkState.LEASED
 
 
 def test_an_unknown_job_is_nothing(phase: World) -> None:
-    score_submission(phase.doors, "nosuchjob")
+    score_submission(phase.context, "nosuchjob")
 
 
 def test_a_frozen_worker_that_wakes_up_late_records_nothing(
     phase: World, tiny: Split, planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     submission_id, job_id = phase.submit(planning_file(tiny))
-    score = phase.doors.stages.score
+    score = phase.context.stages.score
 
     def slowly(target: Any) -> Any:
         scored = score(target)
@@ -129,13 +128,13 @@ def test_a_frozen_worker_that_wakes_up_late_records_nothing(
             job = session.get(Job, job_id)
             job.lease_until = job.lease_until.replace(year=2020)
         with phase.database.write() as session:
-            assert jobs.claim(session, job_id, 60, 4) is not None
+            assert claim_this(session, job_id, 60, 4) is not None
         return scored
 
-    monkeypatch.setattr(phase.doors.stages, "score", slowly)
-    score_submission(phase.doors, job_id)
+    monkeypatch.setattr(phase.context.stages, "score", slowly)
+    score_submission(phase.context, job_id)
     assert sheets_of(phase, submission_id) == []
-    assert phase.job(job_id).state is JobState.LEASED
+    assert phase.job(job_id).state is WorkState.LEASED
 
 
 def test_without_the_registered_revision_the_job_stays_queued(
@@ -146,12 +145,12 @@ def test_without_the_registered_revision_the_job_stays_queued(
     path = phase.settings.splits_dir / "tiny" / "split.json"
     sound = path.read_text()
     path.write_text(make_split({"a": {}}).model_dump_json(by_alias=True, exclude_none=True))
-    score_submission(phase.doors, job_id)
-    assert phase.job(job_id).state is JobState.QUEUED
+    score_submission(phase.context, job_id)
+    assert phase.job(job_id).state is WorkState.QUEUED
     assert phase.job(job_id).attempts == 0
-    assert "split unavailable: job stays queued" in capsys.readouterr().out
+    assert "split unavailable: its jobs stay queued" in capsys.readouterr().out
     path.write_text(sound)
-    score_submission(phase.doors, job_id)
+    score_submission(phase.context, job_id)
     assert phase.submission(submission_id).status is SubmissionStatus.SCORED
 
 
@@ -176,14 +175,14 @@ def test_an_error_of_ours_is_retried_and_then_shown_by_its_code(
     error: BaseException, code: FailureCode, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     submission_id, job_id = phase.submit(planning_file(tiny))
-    monkeypatch.setattr(phase.doors.stages, "score", failing(error))
-    score_submission(phase.doors, job_id)
-    assert phase.job(job_id).state is JobState.QUEUED
+    monkeypatch.setattr(phase.context.stages, "score", failing(error))
+    score_submission(phase.context, job_id)
+    assert phase.job(job_id).state is WorkState.QUEUED
     assert phase.submission(submission_id).status is SubmissionStatus.QUEUED
     with phase.database.write() as session:
         session.get(Job, job_id).attempts = phase.settings.max_attempts - 1
         session.get(Job, job_id).available_at = phase.submission(submission_id).received_at
-    score_submission(phase.doors, job_id)
+    score_submission(phase.context, job_id)
     submission = phase.submission(submission_id)
     assert submission.status is SubmissionStatus.FAILED
     assert submission.failure_code == code.value
@@ -201,7 +200,7 @@ def test_a_stored_upload_with_a_flipped_bit_is_never_scored(
     (path,) = [p for p in Path(f"{phase.settings.private_dir.parent}/uploads").rglob("*")
                if p.is_file() and p.read_bytes() == data]  # fmt: skip
     path.write_bytes(data.replace(b"4.0", b"4.1", 1))
-    score_submission(phase.doors, job_id)
+    score_submission(phase.context, job_id)
     submission = phase.submission(submission_id)
     assert submission.status is SubmissionStatus.FAILED
     assert submission.failure_code == FailureCode.UPLOAD_DAMAGED.value
@@ -212,8 +211,8 @@ def test_a_lost_upload_is_retried(phase: World, tiny: Split, planning_file: Make
     for path in Path(f"{phase.settings.private_dir.parent}/uploads").rglob("*"):
         if path.is_file():
             path.unlink()
-    score_submission(phase.doors, job_id)
-    assert phase.job(job_id).state is JobState.QUEUED
+    score_submission(phase.context, job_id)
+    assert phase.job(job_id).state is WorkState.QUEUED
     assert phase.job(job_id).attempts == 1
 
 
@@ -223,8 +222,8 @@ def test_rescoring_under_another_protocol_reads_no_upload(
     submission_id = phase.score(planning_file(tiny, edited_mps=2.0))
     toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
     job_id = add_job(phase, submission_id, toml.replace("d_safe_scale = 1.0", "d_safe_scale = 2.0"))
-    monkeypatch.setattr(type(phase.doors.files), "read", failing(AssertionError("read")))
-    score_submission(phase.doors, job_id)
+    monkeypatch.setattr(type(phase.context.files), "read", failing(AssertionError("read")))
+    score_submission(phase.context, job_id)
     old, new = sorted(sheets_of(phase, submission_id), key=lambda row: row.sheet.protocol.version)
     assert (old.sheet.protocol.version, new.sheet.protocol.version) == ("1.0", "1.1")
     assert old.measurement_key == new.measurement_key
@@ -242,8 +241,8 @@ def test_a_protocol_that_refuses_the_split_fails_the_job_and_leaves_the_submissi
         submission_id,
         toml.replace("footprint_length_m = 4.084", "footprint_length_m = 40.0"),
     )
-    score_submission(phase.doors, job_id)
-    assert phase.job(job_id).state is JobState.FAILED
+    score_submission(phase.context, job_id)
+    assert phase.job(job_id).state is WorkState.FAILED
     assert phase.submission(submission_id).status is SubmissionStatus.SCORED
 
 
@@ -253,7 +252,7 @@ def test_scoring_again_from_scratch_is_identical_to_the_last_bit(
     data = planning_file(tiny, edited_mps=2.17)
     first = phase.score(data, team="alpha")
     for shelf in Shelf:
-        for path in (phase.doors.private.root / shelf).iterdir():
+        for path in (phase.context.private.root / shelf).iterdir():
             path.unlink()
     second = phase.score(data, team="beta")
     digests = {sheets_of(phase, one)[0].exact_digest for one in (first, second)}

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
+from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.phases.tables import Phase
@@ -18,9 +19,7 @@ from exceptiondrive_schemas.similarity import AlikeKind, SimilarityReport
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import similarity
 from exceptiondrive_worker import similarity_run
-from exceptiondrive_worker.board_run import build_board
 from exceptiondrive_worker.private_store import Shelf
-from exceptiondrive_worker.scoring_run import score_submission
 
 World = Any
 N_SAMPLES = 120
@@ -52,7 +51,7 @@ def report(world: World) -> SimilarityReport:
     with world.database.write() as session:
         digest = session.get_one(Phase, "dev").protocol_digest
         want_board(session, "dev", digest)
-    build_board(world.doors, "dev", digest)
+    build_board_of(world.context, "dev", digest)
     with world.database.read() as session:
         return similarity_report(session, "dev")
 
@@ -84,7 +83,7 @@ def test_what_is_found_does_not_depend_on_when_it_is_compared(crowd: World) -> N
         crowd.score(upload(1) + b" " * len(team), team=team)
         first = report(crowd)
     assert len(first.pairs) == 1
-    crowd.reopen_doors()
+    crowd.reopen_context()
     again = report(crowd)
     assert again == first
 
@@ -95,7 +94,7 @@ def test_comparing_waits_for_nobodys_score(crowd: World) -> None:
     _, waiting = crowd.submit(upload(2), team="gamma")
     kept_back = report(crowd)
     assert (kept_back.n_compared, kept_back.n_waiting) == (0, 2)
-    score_submission(crowd.doors, waiting)
+    score_submission(crowd.context, waiting)
     assert report(crowd).n_compared == 3
 
 

@@ -18,13 +18,12 @@ from tests.worker.real_broker import (
 )
 
 from exceptiondrive_records.boards.boards import current_board
-from exceptiondrive_records.work.doorbell import Doorbell
-from exceptiondrive_records.work.ringing import ring_job
+from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.rings import why_no_ring
+from exceptiondrive_worker.app import why_junk
 
 World = Any
 
@@ -43,9 +42,9 @@ def test_an_upload_becomes_an_entry_of_a_board(
     world.add_phase(tiny)
     worker = run_worker(world, "--concurrency", "2")
     run_reconciler(world)
-    submission_id, job_id = world.submit(planning_file(tiny))
-    doorbell = Doorbell(broker_url)
-    assert ring_job(world.database, doorbell, job_id, world.settings)
+    submission_id, _ = world.submit(planning_file(tiny))
+    dispatcher = Dispatcher(broker_url)
+    assert wake_lanes(world.database, dispatcher, world.settings, (Lane.LIVE,))
     wait_until(lambda: count_scored(world) == 1, "the submission to be scored")
 
     def board() -> Board | None:
@@ -59,11 +58,11 @@ def test_an_upload_becomes_an_entry_of_a_board(
     assert [(row.submission_id, row.rank) for row in found.entries] == [(submission_id, 1)]
     wait_until(lambda: live_slots(world) == 2, "both processes to give a sign of life")
     assert worker.stop() == 0
-    doorbell.close()
+    dispatcher.close()
     assert live_slots(world) == 0, "a stopped worker signs off"
 
 
-def test_a_job_delivered_five_times_is_scored_once(
+def test_a_worker_that_is_woken_five_times_scores_once(
     embedded: World,
     tiny: Split,
     planning_file: Callable[..., bytes],
@@ -73,8 +72,8 @@ def test_a_job_delivered_five_times_is_scored_once(
 ) -> None:
     embedded.add_phase(tiny)
     submission_id, job_id = embedded.submit(planning_file(tiny))
-    doorbell = Doorbell(embedded.settings.broker_url)
-    assert all(doorbell.ring_score(job_id) for _ in range(5))
+    dispatcher = Dispatcher(embedded.settings.broker_url)
+    assert dispatcher.wake(Lane.LIVE, at_most=5)
     run_worker(embedded)
 
     def is_drained() -> bool:
@@ -83,7 +82,7 @@ def test_a_job_delivered_five_times_is_scored_once(
 
     wait_until(is_drained, "the worker to take all five messages")
     wait_until(lambda: count_scored(embedded) == 1, "the submission to be scored")
-    doorbell.close()
+    dispatcher.close()
     assert_all_scored_once(embedded, [submission_id])
     assert embedded.job(job_id).attempts == 1
 
@@ -96,26 +95,24 @@ def test_live_jobs_overtake_rescoring(
     wait_until: Callable[..., None],
 ) -> None:
     embedded.add_phase(tiny)
-    doorbell = Doorbell(embedded.settings.broker_url)
+    dispatcher = Dispatcher(embedded.settings.broker_url)
     job_ids = {}
     for i, lane in enumerate([Lane.RESCORE] * 8 + [Lane.LIVE] * 2):
         _, job_id = embedded.submit(planning_file(tiny, edited_mps=i / 10), method=f"m{i}")
         job_ids[job_id] = lane
         with embedded.database.write() as session:
             session.get_one(Job, job_id).lane = lane
-        assert doorbell.ring_score(job_id, lane)
-    doorbell.close()
+        assert dispatcher.wake(lane)
+    dispatcher.close()
     run_worker(embedded, "--concurrency", "1")
     wait_until(lambda: count_scored(embedded) == 10, "all to be scored")
     with embedded.database.read() as session:
         query = select(Job.id).order_by(Job.leased_at)
         order = [job_ids[job_id] for job_id in session.scalars(query)]
-    # with prefetch switched off, one message may be taken before the first is begun
-    assert set(order[:3]) >= {Lane.LIVE}
-    assert order[:3].count(Lane.LIVE) == 2
+    assert order[:2] == [Lane.LIVE, Lane.LIVE]
 
 
-def test_a_quiet_team_overtakes_a_flood_that_is_rung_already(
+def test_a_quiet_team_overtakes_a_flood(
     make_world: Callable[..., World],
     database_url: str,
     broker_url: str,
@@ -124,22 +121,22 @@ def test_a_quiet_team_overtakes_a_flood_that_is_rung_already(
     run_worker: Callable[..., Any],
     wait_until: Callable[..., None],
 ) -> None:
-    """No reconciler runs: the worker itself keeps ringing until nothing waits."""
+    """No reconciler runs: the worker itself goes on until nothing waits."""
     world = make_world(database_url, broker_url=broker_url, **QUICK)
     world.add_phase(tiny)
-    doorbell = Doorbell(broker_url)
+    dispatcher = Dispatcher(broker_url)
 
     def submit(team: str, n: int) -> list[str]:
         made = []
         for i in range(n):
             data = planning_file(tiny, edited_mps=1 + i / 10)
             made.append(world.submit(data, method=f"m{i}", team=team)[1])
-            ring_job(world.database, doorbell, made[-1], world.settings)
+            wake_lanes(world.database, dispatcher, world.settings)
         return made
 
     flood = submit("flood", 12)
     quiet = submit("quiet", 2)
-    doorbell.close()
+    dispatcher.close()
     worker = run_worker(world, "--concurrency", "2")
     wait_until(lambda: count_scored(world) == 14, "all to be scored")
     assert worker.stop() == 0
@@ -150,19 +147,19 @@ def test_a_quiet_team_overtakes_a_flood_that_is_rung_already(
     assert [job for job in order if job in flood] == flood
 
 
-def test_nothing_but_ids_goes_through_the_broker(
+def test_nothing_but_a_lane_goes_through_the_broker(
     embedded: World, tiny: Split, planning_file: Callable[..., bytes], broker: Any
 ) -> None:
     embedded.add_phase(tiny)
-    _, job_id = embedded.submit(planning_file(tiny))
-    doorbell = Doorbell(embedded.settings.broker_url)
-    assert doorbell.ring_score(job_id)
-    doorbell.close()
+    embedded.submit(planning_file(tiny))
+    dispatcher = Dispatcher(embedded.settings.broker_url)
+    assert wake_lanes(embedded.database, dispatcher, embedded.settings)
+    dispatcher.close()
     with broker.client() as client:
         (message,) = client.lrange("ed:live", 0, -1)
-    assert why_no_ring(message) is None
+    assert why_junk(message) is None
     body = json.loads(message)["headers"]
-    assert body["argsrepr"] == f"('{job_id}',)"
+    assert body["argsrepr"] == "('live',)"
     assert body["kwargsrepr"] == "{}"
 
 
@@ -176,7 +173,7 @@ def test_junk_in_a_queue_ends_no_worker(
     tmp_path: Path,
 ) -> None:
     embedded.add_phase(tiny)
-    _, job_id = embedded.submit(planning_file(tiny))
+    embedded.submit(planning_file(tiny))
     worker = run_worker(embedded)
     wait_until(lambda: live_slots(embedded) > 0, "the worker to begin")
     with broker.client() as client:
@@ -184,9 +181,9 @@ def test_junk_in_a_queue_ends_no_worker(
             client.lpush("ed:live", junk)
         for command in ({}, {"method": "shutdown", "arguments": {}}):
             assert client.publish("ed:/0.celery.pidbox", json.dumps(command)) == 0, "nobody hears"
-    doorbell = Doorbell(embedded.settings.broker_url)
-    assert doorbell.ring_score(job_id)
-    doorbell.close()
+    dispatcher = Dispatcher(embedded.settings.broker_url)
+    assert dispatcher.wake(Lane.LIVE, at_most=len(JUNK) + 1)
+    dispatcher.close()
     wait_until(lambda: count_scored(embedded) == 1, "the submission behind the junk to be scored")
     assert worker.process.poll() is None, "junk ended the worker"
     assert worker.stop() == 0

@@ -3,31 +3,29 @@
 from datetime import UTC, datetime
 
 import structlog
+from sqlalchemy import ColumnElement, and_, select
 
-from exceptiondrive_records.boards.boards import (
-    BoardClaim,
-    claim_board,
-    current_board,
-    latest_board,
-    publish_board,
-)
+from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
 from exceptiondrive_records.boards.ranking import entries_for_board
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import part_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.work.board_requests import claim_board, is_due
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
-from exceptiondrive_worker.comparisons import Standing, comparisons
-from exceptiondrive_worker.doors import Doors
+from exceptiondrive_worker.comparisons import Standing, comparisons, entry_uncertainties
+from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
-from exceptiondrive_worker.entry_uncertainty import entry_uncertainties
+from exceptiondrive_worker.failures import job_boundary
 from exceptiondrive_worker.reminder_effects import reminder_effects
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
@@ -36,32 +34,47 @@ from exceptiondrive_worker.stages import Target
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
-def build_board(
-    doors: Doors, phase_id: str, protocol_digest: str, split_revision: str | None = None
-) -> None:
-    """Build and publish the board of a phase under a protocol, if one is wanted.
+def build_next_board(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) -> bool:
+    """Build and publish the board of a lane that is due longest; whether there was one.
 
-    Does nothing, quietly, when none is wanted or another worker builds it. A build that ends in an
-    error keeps its lease, and is tried again when that runs out.
+    A build that ends in an error keeps its lease, and is tried again when that runs out.
+
+    Args:
+        context: Of this process.
+        lane: Which.
+        which: Conditions on `BoardRequest`; by default any.
     """
-    with doors.database.write() as session:
-        lease_s = doors.settings.board_lease_s
-        claimed = claim_board(session, phase_id, protocol_digest, lease_s, split_revision)
-    if claimed is None:
-        return
+    with context.database.read() as session:
+        due = and_(is_due(session, lane), *which)
+        if session.scalar(select(BoardRequest.id).where(due).limit(1)) is None:
+            return False
+    with context.database.write() as session:
+        request = claim_board(
+            session, and_(is_due(session, lane), *which), context.settings.board_lease_s
+        )
+    if request is None:
+        return False
+    with job_boundary(request.subject, lambda _: None):
+        build_board(context, request)
+    return True
+
+
+def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
+    """Build and publish the board that was claimed; what is drawn beside it follows."""
+    phase_id = claimed.phase_id
     try:
-        board, standings = _board(doors, claimed)
-        late = _late_board(doors, claimed)
+        board, standings = _board(context, claimed)
+        late = _late_board(context, claimed)
     except SplitUnavailableError as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
         return
-    with doors.database.write() as session:
+    with context.database.write() as session:
         row = publish_board(session, claimed, board, late)
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
-    draw_protocol(doors, protocol_digest)
-    draw_entries(doors, standings, most=DRAWN_AT_ONCE)
+    draw_protocol(context, claimed.protocol_digest)
+    draw_entries(context, standings, most=DRAWN_AT_ONCE)
     for target, _ in standings[:1]:
-        compare_submissions(doors, phase_id, target)
+        compare_submissions(context, phase_id, target)
 
 
 def with_previous_ranks(
@@ -89,22 +102,22 @@ def _without_previous(entries: tuple[BoardEntry, ...]) -> tuple[BoardEntry, ...]
     return tuple(row.model_copy(update={"previous_rank": None}) for row in entries)
 
 
-def _late_board(doors: Doors, claimed: BoardClaim) -> Board | None:
+def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
     """The board of the late view; None where the phase has none, or nothing came late."""
-    with doors.database.read() as session:
+    with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         if phase.policy.late_entries != "own_view":
             return None
         records = entries_for_board(
             session, phase.id, claimed.protocol_digest, claimed.split_revision, "late"
         )
-    return _board(doors, claimed, "late")[0] if any(each.is_late for each in records) else None
+    return _board(context, claimed, "late")[0] if any(each.is_late for each in records) else None
 
 
 def _board(
-    doors: Doors, claimed: BoardClaim, view: BoardView = "main"
+    context: WorkerContext, claimed: BoardRequest, view: BoardView = "main"
 ) -> tuple[Board, list[Standing]]:
-    with doors.database.read() as session:
+    with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
         key = (phase.id, protocol.digest, claimed.split_revision)
@@ -115,11 +128,11 @@ def _board(
     read = {number: Board.model_validate_json(text) for number, text in texts.items()}
     boards = [None if row is None else read[row.id] for row in rows]
     challenge = CHALLENGES[phase.challenge]
-    split = doors.splits.find(phase.split_name, claimed.split_revision, protocol)
+    split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
     targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
     standings = list(zip(targets, records, strict=True))
-    entries = board_entries(_scored(doors, standings), challenge, protocol)
-    compared = comparisons(doors.private, doors.stages, standings, entries, protocol)
+    entries = board_entries(_scored(context, standings), challenge, protocol)
+    compared = comparisons(context.private, context.stages, standings, entries, protocol)
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, *boards)
@@ -129,10 +142,10 @@ def _board(
     return board, standings
 
 
-def _scored(doors: Doors, standings: list[Standing]) -> list[ScoredEntry]:
+def _scored(context: WorkerContext, standings: list[Standing]) -> list[ScoredEntry]:
     measured = [(target, record.measurement_key) for target, record in standings]
-    uncertainties = entry_uncertainties(doors.private, doors.stages, measured)
-    effects = reminder_effects(doors.private, doors.stages, standings)
+    uncertainties = entry_uncertainties(context.private, context.stages, measured)
+    effects = reminder_effects(context.private, context.stages, standings)
     records = (record for _, record in standings)
     return [ScoredEntry(*parts) for parts in zip(records, uncertainties, effects, strict=True)]
 

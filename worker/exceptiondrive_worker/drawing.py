@@ -24,7 +24,7 @@ from exceptiondrive_schemas.drawing import PACKAGED, EntryDrawings
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.drawing import protocol_drawing
-from exceptiondrive_worker.doors import Doors
+from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 
 DRAWN_AT_ONCE = 50
@@ -38,12 +38,15 @@ class WithheldSplitError(Exception):
 
 
 def draw_entries(
-    doors: Doors, standings: Sequence[tuple[Target, EntryRecord]], *, most: int | None = None
+    context: WorkerContext,
+    standings: Sequence[tuple[Target, EntryRecord]],
+    *,
+    most: int | None = None,
 ) -> int:
     """Draw the entries that have no drawings yet, if their split is public; return how many.
 
     Args:
-        doors: Of this process.
+        context: Of this process.
         standings: Entries of one phase under one protocol and split revision.
         most: Leave the rest for the next time.
     """
@@ -51,25 +54,27 @@ def draw_entries(
         return 0
     target = standings[0][0]
     ref, digest = target.split.manifest.ref, target.protocol.digest
-    with doors.database.read() as session:
+    with context.database.read() as session:
         split = find_public_split(session, ref)
         drawn = drawn_submissions(session, digest, ref.revision)
     if split is None:
         return 0
     missing = [(t, record.submission_id) for t, record in standings]
     missing = [(t, submission_id) for t, submission_id in missing if submission_id not in drawn]
-    return sum(_draw_entry(doors, split, t, name) for t, name in missing[:most])
+    return sum(_draw_entry(context, split, t, name) for t, name in missing[:most])
 
 
-def _draw_entry(doors: Doors, split: PublicSplit, target: Target, submission_id: str) -> bool:
+def _draw_entry(
+    context: WorkerContext, split: PublicSplit, target: Target, submission_id: str
+) -> bool:
     try:
-        drawings = drawings_of(doors.stages, split, target)
+        drawings = drawings_of(context.stages, split, target)
     except RejectedUpload:
         _log.warning("not drawn: the upload cannot be read any more", submission=submission_id)
         return False
     if drawings is None:
         return False
-    with doors.database.write() as session:
+    with context.database.write() as session:
         keep_entry_drawings(session, submission_id, target.protocol.digest, split, drawings)
     return True
 
@@ -93,14 +98,14 @@ def drawings_of(stages: Stages, split: PublicSplit, target: Target) -> EntryDraw
     )
 
 
-def draw_protocol(doors: Doors, protocol_digest: str) -> None:
+def draw_protocol(context: WorkerContext, protocol_digest: str) -> None:
     """Draw the made-up sample under a protocol, unless that is done."""
-    with doors.database.read() as session:
+    with context.database.read() as session:
         protocol = find_protocol(session, protocol_digest)
         if has_protocol_drawing(session, protocol):
             return
     drawing = protocol_drawing(protocol)
-    with doors.database.write() as session:
+    with context.database.write() as session:
         keep_protocol_drawing(session, drawing)
 
 

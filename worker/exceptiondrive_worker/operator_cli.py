@@ -20,12 +20,9 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol,
     parse_protocol,
 )
-from exceptiondrive_worker.heartbeat import youngest_heartbeat_age_s
-from exceptiondrive_worker.log import configure_logging
-from exceptiondrive_worker.process import run_worker
+from exceptiondrive_worker.process import configure_logging, run_worker, youngest_heartbeat_age_s
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
-from exceptiondrive_worker.scorer_version import OlderScorerError, refuse_if_older
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_store import (
@@ -36,6 +33,7 @@ from exceptiondrive_worker.split_store import (
     read_split,
 )
 from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
+from exceptiondrive_worker.work import OlderScorerError, refuse_if_older
 
 app = typer.Typer(
     help="Run workers, and handle the splits that only workers may see.",

@@ -1,24 +1,37 @@
-"""The life of worker processes: doors, memory limit and heartbeat of each, after it has forked."""
+"""The life of worker processes: context, memory limit and heartbeat of each, after it has forked."""
 
+import logging
 import os
+import resource
+import socket
+import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import billiard.pool
+import numpy as np
 import structlog
 from celery import Celery
 from celery.signals import worker_process_init, worker_process_shutdown
+from sqlalchemy import func, select
+from sqlalchemy.exc import SQLAlchemyError
+from structlog.typing import Processor
 
+from exceptiondrive_records.db.database import Database, database_now
 from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_records.work.heartbeats import beat, forget_worker
+from exceptiondrive_records.work.tables import WorkerHeartbeat
+from exceptiondrive_schemas.jobs import JobName, Lane
+from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.app import create_app
-from exceptiondrive_worker.doors import Doors, open_doors
-from exceptiondrive_worker.heartbeat import Heartbeat
-from exceptiondrive_worker.memory_limit import keep_memory, limit_memory
-from exceptiondrive_worker.private_pruning import prune
+from exceptiondrive_worker.context import WorkerContext, open_context
+from exceptiondrive_worker.failures import job_boundary
+from exceptiondrive_worker.private_store import prune
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.tasks import register_jobs
+from exceptiondrive_worker.verify_run import verify_sheet
+from exceptiondrive_worker.work import may_work, work
 
 FAREWELL_TENTHS_S = 10
 """How long a process that ends waits for its parent to have heard of its last job. By default it
@@ -26,6 +39,8 @@ is 30 s, and on a stop in a busy moment the parent sometimes never says so. The 
 outcome already, so that nothing is lost."""
 BACKGROUND_NICENESS = 10
 """Of a worker that serves no live lane: on a full machine its processes give way to all others."""
+KEEP_BYTES = 24 * 2**20
+_STATM = Path("/proc/self/statm")
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -36,14 +51,14 @@ class WorkerProcess:
     def __init__(self, settings: WorkerSettings, lanes: tuple[Lane, ...]) -> None:
         self._settings = settings
         self._lanes = lanes
-        self._doors: Doors | None = None
+        self._context: WorkerContext | None = None
         self._heartbeat: Heartbeat | None = None
 
     def begin(self, **_: Any) -> None:
-        """Open the doors, start the heartbeat, then see to memory."""
-        self._doors = open_doors(self._settings, self._lanes)
+        """Open the context, start the heartbeat, then see to memory."""
+        self._context = open_context(self._settings, self._lanes)
         self._heartbeat = Heartbeat(
-            self._doors.database, self._lanes, self._settings.heartbeat_every_s
+            self._context.database, self._lanes, self._settings.heartbeat_every_s
         )
         self._heartbeat.start()
         threading.Thread(target=self._prune, name="prune", daemon=True).start()
@@ -51,11 +66,11 @@ class WorkerProcess:
         limit_memory(self._settings.memory_headroom_bytes)
 
     def _prune(self) -> None:
-        """Once in the life of a process, that is every hundred jobs or so."""
+        """Once in the life of a process, that is every hundred messages or so."""
         settings = self._settings
         try:
             prune(
-                self.doors().private,
+                self.context().private,
                 max_bytes=settings.private_max_bytes,
                 max_age_days=settings.private_max_age_days,
             )
@@ -63,23 +78,41 @@ class WorkerProcess:
             _log.warning("private store not pruned", error=type(error).__name__)
 
     def end(self, **_: Any) -> None:
-        """Sign off and close the doors."""
+        """Sign off and close the context."""
         if self._heartbeat is not None:
             self._heartbeat.stop()
-        if self._doors is not None:
-            self._doors.close()
+        if self._context is not None:
+            self._context.close()
 
-    def doors(self) -> Doors:
-        """Return the open doors of this process."""
-        if self._doors is None:
+    def context(self) -> WorkerContext:
+        """Return the open context of this process."""
+        if self._context is None:
             raise RuntimeError("the worker process has not begun")
-        return self._doors
+        return self._context
+
+
+def register_tasks(app: Celery, context: Callable[[], WorkerContext]) -> None:
+    """Give the app what the broker may call by name; `context` is that of the calling process.
+
+    Where nothing could be recorded the lease runs out, and the reconciler wakes another worker.
+    """
+
+    @app.task(name=JobName.WAKE.value)
+    def wake(lane: str) -> None:
+        with job_boundary(lane, lambda _: None):
+            work(context(), Lane(lane))
+
+    @app.task(name=JobName.VERIFY.value)
+    def verify(item_id: str) -> None:
+        with job_boundary(item_id, lambda _: None):
+            if may_work(context().database):
+                verify_sheet(context(), item_id)
 
 
 def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:
-    """Return the app with its jobs, and let every forked process begin and end as it should."""
+    """Return the app with its tasks, and let every forked process begin and end as it should."""
     app = create_app(settings)
-    register_jobs(app, process.doors)
+    register_tasks(app, process.context)
     worker_process_init.connect(process.begin, weak=False)
     worker_process_shutdown.connect(process.end, weak=False)
     return app
@@ -113,3 +146,108 @@ def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int
             "--without-heartbeat",
         ]
     )
+
+
+class Heartbeat:
+    """Records every few seconds that this process lives, until its parent is gone."""
+
+    def __init__(self, database: Database, lanes: tuple[Lane, ...], every_s: float) -> None:
+        self.worker_id = f"{socket.gethostname()}:{os.getpid()}:{random_id(8)}"
+        self._database = database
+        self._lanes = lanes
+        self._every_s = every_s
+        self._parent = os.getppid()
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End in good order: the worker leaves the list at once."""
+        self._stopped.set()
+        self._thread.join(timeout=5)
+        try:
+            with self._database.write() as session:
+                forget_worker(session, self.worker_id)
+        except SQLAlchemyError as error:
+            _log.warning("worker could not sign off", error=type(error).__name__)
+
+    def _run(self) -> None:
+        while os.getppid() == self._parent:
+            try:
+                with self._database.write() as session:
+                    beat(session, self.worker_id, self._lanes, 1, SCORER_VERSION)
+            except SQLAlchemyError as error:
+                _log.warning("heartbeat not recorded", error=type(error).__name__)
+            if self._stopped.wait(self._every_s):
+                return
+
+
+def youngest_heartbeat_age_s(database: Database) -> float | None:
+    """Return how long ago a worker on this machine last gave a sign of life; None if never."""
+    with database.read() as session:
+        of_this_machine = WorkerHeartbeat.worker_id.startswith(f"{socket.gethostname()}:")
+        latest = session.scalar(select(func.max(WorkerHeartbeat.at)).where(of_this_machine))
+        if latest is None:
+            return None
+        return (database_now(session) - latest).total_seconds()
+
+
+def address_space_bytes() -> int | None:
+    """Return how much address space this process has now; None where the system does not say."""
+    try:
+        pages = int(_STATM.read_text().split()[0])
+    except (FileNotFoundError, PermissionError):
+        return None
+    return pages * resource.getpagesize()
+
+
+def keep_memory() -> None:
+    """Free one large block that nobody has touched: scoring then takes up to half the time.
+
+    glibc hands freed memory back to the system above a threshold, and pays for every page again at
+    the next temporary; the threshold follows the largest block that was freed.
+    """
+    np.empty(KEEP_BYTES, dtype=np.uint8)
+
+
+def limit_memory(headroom_bytes: int) -> int | None:
+    """Let this process take at most so much beyond what it has; return the limit in bytes.
+
+    Allocations beyond it raise `MemoryError`. Without `/proc` nothing is limited: None.
+    """
+    present = address_space_bytes()
+    if present is None:
+        return None
+    limit = present + headroom_bytes
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+    return limit
+
+
+def configure_logging() -> None:
+    """Send all log lines of this process, libraries and warnings included, the same way."""
+    shared: list[Processor] = [
+        structlog.processors.add_log_level,
+        structlog.processors.TimeStamper(fmt="iso", utc=True),
+        structlog.processors.format_exc_info,
+    ]
+    renderer: Processor = structlog.processors.JSONRenderer()
+    if sys.stderr.isatty():
+        renderer = structlog.dev.ConsoleRenderer()
+    structlog.configure(
+        processors=[*shared, renderer], logger_factory=structlog.PrintLoggerFactory(sys.stderr)
+    )
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(
+        structlog.stdlib.ProcessorFormatter(
+            foreign_pre_chain=shared,
+            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, renderer],
+        )
+    )
+    logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
+    logging.captureWarnings(capture=True)

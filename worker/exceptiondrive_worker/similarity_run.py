@@ -12,7 +12,7 @@ import structlog
 from numpy.typing import NDArray
 
 from exceptiondrive_records.submissions.similarity import ScoredFile, keep_alike, scored_files
-from exceptiondrive_records.work.turns import live_job_waits
+from exceptiondrive_records.work.fair_share import is_live_job_waiting
 from exceptiondrive_schemas.similarity import AlikeSubmission
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.challenge import SCORING
@@ -25,7 +25,7 @@ from exceptiondrive_scoring.similarity import (
     distances,
     sketched_samples,
 )
-from exceptiondrive_worker.doors import Doors
+from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.private_store import Shelf, content_key
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
@@ -39,36 +39,36 @@ Sketch = NDArray[np.float32]
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
-def compare_submissions(doors: Doors, phase_id: str, like: Target) -> int:
+def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> int:
     """Compare what was not compared yet; return how many submissions that were.
 
     Gives way as soon as a live job waits: the rest follow with the next board.
 
     Args:
-        doors: Of this process.
+        context: Of this process.
         phase_id: The phase.
         like: Any target of the phase: its challenge, split and protocol are those of all.
     """
     rule = SCORING[like.challenge.id].alike
     if rule is None:
         return 0
-    with doors.database.read() as session:
+    with context.database.read() as session:
         files = scored_files(session, phase_id)
     fresh = [file for file in files if not file.is_compared][:COMPARED_AT_ONCE]
-    if not fresh or _live_job_waits(doors):
+    if not fresh or _live_job_waits(context):
         return 0
-    comparing = _Comparing(doors, like, rule)
+    comparing = _Comparing(context, like, rule)
     compared = _Crowd()
     for file in files:
         if file.is_compared:
             compared.add(file, comparing.sketch(file))
     n_compared = 0
     for file in fresh:
-        if _live_job_waits(doors):
+        if _live_job_waits(context):
             break
         sketch = comparing.sketch(file)
         alike = [] if sketch is None else comparing.alike(file, sketch, compared)
-        with doors.database.write() as session:
+        with context.database.write() as session:
             keep_alike(session, file.submission_id, alike)
         compared.add(file, sketch)
         n_compared += 1
@@ -76,9 +76,9 @@ def compare_submissions(doors: Doors, phase_id: str, like: Target) -> int:
     return n_compared
 
 
-def _live_job_waits(doors: Doors) -> bool:
-    with doors.database.read() as session:
-        return live_job_waits(session)
+def _live_job_waits(context: WorkerContext) -> bool:
+    with context.database.read() as session:
+        return is_live_job_waiting(session)
 
 
 class _Crowd:
@@ -103,15 +103,15 @@ class _Candidate:
 class _Comparing:
     """Comparisons within one phase."""
 
-    def __init__(self, doors: Doors, like: Target, rule: AlikeRule) -> None:
-        self._doors, self._like = doors, like
+    def __init__(self, context: WorkerContext, like: Target, rule: AlikeRule) -> None:
+        self._context, self._like = context, like
         self._rule = rule
         # withheld, so nobody knows which samples are sketched
         self._seed = content_key("sketch", like.split.regions_digest)
 
     def sketch(self, file: ScoredFile) -> Sketch | None:
         """Return the sketched answers (S, P, C) of a file; None where it cannot be read any more."""
-        private = self._doors.private
+        private = self._context.private
         key = content_key("sketch", file.file_digest, self._like.challenge.id, self._seed)
         kept = private.read_columns(Shelf.SKETCHES, key)
         if kept is not None:
@@ -160,7 +160,7 @@ class _Comparing:
     def _ways(self, file: ScoredFile) -> FloatArray | None:
         target = replace(self._like, file_digest=file.file_digest)
         try:
-            return self._rule.ways(self._doors.stages.answers(target))
+            return self._rule.ways(self._context.stages.answers(target))
         except RejectedUpload:
             _log.warning("not compared: cannot be read any more", submission=file.submission_id)
             return None

@@ -14,43 +14,42 @@ from exceptiondrive_records.rescoring.verification import VerifyClaim, claim_ite
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.rescoring import VerifyState
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_worker.doors import Doors, stages_over
+from exceptiondrive_worker.context import WorkerContext, stages_over
 from exceptiondrive_worker.failures import Failure, job_boundary
-from exceptiondrive_worker.private_pruning import VERIFY_PREFIX
-from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.private_store import VERIFY_PREFIX, PrivateStore
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
-def verify_sheet(doors: Doors, item_id: str) -> None:
+def verify_sheet(context: WorkerContext, item_id: str) -> None:
     """Recompute one sheet; does nothing, quietly, when another worker has it."""
-    with doors.database.write() as session:
-        claimed = claim_item(session, item_id, doors.settings.lease_s)
+    with context.database.write() as session:
+        claimed = claim_item(session, item_id, context.settings.lease_s)
     if claimed is None:
         return
-    with job_boundary(item_id, lambda failure: _record_failure(doors, claimed, failure)):
-        _verify(doors, claimed)
+    with job_boundary(item_id, lambda failure: _record_failure(context, claimed, failure)):
+        _verify(context, claimed)
 
 
-def _verify(doors: Doors, claimed: VerifyClaim) -> None:
-    with doors.database.read() as session:
+def _verify(context: WorkerContext, claimed: VerifyClaim) -> None:
+    with context.database.read() as session:
         protocol = find_protocol(session, claimed.protocol_digest)
         read_under = accepted_under(session, claimed.submission_id)
     challenge = CHALLENGES[claimed.challenge]
-    split = doors.splits.find(claimed.split_name, claimed.split_revision, protocol)
+    split = context.splits.find(claimed.split_name, claimed.split_revision, protocol)
     target = Target(claimed.file_digest, challenge, split, protocol, read_under)
-    with tempfile.TemporaryDirectory(prefix=VERIFY_PREFIX, dir=doors.private.root) as folder:
-        stages = stages_over(doors.settings, doors.files, PrivateStore(Path(folder)))
+    with tempfile.TemporaryDirectory(prefix=VERIFY_PREFIX, dir=context.private.root) as folder:
+        stages = stages_over(context.settings, context.files, PrivateStore(Path(folder)))
         try:
             scored = stages.score(target)
         except RejectedUpload:
-            _record(doors, claimed, VerifyState.DIFFERS, None, "the file is rejected now")
+            _record(context, claimed, VerifyState.DIFFERS, None, "the file is rejected now")
             return
     published = Rounding(challenge, protocol.publication).sheet(scored.sheet)
     state, note = _outcome(claimed, scored.digest, published)
-    _record(doors, claimed, state, scored.digest, note)
+    _record(context, claimed, state, scored.digest, note)
 
 
 def _outcome(
@@ -68,16 +67,16 @@ def _outcome(
 
 
 def _record(
-    doors: Doors,
+    context: WorkerContext,
     claimed: VerifyClaim,
     state: VerifyState,
     found_digest: str | None,
     note: str | None,
 ) -> None:
-    with doors.database.write() as session:
+    with context.database.write() as session:
         finish_item(session, claimed, state, found_digest, note)
     _log.info("verified", item=claimed.item_id, outcome=state.value)
 
 
-def _record_failure(doors: Doors, claimed: VerifyClaim, failure: Failure) -> None:
-    _record(doors, claimed, VerifyState.FAILED, None, failure.message)
+def _record_failure(context: WorkerContext, claimed: VerifyClaim, failure: Failure) -> None:
+    _record(context, claimed, VerifyState.FAILED, None, failure.message)

@@ -10,10 +10,12 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.output import can_ask, say, show, show_result
 from exceptiondrive.cli.session import open_client, prepare
 from exceptiondrive.cli.tables import records_table
-from exceptiondrive.client import Client
+from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
 from exceptiondrive.errors import NotSignedInError, utc_text
-from exceptiondrive.team_tokens import TeamTokens
+
+TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
+COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
 
 
 def login(server: options.Server = None) -> None:
@@ -63,10 +65,6 @@ def _token(server: str) -> str:
 
 def _name(team: str | None) -> str:
     return "organizer" if team is None else f"team {team}"
-
-
-TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
-COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
 
 
 def list_tokens(server: options.Server = None, json: options.Json = False) -> None:

@@ -1,11 +1,10 @@
 """Boards: immutable snapshots; "the current board" is one pointer."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from functools import lru_cache
 
-from sqlalchemy import ColumnElement, Select, exists, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -18,59 +17,15 @@ from exceptiondrive_records.phases.redaction import shown_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.phase_settings import BoardView
 
 
-@dataclass(frozen=True)
-class BoardClaim:
-    """The lease of one build."""
-
-    phase_id: str
-    protocol_digest: str
-    split_revision: str
-    wanted: int
-    fence: int
-    claimed_at: datetime
-
-
-def claim_board(
-    session: Session,
-    phase_id: str,
-    protocol_digest: str,
-    lease_s: float,
-    split_revision: str | None = None,
-) -> BoardClaim | None:
-    """Lease the building of a board if one is wanted and nobody builds it."""
-    now = database_now(session)
-    if split_revision is None:
-        split_revision = session.get_one(Phase, phase_id).split_revision
-    taken = session.execute(
-        update(BoardRequest)
-        .where(
-            BoardRequest.phase_id == phase_id,
-            BoardRequest.protocol_digest == protocol_digest,
-            BoardRequest.split_revision == split_revision,
-            BoardRequest.wanted > BoardRequest.built,
-            or_(BoardRequest.lease_until.is_(None), BoardRequest.lease_until < now),
-        )
-        .values(
-            fence=BoardRequest.fence + 1,
-            lease_until=now + timedelta(seconds=lease_s),
-            rung_at=None,
-        )
-        .returning(BoardRequest.wanted, BoardRequest.fence)
-        .execution_options(synchronize_session=False)
-    ).first()
-    if taken is None:
-        return None
-    return BoardClaim(phase_id, protocol_digest, split_revision, taken.wanted, taken.fence, now)
-
-
 def publish_board(
-    session: Session, claim: BoardClaim, board: Board, late: Board | None = None
+    session: Session, claim: BoardRequest, board: Board, late: Board | None = None
 ) -> BoardRow | None:
     """Append a board and, under the phase's own protocol and split, make it the current one.
 
@@ -80,7 +35,7 @@ def publish_board(
 
     Args:
         session: Of a write transaction.
-        claim: The lease.
+        claim: The request as it was claimed.
         board: The board.
         late: The board of the late view, where there is one.
 
@@ -88,19 +43,8 @@ def publish_board(
         The row that holds the board; None when the lease was lost and nothing was recorded.
     """
     phase = lock_phase(session, claim.phase_id)
-    request = session.get(
-        BoardRequest,
-        (claim.phase_id, claim.protocol_digest, claim.split_revision),
-        with_for_update=True,
-        populate_existing=True,
-    )
-    if request is None or request.fence != claim.fence:
-        audit(session, "worker", "stale fence rejected", f"board:{claim.phase_id}")
+    if not finish_board(session, claim):
         return None
-    request.built = claim.wanted
-    request.lease_until = None
-    request.built_at = database_now(session)
-    request.build_s = (request.built_at - claim.claimed_at).total_seconds()
     now = database_now(session)
     row = _kept_or_appended(session, claim, shown_board(phase, board, now), "main")
     late_row = late and _kept_or_appended(session, claim, shown_board(phase, late, now), "late")
@@ -113,7 +57,7 @@ def publish_board(
 
 
 def _kept_or_appended(
-    session: Session, claim: BoardClaim, board: Board, view: BoardView
+    session: Session, claim: BoardRequest, board: Board, view: BoardView
 ) -> BoardRow:
     key = (claim.protocol_digest, claim.split_revision)
     row = latest_board(session, claim.phase_id, *key, view=view)
@@ -136,16 +80,6 @@ def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | Non
     session.add(flip)
     session.flush()
     return flip
-
-
-def is_board_wanted(
-    session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
-) -> bool:
-    """Whether a newer board is wanted than was built."""
-    if split_revision is None:
-        split_revision = session.get_one(Phase, phase_id).split_revision
-    request = session.get(BoardRequest, (phase_id, protocol_digest, split_revision))
-    return request is not None and request.wanted > request.built
 
 
 def current_board(session: Session, phase_id: str) -> BoardRow | None:
@@ -319,7 +253,7 @@ def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
 
 
 def _append(
-    session: Session, claim: BoardClaim, board: Board, digest: str, view: BoardView
+    session: Session, claim: BoardRequest, board: Board, digest: str, view: BoardView
 ) -> BoardRow:
     query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == claim.phase_id)
     number = (session.scalar(query) or 0) + 1

@@ -1,1 +1,1 @@
-"""The database under all nouns: base, session, columns, roles."""
+"""The database: its connection, clock, column types, and what all tables share."""

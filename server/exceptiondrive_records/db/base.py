@@ -1,7 +1,6 @@
-"""The base of all tables: column types that they have in common."""
+"""What all tables share."""
 
 from datetime import datetime
-from enum import StrEnum
 from typing import Any
 
 from sqlalchemy import JSON, String
@@ -12,31 +11,12 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
-class JobState(StrEnum):
-    """Where a job stands. The last four are final."""
-
-    QUEUED = "queued"
-    LEASED = "leased"
-    DONE = "done"
-    FAILED = "failed"
-    DEAD = "dead"
-    """Every attempt ended without an answer."""
-    CANCELLED = "cancelled"
-    """The submission was withdrawn first."""
-
-    @property
-    def is_final(self) -> bool:
-        """Whether the job has ended."""
-        return self not in (JobState.QUEUED, JobState.LEASED)
-
-
 class Base(DeclarativeBase):
     """Column types common to all tables."""
 
     type_annotation_map = {  # noqa: RUF012 - SQLAlchemy reads it once
         datetime: UtcDateTime(),
         SubmissionStatus: enum_text(SubmissionStatus),
-        JobState: enum_text(JobState),
         Lane: enum_text(Lane),
         dict[str, Any]: JSON(),
         dict[str, int]: JSON(),

@@ -27,9 +27,8 @@ class Role(StrEnum):
     RECONCILER = "exceptiondrive_reconciler"
 
 
-R, RD, RI, RU, RIU, RID, RIUD = (
+R, RI, RU, RIU, RID, RIUD = (
     "SELECT",
-    "SELECT, DELETE",
     "SELECT, INSERT",
     "SELECT, UPDATE",
     "SELECT, INSERT, UPDATE",
@@ -48,14 +47,10 @@ RIGHTS = MappingProxyType(
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
-        "board_requests": (RIU, RIU, RIU),
         "boards": (R, RI, R),  # only workers publish
         "contact_points": (RIUD, R, R),
-        "deliveries": (RIU, RI, RIU),
         "entry_drawings": (R, RI, R),
         "invitations": (RIUD, NONE, NONE),
-        "jobs": (RIUD, RU, RIUD),
-        "leaders": (R, NONE, RIUD),
         "memberships": (RID, NONE, NONE),
         "notifications": (RIUD, RI, RI),
         "people": (RIU, NONE, NONE),
@@ -71,11 +66,11 @@ RIGHTS = MappingProxyType(
         "site_settings": (RIU, NONE, NONE),
         "splits": (R, RIU, R),
         "submissions": (RIU, _STATUS, _STATUS),
-        "team_turns": (RD, RIU, R),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),
         "verification_items": (RI, RU, RU),
         "verifications": (RI, RU, RU),
+        "work": (RIUD, RIU, RIUD),
         "worker_heartbeats": (R, RIUD, R),
     }
 )

@@ -6,15 +6,11 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_records.notifications.tables import (
-    ContactPoint,
-    Delivery,
-    DeliveryState,
-    Notification,
-)
+from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.lease import new_item
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.rescoring import (
     ChangedEntry,
@@ -97,16 +93,11 @@ def _put(session: Session, team_id: int, run_id: str, view: NotificationView) ->
         ContactPoint.team_id == team_id, ContactPoint.removed_at.is_(None)
     )
     for contact in session.scalars(contacts):
-        session.add(
-            Delivery(
-                id=random_id(),
-                notification_id=row.id,
-                contact_id=contact.id,
-                state=DeliveryState.WAITING,
-                attempts=0,
-                available_at=view.created_at,
-            )
+        key = f"{row.id}/{contact.id}"
+        delivery = new_item(
+            Delivery, key, view.created_at, notification_id=row.id, contact_id=contact.id
         )
+        session.add(delivery)
     return row
 
 

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import enum_text
+from exceptiondrive_records.work.tables import WorkItem, WorkState
 
 
 class Channel(StrEnum):
@@ -57,19 +58,16 @@ class Notification(Base):
     read_at: Mapped[datetime | None]
 
 
-class Delivery(Base):
+class Delivery(WorkItem):
     """The outbox: one message to one address outside."""
 
-    __tablename__ = "deliveries"
-    __table_args__ = (
-        UniqueConstraint("notification_id", "contact_id"),
-        Index("ix_deliveries_due", "state", "available_at"),
-    )
-    id: Mapped[str] = mapped_column(primary_key=True)
-    notification_id: Mapped[str] = mapped_column(ForeignKey("notifications.id"))
-    contact_id: Mapped[str] = mapped_column(ForeignKey("contact_points.id"))
-    state: Mapped[DeliveryState] = mapped_column(enum_text(DeliveryState))
-    attempts: Mapped[int]
-    available_at: Mapped[datetime]
-    last_error: Mapped[str | None]
-    sent_at: Mapped[datetime | None]
+    __mapper_args__ = {"polymorphic_identity": "delivery"}  # noqa: RUF012
+    notification_id: Mapped[str] = mapped_column(ForeignKey("notifications.id"), nullable=True)
+    contact_id: Mapped[str] = mapped_column(ForeignKey("contact_points.id"), nullable=True)
+
+    @property
+    def outcome(self) -> DeliveryState:
+        """Where it stands."""
+        if self.state is WorkState.DONE:
+            return DeliveryState.SENT
+        return DeliveryState.GIVEN_UP if self.state.is_final else DeliveryState.WAITING

@@ -7,14 +7,13 @@ from datetime import datetime, timedelta
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.rescoring.keys import HELD, OPEN
+from exceptiondrive_records.rescoring.keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S
-from exceptiondrive_records.work.tables import Job, WorkerHeartbeat
+from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -80,13 +79,13 @@ def dashboard(session: Session) -> Dashboard:
 
 def lane_queue(session: Session, lane: Lane) -> LaneQueue:
     """Count the jobs of a lane that wait, run, or are held by a paused run."""
-    waits = (Job.lane == lane, Job.state == JobState.QUEUED)
-    oldest = session.scalar(select(func.min(Job.created_at)).where(*waits, Job.available_at < HELD))
+    waits = (Job.lane == lane, Job.state == WorkState.QUEUED)
+    oldest = session.scalar(select(func.min(Job.created_at)).where(*waits))
     return LaneQueue(
         lane=lane,
-        waiting=_count(session, *waits, Job.available_at < HELD),
-        running=_count(session, Job.lane == lane, Job.state == JobState.LEASED),
-        held=_count(session, *waits, Job.available_at >= HELD),
+        waiting=_count(session, *waits),
+        running=_count(session, Job.lane == lane, Job.state == WorkState.LEASED),
+        held=_count(session, Job.lane == lane, Job.state == WorkState.HELD),
         oldest_s=_age_s(session, oldest),
     )
 

@@ -10,7 +10,20 @@ from collections.abc import Iterable, Iterator
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import JSON, Column, Enum, LargeBinary, MetaData, Table, Text, func, select, text
+from sqlalchemy import (
+    JSON,
+    Column,
+    ColumnElement,
+    Enum,
+    LargeBinary,
+    MetaData,
+    Table,
+    Text,
+    func,
+    select,
+    text,
+    true,
+)
 from sqlalchemy.orm import Session
 from sqlalchemy.types import TypeEngine
 
@@ -18,7 +31,8 @@ from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, UtcDateTime
 from exceptiondrive_records.work.tables import Leader, WorkerHeartbeat
 
-_PASSING = {Leader.__tablename__, WorkerHeartbeat.__tablename__}
+_PASSING = {WorkerHeartbeat.__tablename__}
+_LEADS = Leader.__mapper__.polymorphic_identity
 _AT_ONCE = 500
 
 
@@ -39,7 +53,7 @@ def dump_rows(session: Session, table: Table) -> Iterator[str]:
     """Yield one line of JSON for each row."""
     plain = _plain(table)
     keys = [column.name for column in table.primary_key]
-    query = select(plain).order_by(*(plain.c[key] for key in keys))
+    query = select(plain).where(_lasts(plain)).order_by(*(plain.c[key] for key in keys))
     for row in session.execute(query.execution_options(yield_per=_AT_ONCE)):
         yield json.dumps([_to_json(value) for value in row], ensure_ascii=False, allow_nan=False)
 
@@ -69,7 +83,9 @@ def load_rows(session: Session, table: Table, lines: Iterable[str]) -> int:
 
 def is_empty(session: Session) -> bool:
     """Whether no table holds a row."""
-    counts = (select(func.count()).select_from(table) for table in dumped_tables())
+    counts = (
+        select(func.count()).select_from(table).where(_lasts(table)) for table in dumped_tables()
+    )
     return not any(session.scalar(count) for count in counts)
 
 
@@ -82,6 +98,11 @@ def file_digests(session: Session) -> list[str]:
                 query = select(column).where(column.is_not(None)).distinct()
                 found |= set(session.scalars(query))
     return sorted(found)
+
+
+def _lasts(table: Table) -> ColumnElement[bool]:
+    """Whether a row means something elsewhere: who leads now does not."""
+    return table.c.kind != _LEADS if table.name == Leader.__tablename__ else true()
 
 
 def _plain(table: Table) -> Table:

@@ -15,7 +15,6 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -23,7 +22,7 @@ from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolError
@@ -126,13 +125,13 @@ def _pointers(session: Session) -> Iterator[Violation]:
 
 
 _JOB_STATES_OF = {
-    Status.RECEIVED: {JobState.QUEUED},
-    Status.QUEUED: {JobState.QUEUED},
-    Status.SCORING: {JobState.LEASED},
-    Status.SCORED: {JobState.DONE},
-    Status.REJECTED: {JobState.DONE},
-    Status.FAILED: {JobState.FAILED, JobState.DEAD},
-    Status.WITHDRAWN: {JobState.CANCELLED, JobState.DONE},
+    Status.RECEIVED: {WorkState.QUEUED},
+    Status.QUEUED: {WorkState.QUEUED},
+    Status.SCORING: {WorkState.LEASED},
+    Status.SCORED: {WorkState.DONE},
+    Status.REJECTED: {WorkState.DONE},
+    Status.FAILED: {WorkState.FAILED, WorkState.DEAD},
+    Status.WITHDRAWN: {WorkState.CANCELLED, WorkState.DONE},
 }
 _SHEET_KEY = (
     ScoreSheetRow.submission_id,
@@ -175,12 +174,12 @@ def violations(session: Session) -> list[Violation]:
 
 def unfinished(session: Session) -> list[Violation]:
     """Return what is still to be done: nothing, some time after the last fault."""
-    open_jobs = select(Job).where(Job.state.in_((JobState.QUEUED, JobState.LEASED)))
+    open_jobs = select(Job).where(Job.state.in_(OPEN_STATES))
     found = [
         Violation("unfinished", job.submission_id, f"its job is {job.state} still")
         for job in session.scalars(open_jobs)
     ]
-    wanted = select(BoardRequest).where(BoardRequest.wanted > BoardRequest.built)
+    wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
     found += [
         Violation("unfinished", row.phase_id, "a newer board is wanted than was built")
         for row in session.scalars(wanted)
@@ -222,7 +221,7 @@ def _first_jobs(held: _Held) -> Iterator[Violation]:
 
 def _leases(held: _Held) -> Iterator[Violation]:
     for job in held.jobs:
-        if (job.state is JobState.LEASED) != (job.lease_until is not None):
+        if (job.state is WorkState.LEASED) != (job.lease_until is not None):
             yield Violation("lease and state differ", job.submission_id, f"job is {job.state}")
         if job.state.is_final != (job.finished_at is not None):
             yield Violation("end and state differ", job.submission_id, f"job is {job.state}")
@@ -233,7 +232,7 @@ def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
     done = {
         (job.submission_id, job.protocol_digest, job.split_revision)
         for job in held.jobs
-        if job.state is JobState.DONE
+        if job.state is WorkState.DONE
     }
     for key in held.sheets - done:
         yield Violation("sheet without a finished job", key[0], f"under {key[1]}")

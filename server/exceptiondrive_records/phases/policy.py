@@ -9,7 +9,6 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.phase_settings import PhaseNow, SplitPart
@@ -57,7 +56,7 @@ def is_late(phase: Phase, submission: Submission) -> bool:
 def phase_now(session: Session, phase: Phase) -> PhaseNow:
     """Return where a phase stands, as everybody may know it."""
     now = database_now(session)
-    split = find_split(session, phase.split_name, phase.split_revision)
+    split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     return PhaseNow(
         part=part_of(split),
         n_counted=split.n_samples,

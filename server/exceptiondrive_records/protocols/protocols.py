@@ -9,7 +9,12 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.protocols.tables import ProtocolRow
-from exceptiondrive_schemas.protocol import Protocol, ProtocolError, parse_protocol
+from exceptiondrive_schemas.protocol import (
+    Protocol,
+    ProtocolError,
+    packaged_protocol,
+    parse_protocol,
+)
 
 
 def add_protocol(session: Session, toml: str, actor: str) -> Protocol:
@@ -100,3 +105,10 @@ def list_protocol_rows(session: Session) -> list[ProtocolRow]:
 @lru_cache(maxsize=32)
 def _parsed(toml: str) -> Protocol:
     return parse_protocol(toml)
+
+
+def latest_protocol(session: Session) -> Protocol:
+    """Return the protocol added last; before any was added, the packaged one."""
+    query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
+    digest = session.scalar(query)
+    return find_protocol(session, digest) if digest else packaged_protocol()

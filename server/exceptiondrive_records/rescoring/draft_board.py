@@ -2,11 +2,11 @@
 
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import entry_ids, is_board_wanted, latest_board
+from exceptiondrive_records.boards.boards import entry_ids, latest_board
 from exceptiondrive_records.boards.ranking import entry_ids_for_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.rescoring.keys import ScoringKey
-from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 
 
 def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | None:

@@ -7,11 +7,10 @@ from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.rescoring.draft_board import fresh_board, want_fresh_board
-from exceptiondrive_records.rescoring.keys import HELD, ScoringKey, new_key, old_key, other_key
+from exceptiondrive_records.rescoring.keys import ScoringKey, new_key, old_key, other_key
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
     missing_pairs,
@@ -19,9 +18,9 @@ from exceptiondrive_records.rescoring.pairs import (
     waiting_elsewhere,
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.submissions.submissions import new_job
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.jobs import new_job
+from exceptiondrive_records.work.tables import WAITING_STATES, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import RunState
 
@@ -98,12 +97,12 @@ def _missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
 
 def hold_jobs(session: Session, run: RescoringRun) -> None:
     """Let no waiting job of a run begin; what is being scored ends in peace."""
-    _move_jobs(session, run, available_at=HELD)
+    _move_jobs(session, run, (WorkState.QUEUED,), WorkState.HELD)
 
 
 def release_jobs(session: Session, run: RescoringRun) -> None:
     """Let the waiting jobs of a run begin again."""
-    _move_jobs(session, run, available_at=database_now(session))
+    _move_jobs(session, run, WAITING_STATES, WorkState.QUEUED)
 
 
 def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> int:
@@ -114,11 +113,13 @@ def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> int:
     return len(waiting)
 
 
-def _move_jobs(session: Session, run: RescoringRun, **values: object) -> None:
+def _move_jobs(
+    session: Session, run: RescoringRun, before: tuple[WorkState, ...], after: WorkState
+) -> None:
     session.execute(
         update(Job)
-        .where(Job.id.in_(_waiting(run, other_key(run))))
-        .values(rung_at=None, rings=0, **values)
+        .where(Job.id.in_(_waiting(run, other_key(run))), Job.state.in_(before))
+        .values(state=after, available_at=database_now(session))
         .execution_options(synchronize_session=False)
     )
 
@@ -133,6 +134,6 @@ def _waiting(run: RescoringRun, key: ScoringKey) -> Select[str]:
             Job.split_revision == key.split_revision,
             Job.lane == Lane.RESCORE,
             Job.is_first.is_(False),
-            Job.state == JobState.QUEUED,
+            Job.state.in_(WAITING_STATES),
         )
     )

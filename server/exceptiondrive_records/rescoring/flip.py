@@ -6,7 +6,6 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.boards import flip_board
 from exceptiondrive_records.boards.tables import BoardRow
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.inbox import notify_teams
@@ -36,7 +35,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import WAITING_STATES, Job
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import Comparison, NotificationKind, RunAction, RunState
 
@@ -227,12 +226,7 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
                 Job.protocol_digest == key.protocol_digest,
                 Job.split_revision == key.split_revision,
             )
-            .values(
-                is_first=is_first,
-                lane=Lane.LIVE if is_first else Lane.RESCORE,
-                rung_at=None,
-                rings=0,
-            )
+            .values(is_first=is_first, lane=Lane.LIVE if is_first else Lane.RESCORE)
             .execution_options(synchronize_session=False)
         )
 
@@ -246,7 +240,7 @@ def _waiting_under(phase_id: str, key: ScoringKey) -> Select[str]:
             Submission.status.in_(WAITING),
             Job.protocol_digest == key.protocol_digest,
             Job.split_revision == key.split_revision,
-            Job.state == JobState.QUEUED,
+            Job.state.in_(WAITING_STATES),
         )
     )
 

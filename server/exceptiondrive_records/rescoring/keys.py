@@ -1,7 +1,6 @@
 """What sheets are kept under, and which runs ask for fresh submissions to be scored twice."""
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -14,8 +13,6 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.rescoring import RunState
 
-HELD = datetime(9999, 12, 31, tzinfo=UTC)
-"""`Job.available_at` of a job that waits for its run to go on."""
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
 """Runs whose target every fresh submission is scored under besides."""
 OPEN = (RunState.DRAFT, *UNFINISHED, RunState.APPLIED)

@@ -7,7 +7,6 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, Select, and_, exists, func, not_, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.rescoring.keys import ScoringKey
@@ -15,13 +14,12 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import OPEN_STATES, Job
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import GeometrySection, Protocol
 from exceptiondrive_schemas.rescoring import Progress, RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-_OPEN_JOBS = (JobState.QUEUED, JobState.LEASED)
 _RATE_WINDOW = timedelta(seconds=30)
 _LEAST_S = 1.0
 """The first sheets of a run come within milliseconds, and would promise too much."""
@@ -73,7 +71,7 @@ def waiting_elsewhere(phase_id: str, key: ScoringKey) -> Select[Submission]:
 
 def failed_pairs(phase_id: str, key: ScoringKey) -> Select[Submission]:
     """Select scored submissions whose job has ended without a sheet."""
-    ended = exists().where(_job_of(key), Job.state.not_in(_OPEN_JOBS))
+    ended = exists().where(_job_of(key), Job.state.not_in(OPEN_STATES))
     return _scored(phase_id).where(not_(_has_sheet(key)), ended)
 
 
@@ -87,7 +85,7 @@ def open_jobs(session: Session, phase_id: str, key: ScoringKey) -> int:
             Submission.phase_id == phase_id,
             Job.protocol_digest == key.protocol_digest,
             Job.split_revision == key.split_revision,
-            Job.state.in_(_OPEN_JOBS),
+            Job.state.in_(OPEN_STATES),
         )
     )
     return session.scalar(query) or 0

@@ -4,7 +4,6 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason, random_id
@@ -29,7 +28,7 @@ from exceptiondrive_records.rescoring.keys import (
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, require_readable
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunState, next_states
 
 _DONE = {
@@ -192,11 +191,9 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
             Job.split_revision == key.split_revision,
         )
         .values(
-            state=JobState.QUEUED,
+            state=WorkState.QUEUED,
             attempts=0,
             available_at=now,
-            rung_at=None,
-            rings=0,
             finished_at=None,
         )
         .execution_options(synchronize_session=False)

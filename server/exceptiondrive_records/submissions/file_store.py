@@ -33,7 +33,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.operations.dump import dumped_tables, file_digests
-from exceptiondrive_records.work.reconciler import take_lead
+from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.base import bytes_digest
 
 _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")

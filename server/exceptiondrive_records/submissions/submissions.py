@@ -3,23 +3,23 @@
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import func, select, tuple_, update
+from sqlalchemy import func, select, tuple_
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
 from exceptiondrive_records.db.identifiers import checked_link, checked_text, random_id
 from exceptiondrive_records.phases.phases import find_phase, is_open
 from exceptiondrive_records.phases.policy import takes_late_entries
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.keys import HELD, companion_key
+from exceptiondrive_records.rescoring.keys import companion_key
 from exceptiondrive_records.submissions.quotas import require_quota
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.jobs import cancel_jobs_of, new_job
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -189,34 +189,8 @@ def _score_under_both(session: Session, submission: Submission, now: datetime) -
     if companion is None:
         return
     key, is_held = companion
-    job = new_job(submission, key.protocol_digest, key.split_revision, Lane.RESCORE, False, now)
-    job.available_at = HELD if is_held else now
-    session.add(job)
-
-
-def new_job(
-    submission: Submission,
-    protocol_digest: str,
-    split_revision: str,
-    lane: Lane,
-    is_first: bool,
-    now: datetime,
-) -> Job:
-    """Return a queued job, not yet added to a session."""
-    return Job(
-        id=random_id(24),
-        submission_id=submission.id,
-        protocol_digest=protocol_digest,
-        split_revision=split_revision,
-        lane=lane,
-        is_first=is_first,
-        state=JobState.QUEUED,
-        attempts=0,
-        fence=0,
-        created_at=now,
-        available_at=now,
-        rings=0,
-    )
+    digest, revision = key.protocol_digest, key.split_revision
+    session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now, is_held=is_held))
 
 
 def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
@@ -242,7 +216,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     now = database_now(session)
     submission.status = SubmissionStatus.WITHDRAWN
     submission.status_at = submission.withdrawn_at = now
-    _cancel_jobs(session, submission_id, now)
+    cancel_jobs_of(session, submission_id, now)
     for protocol_digest, split_revision in _scored_under(session, submission_id):
         want_board(session, submission.phase_id, protocol_digest, split_revision)
     audit(session, actor, "submission withdrawn", submission_id, {"was": before})
@@ -338,21 +312,6 @@ def _lock_jobs(session: Session, submission_id: str) -> None:
     """Wait for whoever claims or ends its jobs, in their order: the job first, then its submission."""
     jobs = select(Job.id).where(Job.submission_id == submission_id).order_by(Job.id)
     session.execute(jobs.with_for_update())
-
-
-def _cancel_jobs(session: Session, submission_id: str, now: datetime) -> None:
-    unfinished = (JobState.QUEUED, JobState.LEASED)
-    session.execute(
-        update(Job)
-        .where(Job.submission_id == submission_id, Job.state.in_(unfinished))
-        .values(
-            state=JobState.CANCELLED,
-            fence=Job.fence + 1,
-            lease_until=None,
-            rung_at=None,
-            finished_at=now,
-        )
-    )
 
 
 def _scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:

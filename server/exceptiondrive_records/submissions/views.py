@@ -7,7 +7,6 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import ranks_on
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.entries.selection import is_chosen
 from exceptiondrive_records.phases.policy import is_anonymous, is_late, pseudonym_of_team
 from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
@@ -15,9 +14,9 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.fair_share import jobs_ahead
 from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
-from exceptiondrive_records.work.tables import Job
-from exceptiondrive_records.work.turns import live_jobs_ahead
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -94,7 +93,7 @@ def views(session: Session, submissions: Sequence[Submission]) -> tuple[Submissi
 def queue_place(
     session: Session, submission: Submission, *, heartbeat_ttl_s: float = 15.0
 ) -> QueuePlace | None:
-    """Return how many live jobs come before it as turns go now, and how long that may take.
+    """Return how many live jobs come before it in fair order now, and how long that may take.
 
     None when it has ended.
     """
@@ -104,7 +103,7 @@ def queue_place(
     job = session.scalars(query).first()
     if job is None or job.state.is_final:
         return None
-    position = 0 if job.state is JobState.LEASED else live_jobs_ahead(session, job)
+    position = 0 if job.state is WorkState.LEASED else jobs_ahead(session, job)
     alive = live_workers(session, Lane.LIVE, ttl_s=heartbeat_ttl_s)
     return QueuePlace(
         position=position,
@@ -133,7 +132,7 @@ def recent_scoring_s(session: Session) -> float | None:
     """Return the median duration of the last live scoring runs, measured by the database's clock."""
     query = (
         select(Job.leased_at, Job.finished_at)
-        .where(Job.lane == Lane.LIVE, Job.state == JobState.DONE, Job.finished_at.is_not(None))
+        .where(Job.lane == Lane.LIVE, Job.state == WorkState.DONE, Job.finished_at.is_not(None))
         .order_by(Job.finished_at.desc())
         .limit(_RECENT)
     )

@@ -1,1 +1,1 @@
-"""What there is to do: queue, leases and dispatch."""
+"""Work to be done: one table, one lease, and how a worker is woken for it."""

@@ -1,76 +1,93 @@
-"""The status machine of jobs: every step is one fenced compare-and-set.
+"""Scoring jobs: claimed in fair order; score, status, audit line and board request are one step."""
 
-A claim raises the fence; whoever comes with an older fence has lost the lease and changes nothing.
-"""
+from datetime import datetime
+from enum import StrEnum
+from typing import Any
 
-from datetime import datetime, timedelta
-from typing import Any, cast
-
-from sqlalchemy import CursorResult, select, update
+from sqlalchemy import ColumnElement, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, NotFound
-from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.fan_out import score_waiting_under
-from exceptiondrive_records.rescoring.keys import key_of_phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.claims import Claim, Finish
-from exceptiondrive_records.work.tables import Job
-from exceptiondrive_records.work.turns import is_claimable, note_served
+from exceptiondrive_records.work.fair_share import fair_order, waits
+from exceptiondrive_records.work.lease import claim, finish, new_item, try_later
+from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-__all__ = ["Claim", "Finish", "claim", "finish_failed", "finish_rejected", "finish_scored"]
-
 _ACTOR = "worker"
 _OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+EXHAUSTED_CODE = "attempts_exhausted"
+EXHAUSTED_MESSAGE = (
+    "Scoring did not finish in any of its attempts. The organizers see this; your quota is "
+    "not used up by it."
+)
 
 
-def claim(session: Session, job_id: str, lease_s: float, max_attempts: int) -> Claim | None:
-    """Lease a job if it is free; None means: not yours, go away quietly.
+class Finish(StrEnum):
+    """How finishing ended."""
+
+    RECORDED = "recorded"
+    RETRY_LATER = "retry_later"
+    LEASE_LOST = "lease_lost"
+    """Another claim came between, or the submission was withdrawn: nothing was recorded."""
+
+
+def new_job(
+    submission: Submission,
+    protocol_digest: str,
+    split_revision: str,
+    lane: Lane,
+    is_first: bool,
+    now: datetime,
+    *,
+    is_held: bool = False,
+) -> Job:
+    """Return a waiting job, not yet added to a session."""
+    return new_item(
+        Job,
+        f"{submission.id}/{protocol_digest}/{split_revision}",
+        now,
+        lane=lane,
+        is_held=is_held,
+        submission_id=submission.id,
+        team_id=submission.team_id,
+        protocol_digest=protocol_digest,
+        split_revision=split_revision,
+        is_first=is_first,
+    )
+
+
+def claim_job(
+    session: Session, lane: Lane, lease_s: float, max_attempts: int, *which: ColumnElement[bool]
+) -> Job | None:
+    """Lease the job of a lane that comes next in fair order; None: nothing is free.
 
     Args:
         session: Of a write transaction.
-        job_id: From the message that called the worker.
+        lane: Which.
         lease_s: How long nobody else may have it; longer than the hard limit of a scoring run.
-        max_attempts: Beyond this the reconciler gives the job up.
+        max_attempts: Beyond this the reconciler gives a job up.
+        which: Conditions on `Job`, for a worker that cannot take every one.
     """
     now = database_now(session)
-    lease_until = now + timedelta(seconds=lease_s)
-    taken = session.scalars(
-        update(Job)
-        .where(Job.id == job_id, Job.attempts < max_attempts, is_claimable(now))
-        .values(
-            state=JobState.LEASED,
-            attempts=Job.attempts + 1,
-            fence=Job.fence + 1,
-            leased_at=now,
-            lease_until=lease_until,
-            rung_at=None,
-            rings=0,
-        )
-        .returning(Job)
-        .execution_options(populate_existing=True)
-    ).first()
-    if taken is None:
-        return None
-    if taken.is_first:
-        _set_status(session, taken.submission_id, SubmissionStatus.SCORING)
-    if taken.lane is Lane.LIVE:
-        note_served(session, taken.submission_id, now)
-    return _describe(session, taken, max_attempts)
+    waiting = waits(lane, now) & (Job.attempts < max_attempts)
+    for condition in which:
+        waiting &= condition
+    job = claim(session, Job, fair_order(waiting, lane, now), lease_s)
+    if job is not None and job.is_first:
+        _set_status(session, job.submission_id, SubmissionStatus.SCORING)
+    return job
 
 
 def finish_scored(
     session: Session,
-    claim: Claim,
+    job: Job,
     sheet: ScoreSheet,
     *,
     exact_digest: str,
@@ -81,25 +98,25 @@ def finish_scored(
 
     Args:
         session: Of a write transaction.
-        claim: The lease.
+        job: As it was claimed.
         sheet: Rounded for publication.
         exact_digest: Of the unrounded sheet, which stays with the worker.
         measurement_key: Key of the measurements in the worker's private store.
         scorer_version: Which code scored.
     """
-    if not _end(session, claim, JobState.DONE):
+    if not finish(session, job):
         return Finish.LEASE_LOST
-    key = (claim.submission_id, claim.protocol_digest, claim.split_revision)
-    held = session.get(ScoreSheetRow, key)
-    if held is not None and held.exact_digest != exact_digest:
-        detail = {"held": held.exact_digest, "came": exact_digest}
-        audit(session, _ACTOR, "scores differ for one key", claim.submission_id, detail)
-    if held is None:
+    key = (job.submission_id, job.protocol_digest, job.split_revision)
+    kept = session.get(ScoreSheetRow, key)
+    if kept is not None and kept.exact_digest != exact_digest:
+        detail = {"held": kept.exact_digest, "came": exact_digest}
+        audit(session, _ACTOR, "scores differ for one key", job.submission_id, detail)
+    if kept is None:
         session.add(
             ScoreSheetRow(
-                submission_id=claim.submission_id,
-                protocol_digest=claim.protocol_digest,
-                split_revision=claim.split_revision,
+                submission_id=job.submission_id,
+                protocol_digest=job.protocol_digest,
+                split_revision=job.split_revision,
                 sheet=sheet,
                 exact_digest=exact_digest,
                 measurement_key=measurement_key,
@@ -107,67 +124,103 @@ def finish_scored(
                 created_at=database_now(session),
             )
         )
-    if claim.is_first:
-        _set_status(session, claim.submission_id, SubmissionStatus.SCORED)
-    if claim.is_first or _is_shown(session, claim):  # a draft's board is asked for once, at its end
-        want_board(session, claim.phase_id, claim.protocol_digest, claim.split_revision)
-    detail = {"protocol": claim.protocol_digest, "exact_digest": exact_digest}
-    audit(session, _ACTOR, "submission scored", claim.submission_id, detail)
+    if job.is_first:
+        _set_status(session, job.submission_id, SubmissionStatus.SCORED)
+    phase = session.get_one(Phase, session.get_one(Submission, job.submission_id).phase_id)
+    is_shown = key[1:] == (phase.protocol_digest, phase.split_revision)
+    if job.is_first or is_shown:  # a draft's board is asked for once, at its end
+        want_board(session, phase.id, job.protocol_digest, job.split_revision)
+    detail = {"protocol": job.protocol_digest, "exact_digest": exact_digest}
+    audit(session, _ACTOR, "submission scored", job.submission_id, detail)
     return Finish.RECORDED
 
 
-def finish_rejected(session: Session, claim: Claim, report: CheckReport) -> Finish:
+def finish_rejected(session: Session, job: Job, report: CheckReport) -> Finish:
     """Record that the file is wrong, with the report that lists every fault."""
-    if not _end(session, claim, JobState.DONE):
+    if not finish(session, job):
         return Finish.LEASE_LOST
-    if claim.is_first:
-        _set_status(session, claim.submission_id, SubmissionStatus.REJECTED, report=report)
+    if job.is_first:
+        _set_status(session, job.submission_id, SubmissionStatus.REJECTED, report=report)
     faults = {group.code.value: group.count for group in report.faults}
-    detail = {"protocol": claim.protocol_digest, "faults": faults}
-    audit(session, _ACTOR, "submission rejected", claim.submission_id, detail)
+    detail = {"protocol": job.protocol_digest, "faults": faults}
+    audit(session, _ACTOR, "submission rejected", job.submission_id, detail)
     return Finish.RECORDED
 
 
 def finish_failed(
     session: Session,
-    claim: Claim,
+    job: Job,
     code: str,
     message: str,
     *,
     retry: bool,
+    max_attempts: int = 4,
     backoff_s: float = 2.0,
 ) -> Finish:
     """Record that we could not score: try again after a while, or give up.
 
     Args:
         session: Of a write transaction.
-        claim: The lease.
+        job: As it was claimed.
         code: Stable and fit for publication.
         message: One sentence fit for the team: never a traceback, path or geometry.
         retry: Whether another attempt may help.
+        max_attempts: How many there may be.
         backoff_s: Wait before the second attempt; doubles each time.
     """
-    may_retry = retry and claim.attempts < claim.max_attempts
-    detail = {"code": code, "attempt": claim.attempts}
-    if may_retry:
-        if not _requeue(session, claim, backoff_s * 2 ** (claim.attempts - 1)):
+    detail = {"code": code, "attempt": job.attempts}
+    if retry and job.attempts < max_attempts:
+        if not try_later(session, job, backoff_s * 2 ** (job.attempts - 1), note=code):
             return Finish.LEASE_LOST
-        if claim.is_first:
-            _set_status(session, claim.submission_id, SubmissionStatus.QUEUED)
-        audit(session, _ACTOR, "scoring to be retried", claim.submission_id, detail)
+        if job.is_first:
+            _set_status(session, job.submission_id, SubmissionStatus.QUEUED)
+        audit(session, _ACTOR, "scoring to be retried", job.submission_id, detail)
         return Finish.RETRY_LATER
-    if not _end(session, claim, JobState.DEAD if retry else JobState.FAILED):
+    if not finish(session, job, WorkState.DEAD if retry else WorkState.FAILED, note=code):
         return Finish.LEASE_LOST
-    if claim.is_first:
-        set_failed(session, claim.submission_id, code, message)
-    audit(session, _ACTOR, "scoring failed", claim.submission_id, detail)
+    if job.is_first:
+        _set_failed(session, job.submission_id, code, message)
+    audit(session, _ACTOR, "scoring failed", job.submission_id, detail)
     return Finish.RECORDED
 
 
-def set_failed(session: Session, submission_id: str, code: str, message: str) -> None:
-    """Show a submission as failed, unless it has ended otherwise."""
-    status = SubmissionStatus.FAILED
-    _set_status(session, submission_id, status, failure_code=code, failure_message=message)
+def give_up_exhausted(session: Session, max_attempts: int) -> int:
+    """Give up jobs whose last lease expired without an answer; return how many."""
+    now = database_now(session)
+    gone = (Job.state == WorkState.QUEUED) | (
+        (Job.state == WorkState.LEASED) & (Job.lease_until < now)
+    )
+    dead = session.execute(
+        update(Job)
+        .where(Job.attempts >= max_attempts, gone)
+        .values(state=WorkState.DEAD, fence=Job.fence + 1, lease_until=None, finished_at=now)
+        .returning(Job.id, Job.submission_id, Job.is_first, Job.attempts)
+        .execution_options(synchronize_session=False)
+    ).all()
+    for job_id, submission_id, is_first, attempts in dead:
+        if is_first:
+            _set_failed(session, submission_id, EXHAUSTED_CODE, EXHAUSTED_MESSAGE)
+        detail = {"code": EXHAUSTED_CODE, "job": job_id, "attempts": attempts}
+        audit(session, "reconciler", "scoring failed", submission_id, detail)
+    return len(dead)
+
+
+def cancel_jobs_of(session: Session, submission_id: str, now: datetime) -> None:
+    """Cancel the unfinished jobs of a submission; whoever has one has lost the lease."""
+    session.execute(
+        update(Job)
+        .where(Job.submission_id == submission_id, Job.state.in_(OPEN_STATES))
+        .values(state=WorkState.CANCELLED, fence=Job.fence + 1, lease_until=None, finished_at=now)
+    )
+
+
+def queue_again(job: Job, now: datetime) -> None:
+    """Let an ended job wait again, with all its attempts."""
+    job.state = WorkState.QUEUED
+    job.attempts = 0
+    job.fence += 1
+    job.available_at = now
+    job.lease_until = job.finished_at = job.note = None
 
 
 def jobs_of(session: Session, submission_id: str) -> list[Job]:
@@ -176,134 +229,18 @@ def jobs_of(session: Session, submission_id: str) -> list[Job]:
     return list(session.scalars(query.order_by(Job.created_at, Job.id)))
 
 
-def _is_shown(session: Session, claim: Claim) -> bool:
-    """Whether the phase shows what was scored under this protocol and split revision."""
-    phase = session.get_one(Phase, claim.phase_id)
-    shown = (phase.protocol_digest, phase.split_revision)
-    return shown == (claim.protocol_digest, claim.split_revision)
-
-
-def _end(session: Session, claim: Claim, state: JobState) -> bool:
-    """Whether the lease was still held; the job then has ended in `state`."""
-    values = {"state": state, "finished_at": database_now(session)}
-    return _leave_lease(session, claim, values)
-
-
-def _requeue(session: Session, claim: Claim, wait_s: float) -> bool:
-    available_at = database_now(session) + timedelta(seconds=wait_s)
-    return _leave_lease(session, claim, {"state": JobState.QUEUED, "available_at": available_at})
-
-
-def _leave_lease(session: Session, claim: Claim, values: dict[str, Any]) -> bool:
-    changed = session.execute(
-        update(Job)
-        .where(Job.id == claim.job_id, Job.fence == claim.fence, Job.state == JobState.LEASED)
-        .values(lease_until=None, **values)
-        .execution_options(synchronize_session=False)
-    )
-    if cast("CursorResult[Any]", changed).rowcount == 1:
-        return True
-    detail = {"job": claim.job_id, "fence": claim.fence}
-    audit(session, _ACTOR, "stale fence rejected", claim.submission_id, detail)
-    return False
+def _set_failed(session: Session, submission_id: str, code: str, message: str) -> None:
+    status = SubmissionStatus.FAILED
+    _set_status(session, submission_id, status, failure_code=code, failure_message=message)
 
 
 def _set_status(
     session: Session, submission_id: str, status: SubmissionStatus, **values: Any
 ) -> None:
+    """Unless the submission has ended otherwise."""
     session.execute(
         update(Submission)
         .where(Submission.id == submission_id, Submission.status.in_(_OPEN))
         .values(status=status, status_at=database_now(session), **values)
         .execution_options(synchronize_session=False)
     )
-
-
-def _describe(session: Session, job: Job, max_attempts: int) -> Claim:
-    query = (
-        select(Submission, Phase)
-        .join(Phase, Phase.id == Submission.phase_id)
-        .where(Submission.id == job.submission_id)
-    )
-    submission, phase = session.execute(query).one()
-    assert job.lease_until is not None
-    return Claim(
-        job_id=job.id,
-        fence=job.fence,
-        attempts=job.attempts,
-        max_attempts=max_attempts,
-        lease_until=job.lease_until,
-        lane=job.lane,
-        is_first=job.is_first,
-        submission_id=submission.id,
-        phase_id=phase.id,
-        challenge=phase.challenge,
-        file_digest=submission.file_digest,
-        size_bytes=submission.size_bytes,
-        protocol_digest=job.protocol_digest,
-        split_name=phase.split_name,
-        split_revision=job.split_revision,
-    )
-
-
-# An operator's second chance for what failed by our own fault.
-
-
-def retry_submission(
-    session: Session, submission_id: str, *, actor: str, reason: str | None = None
-) -> Submission:
-    """Queue a failed submission again, with all its attempts.
-
-    If the protocol was changed since, it is scored under the new one besides: else no board that
-    the phase shows would ever hold it.
-
-    Args:
-        session: Of a write transaction.
-        submission_id: The submission.
-        actor: Who.
-        reason: Why; kept in the audit log if given.
-
-    Raises:
-        InvalidRecord: The reason cannot be kept.
-        NotFound: No such submission.
-        Conflict: It has not failed, or the team has submitted the same bytes again since.
-    """
-    submission = session.get(Submission, submission_id, with_for_update=True)
-    if submission is None:
-        raise NotFound("submission", submission_id)
-    if submission.status is not SubmissionStatus.FAILED:
-        raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
-    if _same_bytes_since(session, submission):
-        raise Conflict("The team has submitted the same file again since; that one counts.")
-    now = database_now(session)
-    ended = Job.state.in_((JobState.FAILED, JobState.DEAD))
-    query = select(Job).where(Job.submission_id == submission_id, ended).with_for_update()
-    for job in session.scalars(query):
-        _queue_again(job, now)
-    submission.status = SubmissionStatus.RECEIVED
-    submission.status_at = now
-    submission.failure_code = submission.failure_message = None
-    phase = session.get_one(Phase, submission.phase_id)
-    score_waiting_under(session, phase.id, key_of_phase(phase))
-    detail = {} if reason is None else {"reason": checked_reason(reason)}
-    audit(session, actor, "scoring retried by hand", submission_id, detail)
-    return submission
-
-
-def _queue_again(job: Job, now: datetime) -> None:
-    job.state = JobState.QUEUED
-    job.attempts = job.rings = 0
-    job.fence += 1
-    job.available_at = now
-    job.rung_at = job.lease_until = job.finished_at = None
-
-
-def _same_bytes_since(session: Session, submission: Submission) -> bool:
-    over = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
-    query = select(Submission.id).where(
-        Submission.phase_id == submission.phase_id,
-        Submission.team_id == submission.team_id,
-        Submission.file_digest == submission.file_digest,
-        Submission.status.not_in(over),
-    )
-    return session.scalars(query).first() is not None

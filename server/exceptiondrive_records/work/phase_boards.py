@@ -3,13 +3,12 @@
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import is_board_wanted
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.keys import companion_key, key_of_phase
-from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 
 
 def want_boards(session: Session, phase: Phase) -> None:

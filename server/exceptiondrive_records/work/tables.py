@@ -1,31 +1,62 @@
-"""The tables of work."""
+"""The table of work: a row for each thing to do, with the lease on it; and who is there to do it."""
 
 from datetime import datetime
+from enum import StrEnum
 
 from sqlalchemy import ForeignKey, Index, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from exceptiondrive_records.db.base import Base, JobState
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import enum_text
 from exceptiondrive_schemas.jobs import Lane
 
 
-class Job(Base):
-    """One scoring run to be done: submission x protocol x split revision."""
+class WorkState(StrEnum):
+    """Where a work item stands. The last four are final."""
 
-    __tablename__ = "jobs"
+    QUEUED = "queued"
+    HELD = "held"
+    """It waits for its rescoring run to go on."""
+    LEASED = "leased"
+    DONE = "done"
+    FAILED = "failed"
+    DEAD = "dead"
+    """Every attempt ended without an answer."""
+    CANCELLED = "cancelled"
+    """The submission was withdrawn first."""
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the item has ended."""
+        return self not in OPEN_STATES
+
+
+WAITING_STATES = (WorkState.QUEUED, WorkState.HELD)
+OPEN_STATES = (*WAITING_STATES, WorkState.LEASED)
+
+
+class WorkItem(Base):
+    """Something to do. Each kind is a class of its own; all of them share this lease.
+
+    A claim raises `fence`: whoever comes with an older one has lost the lease and changes nothing.
+    """
+
+    __tablename__ = "work"
     __table_args__ = (
-        UniqueConstraint("submission_id", "protocol_digest", "split_revision"),
-        Index("ix_jobs_queue", "state", "lane", "created_at"),
-        Index("ix_jobs_finished", "finished_at"),
+        UniqueConstraint("kind", "key"),
+        Index("ix_work_queue", "state", "lane", "created_at"),
+        Index("ix_work_finished", "kind", "finished_at"),
     )
+    __mapper_args__ = {"polymorphic_on": "kind"}  # noqa: RUF012 - SQLAlchemy reads it once
     id: Mapped[str] = mapped_column(primary_key=True)
-    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
-    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
-    split_revision: Mapped[str]
-    lane: Mapped[Lane]
-    is_first: Mapped[bool]
-    """The submission shows the fate of this job; a rescoring job leaves it untouched."""
-    state: Mapped[JobState]
+    kind: Mapped[str]
+    key: Mapped[str]
+    """Names what is to be done: asked for twice, it is one item."""
+    lane: Mapped[Lane | None] = mapped_column(enum_text(Lane))
+    """Which workers are woken for it; None: it needs none."""
+    state: Mapped[WorkState] = mapped_column(enum_text(WorkState))
+    asked: Mapped[int]
+    """How often it was asked for: what is asked for while it is done is done once more."""
     attempts: Mapped[int]
     fence: Mapped[int]
     created_at: Mapped[datetime]
@@ -33,26 +64,62 @@ class Job(Base):
     leased_at: Mapped[datetime | None]
     lease_until: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
-    rung_at: Mapped[datetime | None]
-    """When a worker was last called for it and has not come yet."""
-    rings: Mapped[int]
+    took_s: Mapped[float | None]
+    """From the last claim to its end, by the database's clock."""
+    note: Mapped[str | None]
+    """Why the last attempt came to nothing."""
+
+    @property
+    def subject(self) -> str:
+        """What the audit log calls it."""
+        return f"{self.kind}:{self.key}"
 
 
-class BoardRequest(Base):
-    """A board is to be built while `wanted` is above `built`."""
+class Job(WorkItem):
+    """One scoring run to be done: submission x protocol x split revision."""
 
-    __tablename__ = "board_requests"
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
-    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
-    split_revision: Mapped[str] = mapped_column(primary_key=True)
-    wanted: Mapped[int]
-    built: Mapped[int]
-    fence: Mapped[int]
-    lease_until: Mapped[datetime | None]
-    rung_at: Mapped[datetime | None]
-    built_at: Mapped[datetime | None]
-    build_s: Mapped[float | None]
-    """How long the last build took, by the database's clock."""
+    __mapper_args__ = {"polymorphic_identity": "score"}  # noqa: RUF012
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), nullable=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), nullable=True)
+    """Whose share of the workers it takes."""
+    protocol_digest: Mapped[str] = mapped_column(
+        ForeignKey("protocols.digest"), nullable=True, use_existing_column=True
+    )
+    split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
+    is_first: Mapped[bool] = mapped_column(nullable=True)
+    """The submission shows the fate of this job; a rescoring job leaves it untouched."""
+
+    @property
+    def subject(self) -> str:
+        """The submission."""
+        return self.submission_id
+
+
+class BoardRequest(WorkItem):
+    """A board to be built: phase x protocol x split revision."""
+
+    __mapper_args__ = {"polymorphic_identity": "board"}  # noqa: RUF012
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), nullable=True)
+    protocol_digest: Mapped[str] = mapped_column(
+        ForeignKey("protocols.digest"), nullable=True, use_existing_column=True
+    )
+    split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
+
+    @property
+    def subject(self) -> str:
+        """The phase."""
+        return f"board:{self.phase_id}"
+
+
+class Leader(WorkItem):
+    """What one process at a time may do; `key` names it."""
+
+    __mapper_args__ = {"polymorphic_identity": "lead"}  # noqa: RUF012
+    holder: Mapped[str] = mapped_column(nullable=True)
+
+
+Index("ix_work_submission", Job.submission_id)
+Index("ix_work_share", Job.team_id, Job.lane, Job.leased_at)
 
 
 class WorkerHeartbeat(Base):
@@ -65,20 +132,3 @@ class WorkerHeartbeat(Base):
     slots: Mapped[int]
     scorer_version: Mapped[str | None]
     """Whose scores it makes; None: a release that did not say."""
-
-
-class Leader(Base):
-    """Who may do what only one process may do."""
-
-    __tablename__ = "leaders"
-    name: Mapped[str] = mapped_column(primary_key=True)
-    holder: Mapped[str]
-    lease_until: Mapped[datetime]
-
-
-class TeamTurn(Base):
-    """When a worker last took a live job of a team; who never had one has no row."""
-
-    __tablename__ = "team_turns"
-    team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), primary_key=True)
-    served_at: Mapped[datetime]

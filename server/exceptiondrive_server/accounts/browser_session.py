@@ -72,7 +72,8 @@ def holder_of(request: Request) -> Holder:
 
 def principal_of_browser(session: Session, request: Request) -> Principal | None:
     """Return who signed in with this browser, if anybody."""
-    return find_session(session, _session_secret(request))
+    secret = _session_secret(request)
+    return find_session(session, secret) if secret else None
 
 
 def signed_in_or_none(request: Request, services: ServicesOf) -> SignedIn | None:

@@ -12,14 +12,14 @@ from typing import Literal, NamedTuple
 from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.score_sheet import Interval
-from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.entries.facts import (
+from exceptiondrive_server.boards.entry_facts import (
     challenge_of,
     entry_key,
     interval_of,
     primary_metrics,
     values_of,
 )
+from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import Digits, fixed
 from exceptiondrive_server.web.scales import Scale, nice_scale, px
 

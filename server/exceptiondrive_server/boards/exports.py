@@ -9,8 +9,8 @@ from xml.etree import ElementTree as Xml
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.printable import one_line, spreadsheet_text
 from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.query import SOURCES
-from exceptiondrive_server.entries.facts import challenge_of
 from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
 
 PAPER_TITLE = (

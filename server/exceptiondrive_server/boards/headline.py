@@ -1,20 +1,19 @@
-"""The sentences of the board page: the headline, what changed, what is kept back, whose rows.
+"""The sentences of the board page: the headline, what changed, whose rows.
 
-All of them come from the board's numbers and the settings of its phase.
+All of them come from the board's numbers.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import BoardHistoryLine
+from exceptiondrive_server.boards.entry_facts import entry_url, primary_metrics
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.entries.facts import entry_url, primary_metrics
 from exceptiondrive_server.web.numbers import (
     THIN_SPACE,
     Digits,
@@ -24,7 +23,6 @@ from exceptiondrive_server.web.numbers import (
     minute,
     with_unit,
 )
-from exceptiondrive_server.web.page_parts import Notice
 
 MAX_NAMED = 3
 
@@ -303,40 +301,3 @@ def own_entries(
         words=f"Your team stands here as {own[0].team}: {count}, {place}.",
         url=query.url(search=own[0].team, source=None),
     )
-
-
-def standing_notices(board: Board, now: PhaseNow, has_late_view: bool) -> tuple[Notice, ...]:
-    """Say what readers of a current board should know of its phase: frozen, anonymous, a part."""
-    return (*_late(board, has_late_view), *_kept_back(board, now))
-
-
-def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
-    if board.view == "late":
-        words = (
-            "This is the late view: entries that came after the deadline stand among the others, "
-            "as they would rank. No rank of the board moves."
-        )
-        yield Notice(words, f"/?phase={board.phase}#board", "Show the board")
-    elif has_late_view:
-        words = "Entries that came after the deadline have a view of their own."
-        yield Notice(words, f"/?phase={board.phase}&view=late#board", "Show the late view")
-
-
-def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
-    if now.frozen_since is not None:
-        words = (
-            f"The board is frozen since {minute(now.frozen_since)}. Scoring goes on; what came "
-            "later is shown when the organizers reveal the board."
-        )
-        yield Notice(words, "", "")
-    if board.part == "public":
-        words = (
-            f"This board counts {board.n_samples:,} samples, the public part of the split. "
-            "The others count when the organizers reveal them after the deadline."
-        )
-        yield Notice(words, "", "")
-    if now.families_shown_from is not None:
-        yield Notice(f"Families are shown from {minute(now.families_shown_from)}.", "", "")
-    if now.is_anonymous:
-        words = "Teams and methods stand under pseudonyms until the organizers reveal them."
-        yield Notice(words, "", "")

@@ -3,37 +3,35 @@
 What follows from a board and a query alone is made once: boards never change.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Generic, NamedTuple, TypeVar
 from urllib.parse import urlencode
+
+from markupsafe import Markup
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_server.boards.charts import (
-    CeilingChart,
-    EffectLine,
-    ceiling_chart,
-    effect_lines,
-)
+from exceptiondrive_server.boards.charts import ceiling_chart, effect_lines
+from exceptiondrive_server.boards.comparison import Comparison, default_pair
+from exceptiondrive_server.boards.entry_facts import board_fields, entry_key
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
     ChangeLine,
     Headline,
     change_line,
     headline,
-    standing_notices,
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.entries.comparison import Comparison, default_pair
-from exceptiondrive_server.entries.facts import board_fields, entry_key
-from exceptiondrive_server.entries.scene_drawing import SceneDrawing, scene_drawing
+from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.numbers import Digits, minute
 from exceptiondrive_server.web.page_parts import Choice, MetricCard, Notice, PhaseLink, metric_cards
+from exceptiondrive_server.web.responses import macro
 
 MAX_CHOICES = 25
 NARROW_PX = (350, 400)
@@ -54,43 +52,64 @@ class _Same(Generic[T]):
 
 
 class ShownBoard(NamedTuple):
-    """What follows from a board, its protocol and a query; charts and comparison where they can be."""
+    """What follows from a board, its protocol and a query; `rows` are the rows of nobody's own.
+
+    `axes` and `head` belong to the table, `change` tells what is new since the board before.
+    """
 
     table: BoardTable
     headline: Headline
-    chart: CeilingChart | None
-    narrow_chart: CeilingChart | None
-    effects: tuple[EffectLine, ...]
-    comparison: Comparison | None
-    entry_choices: tuple[tuple[str, str], ...]
+    change: ChangeLine | None
+    axes: Markup
+    head: Markup
+    rows: dict[str, Markup]
+    charts: Markup
+    families: Markup
 
 
 @lru_cache(maxsize=64)
 def _shown(
-    same_board: _Same[Board], same_protocol: _Same[Protocol], query: BoardQuery, is_current: bool
+    same_board: _Same[Board],
+    same_protocol: _Same[Protocol],
+    query: BoardQuery,
+    is_current: bool,
+    before: BoardBefore | None,
 ) -> ShownBoard:
     board, protocol = same_board.value, same_protocol.value
     table = board_table(board, protocol, query, is_current)
     digits, average = table.builder.digits, table.builder.average
-    entries = [row.entry for row in table.rows]
-    pair = default_pair(board)
-    narrow, low = NARROW_PX
+    set_row, entries = macro("boards/table.html", "board_row"), [row.entry for row in table.rows]
+    pair, (narrow, low) = default_pair(board), NARROW_PX
+    charts = pair and macro("boards/charts.html", "board_charts")(
+        table=table,
+        chart=ceiling_chart(board, entries, average),
+        narrow_chart=ceiling_chart(board, entries, average, width=narrow, height=low),
+        effects=effect_lines(board, digits),
+        both=Comparison(board, *pair, digits),
+        entry_choices=entry_choices(board),
+        compared_fields=board_fields(board, is_current),
+    )
     return ShownBoard(
         table=table,
         headline=headline(board, table.builder.challenge, len(protocol.tasks), digits),
-        chart=ceiling_chart(board, entries, average) if pair else None,
-        narrow_chart=ceiling_chart(board, entries, average, width=narrow, height=low)
-        if pair
-        else None,
-        effects=effect_lines(board, digits),
-        comparison=Comparison(board, *pair, digits) if pair else None,
-        entry_choices=entry_choices(board),
+        change=change_line(board, before) if board.view == "main" else None,
+        axes=macro("boards/table.html", "axis_symbols")(table),
+        head=macro("boards/table.html", "table_head")(table),
+        rows={row.key: set_row(row, table, False) for row in table.rows},
+        charts=charts or Markup(),
+        families=macro("boards/table.html", "heat_map")(table),
     )
 
 
 @lru_cache(maxsize=16)
-def _scene(drawing: _Same[ProtocolDrawing], protocol: _Same[Protocol]) -> SceneDrawing:
-    return scene_drawing(drawing.value, protocol.value)
+def _scene(
+    drawing: _Same[ProtocolDrawing], protocol: _Same[Protocol], challenge: _Same[Challenge]
+) -> Markup:
+    scene = scene_drawing(drawing.value, protocol.value)
+    caption = challenge.value.words.scene_caption.format(
+        clearance_m=scene.clearance_m, d_safe_m=scene.d_safe_m, hcc=scene.hcc
+    )
+    return macro("boards/charts.html", "scene_figure")(scene, caption)
 
 
 def forget_shown_boards() -> None:
@@ -129,7 +148,8 @@ class BoardPage:
         """
         if self.board is None:
             return None
-        return _shown(_Same(self.board), _Same(self.protocol), self.query, self.is_current)
+        same = _Same(self.board), _Same(self.protocol)
+        return _shown(*same, self.query, self.is_current, self.before)
 
     @property
     def challenge(self) -> Challenge:
@@ -144,18 +164,10 @@ class BoardPage:
         digits = Digits.of(self.protocol.publication)
         return headline(None, self.challenge, len(self.protocol.tasks), digits)
 
-    @cached_property
-    def scene(self) -> SceneDrawing:
-        """The drawing of what the protocol measures."""
-        return _scene(_Same(self.drawing), _Same(self.protocol))
-
     @property
-    def scene_caption(self) -> str:
-        """What stands under the drawing."""
-        scene = self.scene
-        return self.challenge.words.scene_caption.format(
-            clearance_m=scene.clearance_m, d_safe_m=scene.d_safe_m, hcc=scene.hcc
-        )
+    def scene(self) -> Markup:
+        """The drawing of what the protocol measures."""
+        return _scene(_Same(self.drawing), _Same(self.protocol), _Same(self.challenge))
 
     @property
     def metric_cards(self) -> tuple[MetricCard, ...]:
@@ -200,11 +212,6 @@ class BoardPage:
         """What the filter form carries on unseen."""
         kept = ("challenge", "phase", "view", "source", "sort")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
-
-    @property
-    def compared_fields(self) -> tuple[tuple[str, str], ...]:
-        """What names the board when two of its entries are compared."""
-        return board_fields(self.board, self.is_current) if self.board else ()
 
     @cached_property
     def address(self) -> str | None:
@@ -251,14 +258,8 @@ class BoardPage:
         """What the phase keeps back now, or shows apart."""
         if self.board is None or self.now is None or not self.is_current:
             return ()
-        return standing_notices(self.board, self.now, self.has_late_view)
-
-    @cached_property
-    def change(self) -> ChangeLine | None:
-        """What is new since the board before."""
-        if self.board is None or self.board.view == "late":
-            return None
-        return change_line(self.board, self.before)
+        late = _late(self.board, self.has_late_view)
+        return (*late, *_kept_back(self.board, self.now))
 
     @property
     def submit_url(self) -> str:
@@ -285,3 +286,35 @@ def entry_choices(board: Board) -> tuple[tuple[str, str], ...]:
             for entry in (*board.entries[:MAX_CHOICES], *others)
         ]
     )
+
+
+def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
+    if board.view == "late":
+        words = (
+            "This is the late view: entries that came after the deadline stand among the others, "
+            "as they would rank. No rank of the board moves."
+        )
+        yield Notice(words, f"/?phase={board.phase}#board", "Show the board")
+    elif has_late_view:
+        words = "Entries that came after the deadline have a view of their own."
+        yield Notice(words, f"/?phase={board.phase}&view=late#board", "Show the late view")
+
+
+def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
+    if now.frozen_since is not None:
+        words = (
+            f"The board is frozen since {minute(now.frozen_since)}. Scoring goes on; what came "
+            "later is shown when the organizers reveal the board."
+        )
+        yield Notice(words, "", "")
+    if board.part == "public":
+        words = (
+            f"This board counts {board.n_samples:,} samples, the public part of the split. "
+            "The others count when the organizers reveal them after the deadline."
+        )
+        yield Notice(words, "", "")
+    if now.families_shown_from is not None:
+        yield Notice(f"Families are shown from {minute(now.families_shown_from)}.", "", "")
+    if now.is_anonymous:
+        words = "Teams and methods stand under pseudonyms until the organizers reveal them."
+        yield Notice(words, "", "")

@@ -19,12 +19,13 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import is_open, list_phases
 from exceptiondrive_records.phases.policy import phase_now, takes_late_entries
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
+from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_server.boards.exports import BoardNote, History
 from exceptiondrive_server.boards.headline import BoardBefore
 from exceptiondrive_server.boards.page import BoardPage
@@ -58,9 +59,22 @@ def read_board(session: Session, query: BoardQuery) -> BoardPage:
         is_current=row is None or row.id in (phase.current_board_id, phase.late_board_id),
         now=phase_now(session, phase),
         has_late_view=phase.late_board_id is not None,
-        drawing=protocol_drawing(session, protocol),
+        drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
     )
+
+
+_OWN_DRAWINGS: dict[str, ProtocolDrawing] = {}
+"""By digest of the protocol: once made, a drawing never changes."""
+
+
+def _drawing_of(session: Session, protocol: Protocol) -> ProtocolDrawing:
+    kept = _OWN_DRAWINGS.get(protocol.digest)
+    if kept is None:
+        kept = protocol_drawing(session, protocol)
+        if kept.pictured == pictured_digest(protocol):
+            _OWN_DRAWINGS[protocol.digest] = kept
+    return kept
 
 
 def read_phases(
@@ -100,13 +114,6 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         split_is_public=split.public_file_digest is not None,
         url=f"/?phase={phase.id}#board",
     )
-
-
-def latest_protocol(session: Session) -> Protocol:
-    """Return the protocol added last; before any was added, the packaged one."""
-    query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
-    digest = session.scalar(query)
-    return find_protocol(session, digest) if digest else packaged_protocol()
 
 
 def choose_phase(session: Session, query: BoardQuery) -> Phase | None:

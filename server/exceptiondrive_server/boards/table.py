@@ -12,8 +12,7 @@ from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_server.boards.query import AVERAGE_TITLES, BY_RANK, SOURCES, Average, BoardQuery
-from exceptiondrive_server.entries.facts import (
+from exceptiondrive_server.boards.entry_facts import (
     BADGES,
     Badge,
     challenge_of,
@@ -24,6 +23,7 @@ from exceptiondrive_server.entries.facts import (
     primary_metrics,
     values_of,
 )
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, BY_RANK, SOURCES, Average, BoardQuery
 from exceptiondrive_server.web.numbers import DASH, Digits, grouped, unit_of
 from exceptiondrive_server.web.scales import Scale, nice_scale
 

@@ -6,14 +6,14 @@ from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
-from exceptiondrive_server.boards.page import entry_choices
-from exceptiondrive_server.entries.comparison import (
+from exceptiondrive_server.boards.comparison import (
     Comparison,
     difference_table,
     find_pair,
     is_sure,
 )
-from exceptiondrive_server.entries.facts import board_fields, challenge_of, entry_key
+from exceptiondrive_server.boards.entry_facts import board_fields, challenge_of, entry_key
+from exceptiondrive_server.boards.page import entry_choices
 from exceptiondrive_server.entries.queries import MAX_COMPARED, ComparisonReading
 from exceptiondrive_server.web.numbers import Digits, listed
 

@@ -4,14 +4,15 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_server.boards.pictures import badge_of
+from exceptiondrive_server.boards.pictures import painted_picture
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.entries.compare import compare_page
+from exceptiondrive_server.entries.pictures import badge, entry_picture
 from exceptiondrive_server.entries.queries import EntryReading, read_comparison, read_entry
 from exceptiondrive_server.entries.sample_drawings import sample_page
 from exceptiondrive_server.entries.view import entry_page
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.responses import SECURITY_HEADERS, page, render
+from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
@@ -37,9 +38,15 @@ def show_sample(request: Request, services: ServicesOf, key: str, place: str) ->
 @router.get("/badges/{key}.svg")
 def show_badge(request: Request, services: ServicesOf, key: str) -> Response:
     """Give the badge of an entry as it stands now."""
-    body = render("boards/badge.svg", badge=badge_of(_entry(request, services, key)))
+    body = badge(_entry(request, services, key))
     headers = {**SECURITY_HEADERS, "Cache-Control": "public, max-age=300"}
     return Response(body, media_type="image/svg+xml", headers=headers)
+
+
+@router.get("/pictures/entries/{key}.png")
+def show_entry_picture(request: Request, services: ServicesOf, key: str) -> Response:
+    """Paint an entry as it stands, or stood, on a board."""
+    return painted_picture(request, entry_picture(_entry(request, services, key)))
 
 
 @router.get("/compare")

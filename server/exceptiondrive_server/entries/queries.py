@@ -19,11 +19,11 @@ from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_server.boards.comparison import default_pair
+from exceptiondrive_server.boards.entry_facts import find_entry
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.entries.comparison import default_pair
-from exceptiondrive_server.entries.facts import find_entry
 
 MOST_PROTOCOLS = 8
 MAX_COMPARED = 6

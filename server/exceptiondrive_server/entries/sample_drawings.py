@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 from typing import Any
 
-from exceptiondrive_schemas.drawing import SampleDrawing, outcome
+from markupsafe import Markup
+
+from exceptiondrive_schemas.drawing import SampleDrawing, outcome, shapes
 from exceptiondrive_schemas.taxonomy import Task
-from exceptiondrive_server.entries.facts import challenge_of, entry_url
+from exceptiondrive_server.boards.entry_facts import challenge_of, entry_url
 from exceptiondrive_server.entries.queries import EntryReading
 from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.responses import template_filter
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,12 @@ def panels(reading: EntryReading) -> tuple[Panel, ...]:
         task = reading.protocol.taxonomy.task(sample.task)
         found.append(Panel(drawn.chosen_as, place, url, sample, families[sample.family], task))
     return tuple(sorted(found, key=lambda panel: panel.group != "worst"))
+
+
+@template_filter
+def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
+    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
+    return Markup(shapes(sample, width, height))
 
 
 def sample_page(reading: EntryReading, place: str) -> dict[str, Any] | None:

@@ -9,10 +9,15 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import PlausibilitySection
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
-from exceptiondrive_server.boards.extra_tables import effect_tables, extra_tables
+from exceptiondrive_server.boards.entry_facts import (
+    board_fields,
+    challenge_of,
+    entry_key,
+    outcome_parts,
+)
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
-from exceptiondrive_server.entries.facts import board_fields, challenge_of, entry_key, outcome_parts
+from exceptiondrive_server.entries.extra_tables import effect_tables, extra_tables
 from exceptiondrive_server.entries.queries import EntryReading
 from exceptiondrive_server.entries.sample_drawings import panels
 from exceptiondrive_server.web.numbers import Digits

@@ -48,7 +48,7 @@ def find_broker_binary() -> BrokerBinary:
 def broker_command(binary: Path, folder: Path) -> list[str]:
     """Return the command of a private broker whose socket stands in `folder` (mode 0700).
 
-    It keeps nothing on disk: the records are the truth, the broker only rings.
+    It keeps nothing on disk: the records are the truth, the broker only wakes workers.
     """
     options = {
         "port": "0",

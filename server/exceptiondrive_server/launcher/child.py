@@ -134,3 +134,7 @@ def die_with_parent(launcher_pid: int) -> Callable[[], None] | None:
 def _rotate(log: Path) -> None:
     if log.exists() and log.stat().st_size > _MAX_LOG_BYTES:
         log.replace(log.with_suffix(".log.1"))
+
+
+class LaunchError(Exception):
+    """The launcher cannot go on; `str()` says why and what to do."""

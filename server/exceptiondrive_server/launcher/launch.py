@@ -16,18 +16,19 @@ from alembic.util.exc import CommandError
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.operations.setup import prepare
-from exceptiondrive_server.launcher.banner import banner
 from exceptiondrive_server.launcher.broker import (
     NoBrokerError,
     broker_command,
     find_broker_binary,
     socket_path,
 )
-from exceptiondrive_server.launcher.child import Child, ChildPlan, die_with_parent
-from exceptiondrive_server.launcher.errors import LaunchError
-from exceptiondrive_server.launcher.layout import BrokerFolder, DataLock, Layout
-from exceptiondrive_server.launcher.plans import (
+from exceptiondrive_server.launcher.child import Child, ChildPlan, LaunchError, die_with_parent
+from exceptiondrive_server.launcher.layout import (
     Address,
+    BrokerFolder,
+    DataLock,
+    Layout,
+    banner,
     broker_plan,
     find_command,
     service_plans,

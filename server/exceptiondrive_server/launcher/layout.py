@@ -1,8 +1,10 @@
-"""Where the embedded default keeps what, under one folder."""
+"""The embedded default: its folders, the processes it is made of, and what a newcomer is told."""
 
 import fcntl
 import os
+import shlex
 import shutil
+import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from exceptiondrive_server.launcher.broker import broker_url, is_short_enough
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import ChildPlan, LaunchError
 
 
 @dataclass(frozen=True)
@@ -107,3 +109,111 @@ class BrokerFolder:
         """Remove a temporary folder."""
         if self._is_temporary:
             shutil.rmtree(self.path, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the server listens."""
+
+    host: str
+    port: int
+
+    @property
+    def url(self) -> str:
+        """What a reader types."""
+        host = "127.0.0.1" if self.host in ("0.0.0.0", "::") else self.host
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+
+def find_command(name: str) -> str:
+    """Return the path of one of our commands: beside this Python, else on PATH.
+
+    Raises:
+        LaunchError: It is not installed.
+    """
+    beside = Path(sys.executable).parent / name
+    found = str(beside) if beside.is_file() else shutil.which(name)
+    if found is None:
+        raise LaunchError(
+            f"the command {name} is not installed; "
+            "install everything with: pip install 'exceptiondrive[server,worker,embedded]'"
+        )
+    return found
+
+
+def shared_environment(layout: Layout, address: Address, broker_url: str) -> dict[str, str]:
+    """Return what every process is told."""
+    given = os.environ
+    return {
+        **given,
+        **layout.environment(given),
+        "EXCEPTIONDRIVE_BROKER_URL": broker_url,
+        "EXCEPTIONDRIVE_PUBLIC_URL": given.get("EXCEPTIONDRIVE_PUBLIC_URL", address.url),
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+def worker_environment(layout: Layout, shared: Mapping[str, str]) -> dict[str, str]:
+    """Return what the worker alone is told besides: where its private store is."""
+    private = str(layout.private.resolve())
+    return {"EXCEPTIONDRIVE_PRIVATE_DIR": private, **shared}
+
+
+def broker_plan(layout: Layout, command: list[str]) -> ChildPlan:
+    """Return the plan of the private broker; it needs none of our settings."""
+    environment = {"PATH": os.environ.get("PATH", "")}
+    return ChildPlan("broker", command, environment, layout.logs / "broker.log")
+
+
+def service_plans(
+    layout: Layout, address: Address, shared: Mapping[str, str]
+) -> tuple[ChildPlan, ...]:
+    """Return the plans of API, reconciler and worker."""
+    server = find_command("exceptiondrive-server")
+    worker = find_command("exceptiondrive-worker")
+    serve = [server, "serve", "--host", address.host, "--port", str(address.port)]
+    return (
+        ChildPlan("server", serve, shared, layout.logs / "server.log"),
+        ChildPlan("reconciler", [server, "reconcile"], shared, layout.logs / "reconciler.log"),
+        ChildPlan(
+            "worker",
+            [worker, "run"],
+            worker_environment(layout, shared),
+            layout.logs / "worker.log",
+        ),
+    )
+
+
+_BANNER = """
+  ExceptionDrive runs at {url}      (Ctrl-C ends it; all data stays in {data})
+
+  To take part, in another terminal:
+    export EXCEPTIONDRIVE_SERVER={url}
+    export EXCEPTIONDRIVE_TOKEN=$({server} create-organizer me{data_option})
+    {client} organizer teams create my-team "My team" --with-token
+    export EXCEPTIONDRIVE_TOKEN=edk_...                               # the team's, as printed
+    {client} submit FILE --phase sample --method "My planner" --wait
+  Logs: {logs}
+"""
+
+
+def banner(data: Path, address: Address) -> str:
+    """Return the address and the first steps."""
+    is_default = data.resolve() == Path("data").resolve()
+    return _BANNER.format(
+        url=address.url,
+        data=data,
+        logs=data / "logs",
+        server=_command("exceptiondrive-server"),
+        client=_command("exceptiondrive"),
+        data_option="" if is_default else f" --data {shlex.quote(str(data))}",
+    )
+
+
+def _command(name: str) -> str:
+    """Return how a reader may type the command from here."""
+    path = Path(sys.executable).parent / name
+    if not path.is_file():
+        return name
+    relative = os.path.relpath(path)
+    return str(path) if relative.startswith("..") else relative

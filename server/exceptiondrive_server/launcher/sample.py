@@ -25,9 +25,8 @@ from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server.launcher.errors import LaunchError
-from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.launcher.plans import find_command, worker_environment
+from exceptiondrive_server.launcher.child import LaunchError
+from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
 
 SPLIT = "sample"
 ACTOR = "operator:sample"

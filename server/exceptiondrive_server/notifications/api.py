@@ -115,7 +115,8 @@ def _with_last_message(session: Session, contact: ContactPoint) -> ContactView:
     found = newest_delivery(session, contact.id)
     if found is None:
         return _view(contact)
-    last = LastMessage(state=found.state, attempts=found.attempts, sent_at=found.sent_at)
+    sent_at = found.finished_at if found.outcome is DeliveryState.SENT else None
+    last = LastMessage(state=found.outcome, attempts=found.attempts, sent_at=sent_at)
     return _view(contact).model_copy(update={"last_message": last})
 
 

@@ -17,12 +17,11 @@ from exceptiondrive_records.notifications.outbox import run_outbox
 from exceptiondrive_records.notifications.settings import NoticeSettings
 from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.submissions.file_store import FileStore, run_sweeper
-from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.reconciler import run_reconciler
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.launch import launch
-from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.launcher.plans import Address
+from exceptiondrive_server.launcher.layout import Address, Layout
 from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
 from exceptiondrive_server.operations.records_commands import (
     DataOption,
@@ -117,13 +116,13 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
 
 @app.command()
 def reconcile(data: DataOption = None) -> None:
-    """Ring for waiting jobs, give up exhausted ones; any number may run, one of them leads."""
+    """Wake workers for what waits, give up exhausted jobs; any number may run, one of them leads."""
     settings = records_settings(data)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     with opened(settings) as database:
-        doorbell = Doorbell(settings.broker_url)
+        dispatcher = Dispatcher(settings.broker_url)
         outbox = threading.Thread(
             target=run_outbox, args=(database, _notice_settings(data), stop), name="outbox"
         )
@@ -134,12 +133,12 @@ def reconcile(data: DataOption = None) -> None:
         outbox.start()
         sweeper.start()
         try:
-            run_reconciler(database, doorbell, settings, stop)
+            run_reconciler(database, dispatcher, settings, stop)
         finally:
             stop.set()
             outbox.join()
             sweeper.join(timeout=5)  # whatever it is at is left as it should be
-            doorbell.close()
+            dispatcher.close()
 
 
 def _notice_settings(data: Path | None) -> NoticeSettings:

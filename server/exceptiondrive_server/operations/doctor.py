@@ -19,7 +19,6 @@ from kombu.utils.url import parse_url
 from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import SQLAlchemyError
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import StoreError
@@ -29,7 +28,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.heartbeats import live_workers, scorers_at_work
 from exceptiondrive_records.work.reconciler import LEADERSHIP
-from exceptiondrive_records.work.tables import Job, Leader
+from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 _CLOCK_SKEW_S = 2.0
@@ -145,11 +144,11 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
     with database.read() as session:
         now = database_now(session)
         oldest = session.scalar(
-            select(Job.created_at).where(Job.state == JobState.QUEUED).order_by(Job.created_at)
+            select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
         )
         workers = live_workers(session, Lane.LIVE, ttl_s=settings.heartbeat_ttl_s).workers
         scorers = scorers_at_work(session)
-        leading = (Leader.name == LEADERSHIP, Leader.lease_until > now)
+        leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
         leads = session.scalar(select(Leader.holder).where(*leading))
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
     if not workers:
@@ -220,7 +219,7 @@ def _broker(url: str) -> Iterator[Finding]:
     if policy not in (None, "noeviction"):
         yield Finding(
             Severity.WARNING,
-            f"the broker's maxmemory-policy is {policy}: it may throw rings away",
+            f"the broker's maxmemory-policy is {policy}: it may throw messages away",
             "set maxmemory-policy noeviction; until then scoring is only slower",
         )
     elif not limit:

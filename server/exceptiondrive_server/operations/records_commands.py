@@ -21,7 +21,7 @@ from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.settings import PREFIX, RecordsSettings, SettingsError, load_settings
 from exceptiondrive_records.migrations import is_usable
 from exceptiondrive_records.teams.teams import switch_self_registration
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.web.settings import ServerSettings
 

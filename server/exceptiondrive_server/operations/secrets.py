@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import NameOID
 
 from exceptiondrive_records.db.roles import Role
-from exceptiondrive_server.launcher.errors import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.submissions.receipts import write_new_key
 
 # A certificate that signs itself: the first of a server, and that of tests.

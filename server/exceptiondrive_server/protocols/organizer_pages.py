@@ -25,7 +25,7 @@ from exceptiondrive_server.accounts.browser_session import (
     require_form_token,
     require_same_origin,
 )
-from exceptiondrive_server.rescoring.organizer_api import MAX_PROTOCOL_CHARACTERS
+from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
 from exceptiondrive_server.submissions.upload_form import FORM_TOKEN
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, go, organizer_page

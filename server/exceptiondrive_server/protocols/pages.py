@@ -1,29 +1,68 @@
 """The page of a protocol: its rules in words, with the values of the document."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
+from fastapi import APIRouter, Request
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.protocols.protocols import (
+    find_protocol,
+    latest_protocol,
+    list_protocols,
+)
+from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.drawing import ProtocolDrawing
 from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.taxonomy import Family, RegionKind, Strategy, Task
-from exceptiondrive_server.entries.scene_drawing import SceneDrawing, scene_drawing
-from exceptiondrive_server.web.page_parts import MetricCard, metric_cards
+from exceptiondrive_schemas.taxonomy import Strategy
+from exceptiondrive_server.protocols.scene_drawing import scene_drawing
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.responses import page
 
-# What changed from one protocol to the next, value by value.
+router = APIRouter(include_in_schema=False)
+_SELF_DESCRIPTION = ("version", "title", "changes")
 
 
-@dataclass(frozen=True)
-class Change:
+@router.get("/protocols")
+def show_latest_protocol(services: ServicesOf) -> Response:
+    """Lead to the newest protocol."""
+    with services.database.read() as session:
+        version = latest_protocol(session).version
+    return RedirectResponse(f"/protocols/{version}", status_code=307)
+
+
+@router.get("/protocols/{version}")
+def show_protocol(request: Request, services: ServicesOf, version: str) -> Response:
+    """Show the rules of a protocol."""
+    with services.database.read() as session:
+        versions = list_protocols(session) or [latest_protocol(session)]
+        known = {protocol.version: protocol for protocol in versions}
+        protocol = known.get(version) or find_protocol(session, version)
+        drawing = protocol_drawing(session, protocol)
+    digests = [each.digest for each in versions]
+    place = digests.index(protocol.digest) if protocol.digest in digests else 0
+    previous = versions[place - 1] if place else None
+    caution = protocol.grading.caution
+    return page(
+        request,
+        "protocols/protocol.html",
+        "protocol",
+        protocol=protocol,
+        versions=versions,
+        challenges=CHALLENGES.values(),
+        scene=scene_drawing(drawing, protocol),
+        strategies=sorted(Strategy, key=lambda strategy: caution[strategy.value]),
+        previous=previous,
+        changes=protocol_changes(previous, protocol) if previous else (),
+    )
+
+
+class Change(NamedTuple):
     """One value that differs; None where the value is absent."""
 
     path: str
     before: str | None
     after: str | None
-
-
-_SELF_DESCRIPTION = ("version", "title", "changes")
 
 
 def protocol_changes(before: Protocol, after: Protocol) -> tuple[Change, ...]:
@@ -58,117 +97,3 @@ def _values(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
             yield from _values(inner, f"{path}[{index}]")
     else:
         yield path, str(value)
-
-
-_FIRST = {"descending": "highest", "ascending": "lowest"}
-REGION_WORDS = {RegionKind.PHYSICAL: "occupied", RegionKind.CONFLICT: "no-go"}
-
-
-@dataclass(frozen=True)
-class TaskLine:
-    """One task of the taxonomy table."""
-
-    task: Task
-    title: str
-    region: str
-    d_safe_m: float
-    d_safe_share: float
-    strategies: tuple[Strategy, ...]
-
-
-@dataclass(frozen=True)
-class FamilyBlock:
-    """One family with its tasks."""
-
-    family: Family
-    tasks: tuple[TaskLine, ...]
-
-
-@dataclass(frozen=True)
-class RankRule:
-    """How one challenge ranks."""
-
-    title: str
-    words: str
-
-
-@dataclass(frozen=True)
-class ProtocolPage:
-    """Everything that `protocol.html` needs."""
-
-    protocol: Protocol
-    versions: tuple[Protocol, ...]
-    scene: SceneDrawing
-    cards: tuple[MetricCard, ...]
-    strategy_cards: tuple[MetricCard, ...]
-    further_cards: tuple[tuple[str, tuple[MetricCard, ...]], ...]
-    """Title and metrics of each further challenge."""
-    rules: tuple[RankRule, ...]
-    families: tuple[FamilyBlock, ...]
-    strategies: tuple[Strategy, ...]
-    previous: Protocol | None
-    changes: tuple[Change, ...]
-
-
-def protocol_page(
-    protocol: Protocol, versions: Sequence[Protocol], drawing: ProtocolDrawing
-) -> ProtocolPage:
-    """Set a protocol; `versions` are all of them, oldest first."""
-    (_, cards), (_, strategy_cards), *further = (
-        (each.title, metric_cards(each)) for each in CHALLENGES.values()
-    )
-    previous = _previous(protocol, versions)
-    return ProtocolPage(
-        protocol=protocol,
-        versions=tuple(versions),
-        scene=scene_drawing(drawing, protocol),
-        cards=cards,
-        strategy_cards=strategy_cards,
-        further_cards=tuple(further),
-        rules=_rank_rules(protocol),
-        families=_families(protocol),
-        strategies=_by_caution(protocol),
-        previous=previous,
-        changes=protocol_changes(previous, protocol) if previous else (),
-    )
-
-
-def _previous(protocol: Protocol, versions: Sequence[Protocol]) -> Protocol | None:
-    digests = [version.digest for version in versions]
-    place = digests.index(protocol.digest) if protocol.digest in digests else 0
-    return versions[place - 1] if place else None
-
-
-def _rank_rules(protocol: Protocol) -> tuple[RankRule, ...]:
-    rules = []
-    for challenge in CHALLENGES.values():
-        keys = protocol.ranking.order_of(challenge)
-        words = [f"{challenge.metric(key.metric).label}, {_FIRST[key.order]} first" for key in keys]
-        rules.append(RankRule(challenge.title, ", then ".join(words)))
-    return tuple(rules)
-
-
-def _families(protocol: Protocol) -> tuple[FamilyBlock, ...]:
-    scale = protocol.grading.d_safe_scale
-    top = max(task.d_safe_m for task in protocol.tasks) * scale
-    return tuple(
-        FamilyBlock(
-            family,
-            tuple(
-                TaskLine(
-                    task=task,
-                    title=task.name.replace("_", " ").capitalize(),
-                    region=REGION_WORDS[task.region],
-                    d_safe_m=task.d_safe_m * scale,
-                    d_safe_share=100 * task.d_safe_m * scale / top,
-                    strategies=task.acceptable,
-                )
-                for task in protocol.taxonomy.tasks_of(family.id)
-            ),
-        )
-        for family in protocol.families
-    )
-
-
-def _by_caution(protocol: Protocol) -> tuple[Strategy, ...]:
-    return tuple(sorted(Strategy, key=lambda strategy: protocol.grading.caution[strategy.value]))

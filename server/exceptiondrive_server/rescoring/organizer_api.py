@@ -3,25 +3,21 @@
 from collections.abc import Callable
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Path, Query
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from pydantic import Field, StrictInt
 
-from exceptiondrive_records.protocols.protocols import add_protocol, list_protocols
 from exceptiondrive_records.rescoring import flip, runs, verification
 from exceptiondrive_records.rescoring.keys import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.rescoring.views import preview_of, protocol_check, run_view, run_views
-from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_schemas.rescoring import PreviewView, RunView, VerificationView
-from exceptiondrive_server.protocols.api import ProtocolHead, protocol_head
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.organizer_form import Form
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()
-MAX_PROTOCOL_CHARACTERS = 200_000
 RunId = Annotated[str, Path(max_length=64, description="of the run")]
 PhaseQuery = Annotated[str | None, Query(max_length=64, description="only of this phase")]
 Reason = Annotated[str, Field(min_length=1, max_length=1000)]
@@ -55,17 +51,6 @@ class NewVerification(Form):
     phase: Annotated[str, Field(max_length=64)]
     sample: Annotated[StrictInt, Field(ge=1, le=100_000)] | None = None
     reason: Reason
-
-
-@router.post("/protocols/check", operation_id="checkProtocol")
-def post_protocol_check(
-    services: ServicesOf,
-    toml: Annotated[str, Body(media_type="application/toml", max_length=MAX_PROTOCOL_CHARACTERS)],
-    phase: PhaseQuery = None,
-) -> Difference:
-    """Validate a protocol document and say in plain words what it changes; nothing is kept."""
-    with services.database.read() as session:
-        return protocol_check(session, toml, phase)
 
 
 @router.get("/rescoring", operation_id="listRuns")
@@ -215,27 +200,3 @@ def _step(
     with services.database.write() as session:
         take(session, run_id, reason=step.reason, actor=actor)
     return get_run(services, run_id)
-
-
-# Protocol documents, as organizers add them.
-
-
-@router.post(
-    "/protocols",
-    operation_id="addProtocol",
-    status_code=201,
-    responses={200: {"model": ProtocolHead, "description": "This very document is there already."}},
-)
-def post_protocol(
-    response: Response,
-    services: ServicesOf,
-    organizer: Organizer,
-    toml: Annotated[str, Body(media_type="application/toml", max_length=MAX_PROTOCOL_CHARACTERS)],
-) -> ProtocolHead:
-    """Add a protocol document; it is immutable from then on."""
-    with services.database.write() as session:
-        n_before = len(list_protocols(session))
-        added = add_protocol(session, toml, organizer.actor)
-        if len(list_protocols(session)) == n_before:
-            response.status_code = 200
-    return protocol_head(added)

@@ -12,7 +12,8 @@ from exceptiondrive_records.submissions.file_store import keep_stored
 from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.submissions import Accepted, accept, find_submission
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.work.ringing import ring_job
+from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
 from exceptiondrive_server.submissions.upload_form import Upload
@@ -77,7 +78,7 @@ def take_upload(
         job=accepted.job_id,
         is_duplicate=accepted.is_duplicate,
     )
-    _ring(services, accepted)
+    _wake(services, accepted)
     with services.database.read() as session:
         submission = find_submission(session, accepted.submission.id)
         taken = view(session, submission, is_duplicate=accepted.is_duplicate)
@@ -108,6 +109,11 @@ def _chunks(stream: BinaryIO) -> Iterator[bytes]:
         yield chunk
 
 
-def _ring(services: Services, accepted: Accepted) -> None:
-    if accepted.job_id is not None:
-        ring_job(services.database, services.doorbell, accepted.job_id, services.settings)
+def _wake(services: Services, accepted: Accepted) -> None:
+    """Wake a worker; where the broker is away, the reconciler does it soon."""
+    if accepted.is_duplicate:
+        return
+    live = (Lane.LIVE,)
+    if wake_lanes(services.database, services.dispatcher, services.settings, live):
+        with services.database.write() as session:
+            mark_queued(session)

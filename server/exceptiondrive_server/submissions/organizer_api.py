@@ -5,9 +5,9 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import Field
 
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.work.jobs import retry_submission
 from exceptiondrive_schemas.similarity import SimilarityReport
 from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_server.submissions.api import SubmissionId

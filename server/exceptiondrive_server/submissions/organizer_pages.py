@@ -10,13 +10,14 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.protocols.protocols import list_protocols
+from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
-from exceptiondrive_records.work.jobs import jobs_of, retry_submission
+from exceptiondrive_records.work.jobs import jobs_of
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.accounts.browser_session import PostedForm
 from exceptiondrive_server.audit.organizer_pages import history

@@ -12,6 +12,7 @@ from fastapi.responses import RedirectResponse, Response
 from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.phases.phases import list_phases, phase_view
+from exceptiondrive_records.protocols.protocols import latest_protocol
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import PhaseView, Quota
@@ -23,12 +24,12 @@ from exceptiondrive_server.accounts.browser_session import (
     require_same_origin,
     require_scope,
 )
-from exceptiondrive_server.boards.queries import latest_protocol, phase_link
+from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.submissions.accepting import EmptyUpload, arrival_now, take_upload
 from exceptiondrive_server.submissions.submit_page import SubmitPage, submit_page
 from exceptiondrive_server.submissions.upload_form import received_upload
 from exceptiondrive_server.web.auth import ServicesOf, team_of
-from exceptiondrive_server.web.problem_vocabulary import STATUS_OF, TITLE_OF, ApiProblem
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of_fields, problem_of_records, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
 from exceptiondrive_server.web.services import Services
@@ -79,7 +80,7 @@ class UploadView:
 def refusal_of(code: ProblemCode, detail: str, fields: Mapping[str, str]) -> Refusal:
     """Set a problem as the form says it: the same words as the API and the client."""
     named = tuple((_FIELD_WORDS.get(key, key), why) for key, why in fields.items())
-    return Refusal(TITLE_OF[code], detail, named)
+    return Refusal(PROBLEMS[code].title, detail, named)
 
 
 def upload_view(
@@ -176,7 +177,7 @@ async def _refused_form(
     upload = await run_in_threadpool(_upload_view, services, browser, wanted)
     if upload is not None:
         upload = replace(upload, typed=typed, refusal=refusal)
-    status = STATUS_OF[problem.code]
+    status = PROBLEMS[problem.code].status
     answer = private_page(
         request, "submissions/submit.html", "submit", status=status, page=content, upload=upload
     )

@@ -11,7 +11,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.migrations import is_usable
-from exceptiondrive_records.work.doorbell import transport_options
+from exceptiondrive_records.work.dispatch import transport_options
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.web.metrics import exposition

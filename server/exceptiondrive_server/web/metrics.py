@@ -8,12 +8,17 @@ from prometheus_client.registry import Collector
 from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.base import JobState
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
-from exceptiondrive_records.work.tables import BoardRequest, Job, WorkerHeartbeat
+from exceptiondrive_records.work.tables import (
+    OPEN_STATES,
+    BoardRequest,
+    Job,
+    WorkerHeartbeat,
+    WorkState,
+)
 
 
 class RequestMetrics:
@@ -70,9 +75,9 @@ def _queue(session: Session) -> Iterable[Metric]:
     )
     now = database_now(session)
     for lane, state, count, created_at in rows:
-        depth.add_metric([lane, state], count)
-        if state is JobState.QUEUED:
-            oldest.add_metric([lane], (now - created_at).total_seconds())
+        depth.add_metric([str(lane), state], count)
+        if state is WorkState.QUEUED:
+            oldest.add_metric([str(lane)], (now - created_at).total_seconds())
     return depth, oldest
 
 
@@ -112,8 +117,8 @@ def _durations(session: Session) -> Iterable[Metric]:
     late = GaugeMetricFamily(
         "exceptiondrive_boards_wanted", "Boards that lag behind a score.", labels=["phase"]
     )
-    is_wanted = case((BoardRequest.wanted > BoardRequest.built, 1), else_=0)
-    query = select(BoardRequest.phase_id, func.max(BoardRequest.build_s), func.sum(is_wanted))
+    is_wanted = case((BoardRequest.state.in_(OPEN_STATES), 1), else_=0)
+    query = select(BoardRequest.phase_id, func.max(BoardRequest.took_s), func.sum(is_wanted))
     for phase, build_s, n_wanted in session.execute(query.group_by(BoardRequest.phase_id)):
         late.add_metric([phase], n_wanted)
         if build_s is not None:

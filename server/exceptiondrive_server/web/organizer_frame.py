@@ -16,7 +16,7 @@ from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.accounts.browser_session import Browser, SignedIn, require_scope
 from exceptiondrive_server.web.forms import filled, read, typed
-from exceptiondrive_server.web.problem_vocabulary import STATUS_OF
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 
@@ -98,7 +98,7 @@ def organizer_page(
         "done": DONE.get(request.query_params.get("done", "")),
     }
     if refusal is not None:
-        status = STATUS_OF[refusal.code]
+        status = PROBLEMS[refusal.code].status
     words = None if refusal is None else str(refusal)
     return private_page(
         request, template, "organize", status=status, frame=frame, refusal=words, **values

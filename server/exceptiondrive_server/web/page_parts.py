@@ -109,5 +109,5 @@ def metric_cards(challenge: Challenge) -> tuple[MetricCard, ...]:
     return tuple(
         MetricCard(m.key, m.label, m.title, _DIRECTIONS[m.better], m.meaning, Markup(m.formula))
         for m in challenge.metrics
-        if m.key not in ("cts_x", "cts_y")
+        if not m.part_of
     )

@@ -24,12 +24,7 @@ from exceptiondrive_records.db.errors import (
 )
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_server.web.middleware import HEADERS
-from exceptiondrive_server.web.problem_vocabulary import (
-    CODE_OF_STATUS,
-    STATUS_OF,
-    TITLE_OF,
-    ApiProblem,
-)
+from exceptiondrive_server.web.problem_vocabulary import CODE_OF_STATUS, PROBLEMS, ApiProblem
 from exceptiondrive_server.web.responses import problem_page
 
 _log = structlog.get_logger("exceptiondrive.server")
@@ -43,10 +38,12 @@ def problem_responses(*codes: ProblemCode) -> dict[int | str, dict[str, Any]]:
     """Describe in OpenAPI which problems a route may answer with."""
     by_status: dict[int | str, list[ProblemCode]] = {}
     for code in (*codes, ProblemCode.BAD_REQUEST, ProblemCode.STORE_UNAVAILABLE):
-        by_status.setdefault(STATUS_OF[code], []).append(code)
+        by_status.setdefault(PROBLEMS[code].status, []).append(code)
     return {
         status: {
-            "description": "; ".join(f"`{code.value}`: {TITLE_OF[code]}" for code in of_status),
+            "description": "; ".join(
+                f"`{code.value}`: {PROBLEMS[code].title}" for code in of_status
+            ),
             "content": {PROBLEM_MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
         }
         for status, of_status in by_status.items()
@@ -55,17 +52,17 @@ def problem_responses(*codes: ProblemCode) -> dict[int | str, dict[str, Any]]:
 
 def problem_response(request: Request, problem: ApiProblem) -> Response:
     """Return the answer that states a problem."""
-    status = STATUS_OF[problem.code]
+    status = PROBLEMS[problem.code].status
     if wants_page(request):
         fields = (f"{name}: {words}." for name, words in problem.fields.items())
         detail = " ".join([problem.detail, *fields])
-        answer = problem_page(request, status, problem.code, detail)
+        answer = problem_page(request, problem.code, detail)
         if problem.retry_after_s is not None:
             answer.headers["Retry-After"] = str(problem.retry_after_s)
         return answer
     document = Problem(
         type=f"/problems/{problem.code.value}",
-        title=TITLE_OF[problem.code],
+        title=PROBLEMS[problem.code].title,
         status=status,
         code=problem.code,
         detail=problem.detail,

@@ -1,9 +1,10 @@
 """HTML answers: headers, ETag and 304, problems as pages."""
 
 import hashlib
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import APIRouter, FastAPI, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
@@ -13,19 +14,15 @@ from starlette.responses import Response as Response_of_static_files
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from exceptiondrive_records.db.errors import RecordsError
-from exceptiondrive_schemas.drawing import SampleDrawing, shapes
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts.browser_session import Holder, holder_of
-from exceptiondrive_server.entries.comparison import family_value, is_sure
-from exceptiondrive_server.entries.facts import BADGES, board_name, entry_url, rank_range
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
-from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.services import services_of
 
@@ -71,6 +68,7 @@ def safe_back(path: str) -> str:
 # Jinja2 set up once: autoescape, strict, with addresses of static files that may be cached.
 
 
+F = TypeVar("F", bound=Callable[..., Any])
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
 
@@ -106,11 +104,6 @@ def with_article(noun: str) -> str:
     return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
 
 
-def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
-    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
-    return Markup(shapes(sample, width, height))
-
-
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -127,9 +120,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(
-        asset=asset, THIN_SPACE=numbers.THIN_SPACE, BADGES=BADGES, entry_url=entry_url
-    )
+    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
     made.filters.update(
         day=numbers.day,
         minute=numbers.minute,
@@ -143,14 +134,21 @@ def environment() -> Environment:
         ticks=ticks,
         stars=stars,
         a=with_article,
-        board_name=board_name,
-        rank_range=rank_range,
-        shapes=drawn,
         unit=numbers.unit_of,
-        family_value=family_value,
     )
-    made.tests["sure"] = is_sure
     return made
+
+
+def macro(template: str, name: str) -> Callable[..., Markup]:
+    """Return a macro of a template, for a part of a page that is made once."""
+    found: Callable[..., Markup] = getattr(environment().get_template(template).module, name)
+    return found
+
+
+def template_filter(function: F) -> F:
+    """Let templates use a function of a noun as a filter of the same name."""
+    environment().filters[function.__name__] = function
+    return function
 
 
 def render(template: str, **values: object) -> str:
@@ -161,7 +159,6 @@ def render(template: str, **values: object) -> str:
 SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
 PROXY_KEEPS_S = 5
 """How long the proxy may show a public page to everybody; no browser sees this header."""
-_STATUS = {ProblemCode.NOT_FOUND: 404, ProblemCode.CONFLICT: 409, ProblemCode.BAD_REQUEST: 400}
 
 
 def private_page(
@@ -193,23 +190,19 @@ def page(
     return conditional(request, body, "text/html", headers=headers)
 
 
-def problem_page(request: Request, status: int, code: ProblemCode, detail: str) -> Response:
+def problem_page(request: Request, code: ProblemCode, detail: str) -> Response:
     """Answer a browser with a problem as a page, in the same words as the API."""
+    problem = PROBLEMS[code]
     return page(
         request,
         "web/problem_now.html",
         "",
-        status=status,
+        status=problem.status,
         code=code,
         detail=detail,
-        help=PROBLEM_HELP[code],
-        steps=steps_in_browser(code),
+        problem=problem,
+        steps=problem.in_browser or problem.steps,
     )
-
-
-def refused(request: Request, error: RecordsError) -> Response:
-    """Answer a browser with what the records refused."""
-    return problem_page(request, _STATUS.get(error.code, 400), error.code, str(error))
 
 
 # Static files: cached for ever where the address names the content, revalidated otherwise.

@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+_FINEST_STEP = 0.0001
+"""Four decimals write every tick apart from the next."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def nice_scale(
     low, high = min(wanted), max(wanted)
     if high - low < 1e-9:
         low, high = low - 0.5, high + 0.5
-    step = _round_step((high - low) / max(n_ticks - 1, 1))
+    step = max(_round_step((high - low) / max(n_ticks - 1, 1)), _FINEST_STEP)
     first, last = math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
     first = first if floor is None else max(first, floor)
     last = last if ceiling is None else min(last, ceiling)

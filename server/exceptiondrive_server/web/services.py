@@ -7,7 +7,7 @@ from fastapi import Request
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Services:
-    """Records, uploads, doorbell, settings and metrics."""
+    """Records, uploads, dispatcher, settings and metrics."""
 
     database: Database
     files: FileStore
-    doorbell: Doorbell
+    dispatcher: Dispatcher
     settings: ServerSettings
     signer: ReceiptSigner
     provider: "Provider | None" = None
@@ -36,7 +36,7 @@ class Services:
         return cls(
             database=database,
             files=FileStore(settings.file_store_url),
-            doorbell=Doorbell(settings.broker_url),
+            dispatcher=Dispatcher(settings.broker_url),
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
             provider=_provider(settings),
@@ -44,7 +44,7 @@ class Services:
 
     def close(self) -> None:
         """Let all connections go."""
-        self.doorbell.close()
+        self.dispatcher.close()
         self.database.dispose()
 
 

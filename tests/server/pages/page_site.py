@@ -15,8 +15,9 @@ from tests.server.pages.invented_board import (
     PROTOCOL,
     N,
 )
+from tests.support.work import claim_board_of
 
-from exceptiondrive_records.boards.boards import claim_board, publish_board
+from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.phases.tables import Phase
@@ -102,7 +103,7 @@ class Site:
         with self.database.write() as session:
             want_board(session, board.phase, board.protocol.digest)
         with self.database.write() as session:
-            claim = claim_board(session, board.phase, board.protocol.digest, 30)
+            claim = claim_board_of(session, board.phase, board.protocol.digest)
             assert claim is not None
             assert publish_board(session, claim, board, late) is not None
 

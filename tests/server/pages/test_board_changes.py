@@ -1,5 +1,6 @@
 """What changed since the board before, in one line; and boards of the past say that they are."""
 
+import re
 from datetime import UTC, datetime
 from typing import Any
 
@@ -78,3 +79,15 @@ async def test_the_history_lists_every_board(lively_site: Any, lively_board: Boa
 
 async def test_without_a_phase_there_is_no_history(site: Any) -> None:
     assert (await site.get("/history")).status_code == 404
+
+
+async def test_the_form_of_a_board_of_a_date_does_not_contradict_itself(
+    lively_site: Any, lively_board: Board
+) -> None:
+    between = datetime.now(UTC).isoformat().replace("+00:00", "Z")
+    lively_site.change_protocol(lively_board)
+    then = (await lively_site.get(f"/?as_of={between}")).text
+    chosen = re.search(r'<select name="protocol">.*?<option value="([^"]*)" selected>(.*?)<', then)
+    assert chosen is not None
+    assert chosen.groups() == ("", "1.0 (of that date)")
+    assert '<option value="1.1">1.1</option>' in then

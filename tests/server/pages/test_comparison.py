@@ -8,7 +8,7 @@ from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifferen
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow
-from exceptiondrive_server.entries.comparison import (
+from exceptiondrive_server.boards.comparison import (
     Comparison,
     Sheets,
     default_pair,

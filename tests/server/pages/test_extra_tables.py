@@ -2,7 +2,7 @@
 
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.examples import example_score_sheet
-from exceptiondrive_server.boards.extra_tables import extra_tables
+from exceptiondrive_server.entries.extra_tables import extra_tables
 from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()

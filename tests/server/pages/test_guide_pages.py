@@ -14,7 +14,7 @@ from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_server.protocols.pages import protocol_changes
-from exceptiondrive_server.web.problem_help import PROBLEM_HELP, steps_in_browser
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 
 MANIFEST_OF_TWO = Manifest(
     schema_="exceptiondrive.manifest/1",
@@ -105,12 +105,12 @@ async def test_the_quick_start_works_before_any_phase_exists(site: Any) -> None:
 async def test_every_problem_has_a_help_page(shown_site: Any, code: ProblemCode) -> None:
     answer = await shown_site.get(f"/problems/{code.value}")
     assert answer.status_code == 200
-    assert PROBLEM_HELP[code].title in answer.text
+    assert PROBLEMS[code].title in answer.text
 
 
 def test_every_problem_is_explained_with_at_least_one_step() -> None:
-    assert set(PROBLEM_HELP) == set(ProblemCode)
-    assert all(help_.steps and help_.happened for help_ in PROBLEM_HELP.values())
+    assert set(PROBLEMS) == set(ProblemCode)
+    assert all(help_.steps and help_.happened for help_ in PROBLEMS.values())
 
 
 @pytest.mark.parametrize("code", list(FaultCode))
@@ -134,7 +134,7 @@ async def test_an_unknown_problem_is_not_found(shown_site: Any) -> None:
 
 
 async def test_a_page_of_a_problem_tells_a_reader_what_to_do_without_a_client(site: Any) -> None:
-    assert all(steps_in_browser(code) for code in ProblemCode)
+    assert all(problem.steps for problem in PROBLEMS.values())
     text = (await site.get("/?phase=unknown")).text
     assert "Check the address." in text
     assert "exceptiondrive " not in text

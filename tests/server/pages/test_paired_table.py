@@ -3,7 +3,7 @@
 from typing import Any
 
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
-from exceptiondrive_server.entries.comparison import Comparison
+from exceptiondrive_server.boards.comparison import Comparison
 from exceptiondrive_server.web.numbers import MINUS, Digits
 
 SURE = PairedDifference(

@@ -14,8 +14,8 @@ from exceptiondrive_server.web.page_parts import Site
 from exceptiondrive_server.web.responses import render
 
 MAX_BYTES = 150_000
-MAX_CALLS, MAX_CALLS_AGAIN = 9_000, 1_500
-MAX_FILES, MAX_FILES_AGAIN = 42, 36
+MAX_CALLS, MAX_CALLS_AGAIN = 9_000, 1_000
+MAX_FILES, MAX_FILES_AGAIN = 36, 25
 
 
 @pytest.mark.parametrize("query", [[], [("q", "planner 1"), ("sort", "ur"), ("page", "3")]])

@@ -28,6 +28,7 @@ def upgrade() -> None:
     create_rescoring()
     create_notifications()
     create_operations()
+    create_work()
     for table in IMMUTABLE:
         protect(table)
 
@@ -240,30 +241,6 @@ def create_submissions() -> None:
         postgresql_where=OF_LIVING,
     )
     op.create_table(
-        "jobs",
-        sa.Column("id", sa.String(), primary_key=True),
-        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), nullable=False),
-        sa.Column(
-            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
-        ),
-        sa.Column("split_revision", sa.String(), nullable=False),
-        sa.Column("lane", sa.String(16), nullable=False),
-        sa.Column("is_first", sa.Boolean(), nullable=False),
-        sa.Column("state", sa.String(16), nullable=False),
-        sa.Column("attempts", sa.Integer(), nullable=False),
-        sa.Column("fence", sa.Integer(), nullable=False),
-        sa.Column("created_at", TIME, nullable=False),
-        sa.Column("available_at", TIME, nullable=False),
-        sa.Column("leased_at", TIME),
-        sa.Column("lease_until", TIME),
-        sa.Column("finished_at", TIME),
-        sa.Column("rung_at", TIME),
-        sa.Column("rings", sa.Integer(), nullable=False),
-        sa.UniqueConstraint("submission_id", "protocol_digest", "split_revision"),
-    )
-    op.create_index("ix_jobs_finished", "jobs", ["finished_at"])
-    op.create_index("ix_jobs_queue", "jobs", ["state", "lane", "created_at"])
-    op.create_table(
         "score_sheets",
         sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), primary_key=True),
         sa.Column(
@@ -304,11 +281,6 @@ def create_submissions() -> None:
         sa.Column("alike", sa.Text(), nullable=False),
         sa.Column("compared_at", TIME, nullable=False),
     )
-    op.create_table(
-        "team_turns",
-        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), primary_key=True),
-        sa.Column("served_at", TIME, nullable=False),
-    )
 
 
 def create_boards() -> None:
@@ -344,21 +316,6 @@ def create_boards() -> None:
         sa.Column("at", TIME, nullable=False),
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
-    op.create_table(
-        "board_requests",
-        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), primary_key=True),
-        sa.Column(
-            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), primary_key=True
-        ),
-        sa.Column("split_revision", sa.String(), primary_key=True),
-        sa.Column("wanted", sa.Integer(), nullable=False),
-        sa.Column("built", sa.Integer(), nullable=False),
-        sa.Column("fence", sa.Integer(), nullable=False),
-        sa.Column("lease_until", TIME),
-        sa.Column("rung_at", TIME),
-        sa.Column("built_at", TIME),
-        sa.Column("build_s", sa.Double()),
-    )
 
 
 def create_rescoring() -> None:
@@ -449,31 +406,10 @@ def create_notifications() -> None:
         sa.UniqueConstraint("team_id", "run_id", "kind"),
     )
     op.create_index("ix_notifications_team", "notifications", ["team_id", "created_at"])
-    op.create_table(
-        "deliveries",
-        sa.Column("id", sa.String(), primary_key=True),
-        sa.Column(
-            "notification_id", sa.String(), sa.ForeignKey("notifications.id"), nullable=False
-        ),
-        sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id"), nullable=False),
-        sa.Column("state", sa.String(16), nullable=False),
-        sa.Column("attempts", sa.Integer(), nullable=False),
-        sa.Column("available_at", TIME, nullable=False),
-        sa.Column("last_error", sa.String()),
-        sa.Column("sent_at", TIME),
-        sa.UniqueConstraint("notification_id", "contact_id"),
-    )
-    op.create_index("ix_deliveries_due", "deliveries", ["state", "available_at"])
 
 
 def create_operations() -> None:
     """Running processes, receipt keys, and what organizers switch."""
-    op.create_table(
-        "leaders",
-        sa.Column("name", sa.String(), primary_key=True),
-        sa.Column("holder", sa.String(), nullable=False),
-        sa.Column("lease_until", TIME, nullable=False),
-    )
     op.create_table(
         "worker_heartbeats",
         sa.Column("worker_id", sa.String(), primary_key=True),
@@ -494,6 +430,42 @@ def create_operations() -> None:
         sa.Column("value", sa.JSON(), nullable=False),
         sa.Column("changed_at", TIME, nullable=False),
     )
+
+
+def create_work() -> None:
+    """What is to be done: a row for each thing, whatever its kind, with the lease on it."""
+    op.create_table(
+        "work",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("kind", sa.String(), nullable=False),
+        sa.Column("key", sa.String(), nullable=False),
+        sa.Column("lane", sa.String(16)),
+        sa.Column("state", sa.String(16), nullable=False),
+        sa.Column("asked", sa.Integer(), nullable=False),
+        sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("fence", sa.Integer(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.Column("available_at", TIME, nullable=False),
+        sa.Column("leased_at", TIME),
+        sa.Column("lease_until", TIME),
+        sa.Column("finished_at", TIME),
+        sa.Column("took_s", sa.Double()),
+        sa.Column("note", sa.String()),
+        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id")),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id")),
+        sa.Column("protocol_digest", sa.String(), sa.ForeignKey("protocols.digest")),
+        sa.Column("split_revision", sa.String()),
+        sa.Column("is_first", sa.Boolean()),
+        sa.Column("holder", sa.String()),
+        sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
+        sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
+        sa.UniqueConstraint("kind", "key"),
+    )
+    op.create_index("ix_work_finished", "work", ["kind", "finished_at"])
+    op.create_index("ix_work_queue", "work", ["state", "lane", "created_at"])
+    op.create_index("ix_work_share", "work", ["team_id", "lane", "leased_at"])
+    op.create_index("ix_work_submission", "work", ["submission_id"])
 
 
 def protect(table: str) -> None:

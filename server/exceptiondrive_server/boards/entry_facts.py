@@ -8,6 +8,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, Out
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import DASH, slug
+from exceptiondrive_server.web.responses import template_filter
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,12 @@ BADGES: dict[EntrySource, Badge] = {
 }
 
 
+@template_filter
+def source_badge(source: EntrySource) -> Badge:
+    """Return the badge of rows that come from there."""
+    return BADGES[source]
+
+
 def challenge_of(board: Board) -> Challenge:
     """Return the challenge of a board."""
     return CHALLENGES[board.challenge]
@@ -43,6 +50,7 @@ def entry_key(entry: BoardEntry) -> str:
     return entry.submission_id or f"{entry.source}-{slug(entry.method)}"
 
 
+@template_filter
 def entry_url(entry: BoardEntry, board: Board, is_current: bool = True) -> str:
     """Return the address of an entry's page; from an old board, as it stood there."""
     given = {} if entry.submission_id and is_current else {"phase": board.phase}
@@ -59,11 +67,13 @@ def board_fields(board: Board, is_current: bool = False) -> tuple[tuple[str, str
     return ("phase", board.phase), *number
 
 
+@template_filter
 def board_name(board: Board) -> str:
     """Return what a board is called: `Board 7`, or `Late view`, which has no number of its own."""
     return "Late view" if board.view == "late" else f"Board {board.board}"
 
 
+@template_filter
 def rank_range(entry: BoardEntry) -> str:
     """Write the ranks that the intervals allow, `2` or `2–5`; nothing where none is known."""
     if entry.rank_interval is None:

@@ -14,9 +14,10 @@ from exceptiondrive_schemas.board import (
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.entries.facts import challenge_of, entry_key
 from exceptiondrive_server.web.numbers import MINUS, Digits, listed, unit_of
+from exceptiondrive_server.web.responses import template_filter
 from exceptiondrive_server.web.scales import Scale, nice_scale
 
 LINE_HEIGHT = 40
@@ -210,11 +211,13 @@ def _negated(found: PairedDifference) -> PairedDifference:
     return found.model_copy(update={"difference": difference, "interval": interval})
 
 
+@template_filter
 def is_sure(found: PairedDifference | None) -> bool:
     """Whether a paired comparison settles which is better."""
     return found is not None and found.verdict != NOT_SEPARABLE
 
 
+@template_filter
 def family_value(entry: BoardEntry, family: str, metric: Metric) -> float | None:
     """Return a metric of one family; None where it is unknown."""
     cell = entry.families.get(family)

@@ -1,4 +1,4 @@
-"""Further rows of a score sheet as tables: sensitivity, confusion, and whatever else is named."""
+"""Further tables of an entry: sensitivity, confusion, what else a sheet names, a reminder's effect."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
-from exceptiondrive_server.entries.facts import challenge_of, primary_metrics
+from exceptiondrive_server.boards.entry_facts import challenge_of, primary_metrics
 from exceptiondrive_server.web.numbers import Digits, fixed, unit_of
 
 CONFUSION, SENSITIVITY, REMINDER = "confusion_", "d_safe_x", "reminder"
@@ -124,9 +124,6 @@ def _text(value: float | None) -> str:
     if value is None:
         return ""
     return str(int(value)) if value == int(value) and abs(value) > 1 else fixed(value * 100, 1)
-
-
-# What a reminder changed, as a table: the paired differences that the board carries.
 
 
 def effect_tables(board: Board, entry: BoardEntry, digits: Digits) -> tuple[ExtraTable, ...]:

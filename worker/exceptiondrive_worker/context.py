@@ -1,11 +1,11 @@
-"""The doors of a worker process: everything outside it that a job may touch."""
+"""The context of a worker process: everything outside it that its work may touch."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_records.work.doorbell import Doorbell
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
@@ -20,7 +20,7 @@ from exceptiondrive_worker.upload_reader import read_upload
 
 
 @dataclass(frozen=True)
-class Doors:
+class WorkerContext:
     """Opened once per process, after it has forked."""
 
     settings: WorkerSettings
@@ -28,30 +28,32 @@ class Doors:
     files: FileStore
     splits: SplitStore
     private: PrivateStore
-    doorbell: Doorbell
+    dispatcher: Dispatcher
     stages: Stages
-    serves_live: bool = True
-    """Whether live jobs may wait for this process."""
+    lanes: frozenset[Lane] = frozenset(Lane)
+    """Those that this process serves."""
 
     def close(self) -> None:
         """Close all connections."""
-        self.doorbell.close()
+        self.dispatcher.close()
         self.database.dispose()
 
 
-def open_doors(settings: WorkerSettings, lanes: Collection[Lane] = tuple(Lane)) -> Doors:
-    """Open all doors that the settings name, for a process that serves these lanes."""
+def open_context(
+    settings: WorkerSettings, lanes: Collection[Lane] = frozenset(Lane)
+) -> WorkerContext:
+    """Connect to all that the settings name, for a process that serves these lanes."""
     files = FileStore(settings.file_store_url)
     private = PrivateStore(settings.private_dir)
-    return Doors(
+    return WorkerContext(
         settings=settings,
         database=Database(settings.database_url),
         files=files,
         splits=SplitStore(settings.splits_dir),
         private=private,
-        doorbell=Doorbell(settings.broker_url),
+        dispatcher=Dispatcher(settings.broker_url),
         stages=stages_over(settings, files, private),
-        serves_live=Lane.LIVE in lanes,
+        lanes=frozenset(lanes),
     )
 
 

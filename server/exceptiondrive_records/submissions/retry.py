@@ -1,0 +1,68 @@
+"""An operator's second chance for what failed by our own fault."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.fan_out import score_waiting_under
+from exceptiondrive_records.rescoring.keys import key_of_phase
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.jobs import queue_again
+from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+
+def retry_submission(
+    session: Session, submission_id: str, *, actor: str, reason: str | None = None
+) -> Submission:
+    """Queue a failed submission again, with all its attempts.
+
+    If the protocol was changed since, it is scored under the new one besides: else no board that
+    the phase shows would ever hold it.
+
+    Args:
+        session: Of a write transaction.
+        submission_id: The submission.
+        actor: Who.
+        reason: Why; kept in the audit log if given.
+
+    Raises:
+        InvalidRecord: The reason cannot be kept.
+        NotFound: No such submission.
+        Conflict: It has not failed, or the team has submitted the same bytes again since.
+    """
+    submission = session.get(Submission, submission_id, with_for_update=True)
+    if submission is None:
+        raise NotFound("submission", submission_id)
+    if submission.status is not SubmissionStatus.FAILED:
+        raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
+    if _same_bytes_since(session, submission):
+        raise Conflict("The team has submitted the same file again since; that one counts.")
+    now = database_now(session)
+    ended = Job.state.in_((WorkState.FAILED, WorkState.DEAD))
+    query = select(Job).where(Job.submission_id == submission_id, ended).with_for_update()
+    for job in session.scalars(query):
+        queue_again(job, now)
+    submission.status = SubmissionStatus.RECEIVED
+    submission.status_at = now
+    submission.failure_code = submission.failure_message = None
+    phase = session.get_one(Phase, submission.phase_id)
+    score_waiting_under(session, phase.id, key_of_phase(phase))
+    detail = {} if reason is None else {"reason": checked_reason(reason)}
+    audit(session, actor, "scoring retried by hand", submission_id, detail)
+    return submission
+
+
+def _same_bytes_since(session: Session, submission: Submission) -> bool:
+    over = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
+    query = select(Submission.id).where(
+        Submission.phase_id == submission.phase_id,
+        Submission.team_id == submission.team_id,
+        Submission.file_digest == submission.file_digest,
+        Submission.status.not_in(over),
+    )
+    return session.scalars(query).first() is not None

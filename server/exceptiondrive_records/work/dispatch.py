@@ -1,0 +1,179 @@
+"""Dispatch: wakes workers through the broker. The records are the queue; a message only wakes.
+
+A message carries no state and belongs to no item: whoever comes claims what is next in its lane.
+So messages may be lost or doubled; as many wait in a lane as it has work for, at most one a slot.
+A message that the broker does not take is logged and forgotten: the reconciler wakes again. For a
+moment after a failure none is sent, so that a dead broker does not slow every upload down.
+"""
+
+import time
+from collections.abc import Iterable
+from threading import Lock
+from typing import Any
+
+import structlog
+from celery import Celery
+from kombu import Exchange, Queue
+from kombu.exceptions import KombuError
+from redis.exceptions import RedisError
+from sqlalchemy import func, select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.board_requests import is_due
+from exceptiondrive_records.work.heartbeats import live_workers
+from exceptiondrive_records.work.lease import is_claimable
+from exceptiondrive_records.work.tables import BoardRequest, WorkItem
+from exceptiondrive_schemas.jobs import JobName, Lane
+from exceptiondrive_schemas.submission import SubmissionStatus
+
+_log = structlog.get_logger("exceptiondrive.dispatch")
+
+KEY_PREFIX = "ed:"
+SOCKET_TIMEOUT_S = 1.0
+QUIET_AFTER_FAILURE_S = 2.0
+
+
+def transport_options(*, socket_timeout_s: float = 5.0) -> dict[str, Any]:
+    """Return Celery's `broker_transport_options`, the same for dispatcher and worker."""
+    return {
+        "visibility_timeout": 300,
+        "unacked_restore_interval": 5,
+        "unacked_restore_throttle": 1,
+        "socket_timeout": socket_timeout_s,
+        "socket_connect_timeout": socket_timeout_s,
+        "socket_keepalive": True,
+        "health_check_interval": 10,
+        "retry_on_timeout": True,
+        "global_keyprefix": KEY_PREFIX,
+        "max_connections": 20,
+    }
+
+
+def lane_queues() -> tuple[Queue, ...]:
+    """Return one queue per lane, each with an exchange of its own.
+
+    Without one, Celery binds all queues to the default exchange under the same key, and every
+    message goes to every lane.
+    """
+    return tuple(
+        Queue(lane.value, Exchange(lane.value, type="direct"), routing_key=lane.value)
+        for lane in Lane
+    )
+
+
+class Dispatcher:
+    """Wakes workers through one broker. For all threads of a process, not for forked ones."""
+
+    def __init__(self, broker_url: str) -> None:
+        self._app = Celery("exceptiondrive-dispatcher", broker=broker_url, set_as_current=False)
+        options = transport_options(socket_timeout_s=SOCKET_TIMEOUT_S)
+        self._app.conf.update(
+            broker_transport_options={**options, "retry_on_timeout": False, "max_retries": 0},
+            task_serializer="json",
+            task_ignore_result=True,
+            task_queues=lane_queues(),
+            task_create_missing_queues=False,
+            task_default_queue=Lane.LIVE.value,
+            broker_connection_timeout=SOCKET_TIMEOUT_S,
+            broker_connection_retry=False,
+        )
+        self._lock = Lock()
+        self._quiet_until = 0.0
+
+    def wake(self, lane: Lane, at_most: int = 1) -> bool:
+        """Let so many messages wait in a lane; return whether the broker has them.
+
+        Who looks at the same time may send one more, which then wakes somebody for nothing.
+        """
+        if time.monotonic() < self._quiet_until:
+            return False
+        try:
+            with self._app.producer_or_acquire() as producer:
+                waiting = producer.channel.queue_declare(queue=lane.value).message_count
+                for _ in range(at_most - waiting):
+                    self._send(JobName.WAKE, lane.value, lane, producer)
+        except (KombuError, RedisError, OSError) as error:
+            _log.warning("the broker did not take a message", lane=lane.value, error=repr(error))
+            with self._lock:
+                self._quiet_until = time.monotonic() + QUIET_AFTER_FAILURE_S
+            return False
+        return True
+
+    def wake_for_verification(self, item_id: str) -> bool:
+        """Wake a worker that recomputes a sheet; return whether the broker has the message."""
+        if time.monotonic() < self._quiet_until:
+            return False
+        try:
+            self._send(JobName.VERIFY, item_id, Lane.RESCORE)
+        except (KombuError, RedisError, OSError):
+            return False
+        return True
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._app.close()
+
+    def _send(self, name: JobName, argument: str, lane: Lane, producer: Any = None) -> None:
+        self._app.send_task(
+            name.value,
+            args=(argument,),
+            queue=lane.value,
+            ignore_result=True,
+            retry=False,
+            producer=producer,
+        )
+
+
+def wake_lanes(
+    database: Database,
+    dispatcher: Dispatcher,
+    settings: RecordsSettings,
+    lanes: Iterable[Lane] = tuple(Lane),
+) -> int:
+    """Wake workers for all that could be done now, at most one a slot; return for how much."""
+    with database.read() as session:
+        due = [(lane, _items_due(session, lane, settings)) for lane in lanes]
+        slots = {lane: _slots(session, lane, settings) for lane, n_items in due if n_items}
+    return sum(
+        n_items
+        for lane, n_items in due
+        if n_items and dispatcher.wake(lane, at_most=min(n_items, slots[lane]))
+    )
+
+
+def mark_queued(session: Session) -> int:
+    """Show submissions for which a worker was woken as queued; return how many."""
+    found = (
+        select(Submission.id)
+        .where(Submission.status == SubmissionStatus.RECEIVED)
+        .with_for_update(skip_locked=True)
+    )
+    ids = list(session.scalars(found))
+    if ids:
+        session.execute(
+            update(Submission)
+            .where(Submission.id.in_(ids), Submission.status == SubmissionStatus.RECEIVED)
+            .values(status=SubmissionStatus.QUEUED, status_at=database_now(session))
+            .execution_options(synchronize_session=False)
+        )
+    return len(ids)
+
+
+def _items_due(session: Session, lane: Lane, settings: RecordsSettings) -> int:
+    now = database_now(session)
+    items = select(func.count(WorkItem.id)).where(
+        WorkItem.kind != BoardRequest.__mapper__.polymorphic_identity,
+        WorkItem.lane == lane,
+        WorkItem.attempts < settings.max_attempts,
+        is_claimable(WorkItem, now),
+    )
+    boards = select(func.count(BoardRequest.id)).where(is_due(session, lane))
+    return (session.scalar(items) or 0) + (session.scalar(boards) or 0)
+
+
+def _slots(session: Session, lane: Lane, settings: RecordsSettings) -> int:
+    return max(1, live_workers(session, lane, ttl_s=settings.heartbeat_ttl_s).slots)

@@ -1,0 +1,91 @@
+"""Fair share: whose job is scored next. Decided when a worker is free, not before.
+
+First comes the team with the least under way, then the one that was served longest ago, then the
+one whose file waits longest; within a team the oldest file goes first. So a flood delays nobody's
+first file by more than the jobs that run already.
+"""
+
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
+from sqlalchemy.orm import Session, aliased
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.work.lease import is_claimable
+from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.jobs import Lane
+
+
+def waits(lane: Lane, now: datetime) -> ColumnElement[bool]:
+    """Condition on `Job`: of this lane, free, and its time has come."""
+    return and_(Job.lane == lane, is_claimable(Job, now))
+
+
+def fair_order(waiting: ColumnElement[bool], lane: Lane, now: datetime) -> Select[str]:
+    """Select the ids of waiting jobs in the order in which they are to be scored.
+
+    Args:
+        waiting: Condition on `Job` (`waits`).
+        lane: Of these jobs.
+        now: By the database's clock.
+    """
+    place = func.row_number().over(
+        partition_by=Job.team_id, order_by=(Job.created_at, Job.id)
+    )  # 1 is the team's oldest
+    queue = select(Job.id, Job.team_id, Job.created_at, place.label("place")).where(waiting).cte()
+    taken = aliased(Job)
+    of_team = and_(taken.team_id == queue.c.team_id, taken.lane == lane)
+    runs = and_(taken.state == WorkState.LEASED, taken.lease_until >= now)
+    n_running = select(func.count(taken.id)).where(of_team, runs).scalar_subquery()
+    served_at = select(func.max(taken.leased_at)).where(of_team).scalar_subquery()
+    share = (  # one row a team, not one a job: a flood has thousands
+        select(
+            queue.c.team_id,
+            n_running.label("n_running"),
+            served_at.label("served_at"),
+            queue.c.created_at.label("oldest_at"),
+        )
+        .where(queue.c.place == 1)
+        .cte()
+    )
+    return (
+        select(Job.id)
+        .join(queue, queue.c.id == Job.id)
+        .join(share, share.c.team_id == queue.c.team_id)
+        .where(waiting)  # once more: another transaction may have changed it before the lock
+        .order_by(
+            share.c.n_running + queue.c.place,
+            share.c.served_at.asc().nulls_first(),
+            share.c.oldest_at,
+            share.c.team_id,
+        )
+    )
+
+
+def jobs_ahead(session: Session, job: Job) -> int:
+    """Return how many live jobs run, or are scored before this one, which waits."""
+    now = database_now(session)
+    ids = session.scalars(fair_order(waits(Lane.LIVE, now), Lane.LIVE, now)).all()
+    runs = and_(Job.state == WorkState.LEASED, Job.lease_until >= now)
+    n_running = session.scalar(select(func.count(Job.id)).where(Job.lane == Lane.LIVE, runs)) or 0
+    return n_running + (ids.index(job.id) if job.id in ids else len(ids))
+
+
+def is_live_job_waiting(session: Session) -> bool:
+    """Whether any live job waits for a worker now."""
+    return _is_there(session, _waits_now(database_now(session)))
+
+
+def is_live_work_open(session: Session) -> bool:
+    """Whether a live job waits for a worker now, or is being scored under a lease that holds."""
+    now = database_now(session)
+    runs = and_(Job.state == WorkState.LEASED, Job.lease_until >= now)
+    return _is_there(session, or_(_waits_now(now), runs))
+
+
+def _waits_now(now: datetime) -> ColumnElement[bool]:
+    return and_(Job.state == WorkState.QUEUED, Job.available_at <= now)
+
+
+def _is_there(session: Session, condition: ColumnElement[bool]) -> bool:
+    return bool(session.scalar(select(exists().where(Job.lane == Lane.LIVE, condition))))

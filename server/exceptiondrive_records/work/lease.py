@@ -1,0 +1,196 @@
+"""The lease: whoever does a work item claims it, and ends it while the lease is still its own.
+
+Every step is one compare-and-set by the database's clock. Choosing and claiming is one statement,
+so that two that come at once take two items, and neither waits for the other.
+"""
+
+from datetime import datetime, timedelta
+from typing import Any, TypeVar, cast
+
+from sqlalchemy import ColumnElement, CursorResult, Select, and_, case, delete, or_, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.db.upserts import insert_if_absent, upsert
+from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
+from exceptiondrive_schemas.jobs import Lane
+
+Item = TypeVar("Item", bound=WorkItem)
+
+
+def new_item(
+    kind: type[Item],
+    key: str,
+    now: datetime,
+    *,
+    lane: Lane | None = None,
+    is_held: bool = False,
+    **columns: object,
+) -> Item:
+    """Return a waiting item, not yet added to a session."""
+    return kind(**_new_values(kind, key, now, lane=lane, is_held=is_held), **columns)
+
+
+def ask(
+    session: Session, kind: type[WorkItem], key: str, *, lane: Lane | None = None, **columns: object
+) -> None:
+    """Ask for something to be done, again if it was asked for before.
+
+    What is being done now is done once more after that.
+    """
+    values = _new_values(kind, key, database_now(session), lane=lane) | columns
+    is_leased = WorkItem.state == WorkState.LEASED
+    changes = {
+        "asked": WorkItem.asked + 1,
+        "state": case((is_leased, WorkItem.state), else_=WorkState.QUEUED.value),
+        "attempts": case((is_leased, WorkItem.attempts), else_=0),
+        "finished_at": None,
+        "lane": lane,
+    }
+    upsert(session, kind, values, changes, keys=("kind", "key"))
+
+
+def is_free(kind: type[WorkItem], now: datetime) -> ColumnElement[bool]:
+    """Whether nobody has an item: it waits, or its lease has run out."""
+    is_expired = and_(kind.state == WorkState.LEASED, kind.lease_until < now)
+    return or_(kind.state == WorkState.QUEUED, is_expired)
+
+
+def is_claimable(kind: type[WorkItem], now: datetime) -> ColumnElement[bool]:
+    """Whether an item is free, and its time has come."""
+    return and_(is_free(kind, now), kind.available_at <= now)
+
+
+def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float) -> Item | None:
+    """Choose and lease an item in one statement; None: nothing is free.
+
+    Args:
+        session: Of a write transaction.
+        kind: Of the item.
+        first: Selects ids of free items, in the order in which they are to be done.
+        lease_s: How long nobody else may have it; longer than doing it may take.
+
+    Returns:
+        The item as it was claimed: with its fence it is the proof of the lease.
+    """
+    now = database_now(session)
+    chosen = first.limit(1).with_for_update(of=kind, skip_locked=True)
+    taken = session.scalars(
+        update(kind)
+        .where(kind.id == chosen.scalar_subquery(), is_free(kind, now))
+        .values(
+            state=WorkState.LEASED,
+            attempts=kind.attempts + 1,
+            fence=kind.fence + 1,
+            leased_at=now,
+            lease_until=now + timedelta(seconds=lease_s),
+        )
+        .returning(kind)
+        .execution_options(populate_existing=True, synchronize_session=False)
+    ).first()
+    if taken is not None:
+        session.expunge(taken)
+    return taken
+
+
+def finish(
+    session: Session,
+    item: WorkItem,
+    state: WorkState = WorkState.DONE,
+    *,
+    note: str | None = None,
+    pause_s: float = 0.0,
+) -> bool:
+    """End an item; what was asked for meanwhile waits again.
+
+    Args:
+        session: Of a write transaction.
+        item: As it was claimed.
+        state: How it ended.
+        note: Why, where it came to nothing.
+        pause_s: How long it rests before it is done once more.
+
+    Returns:
+        Whether the lease was still held; otherwise nothing was changed but the audit log.
+    """
+    now = database_now(session)
+    assert item.leased_at is not None
+    is_over = WorkItem.asked == item.asked
+    return _leave(
+        session,
+        item,
+        state=case((is_over, state.value), else_=WorkState.QUEUED.value),
+        finished_at=case((is_over, now), else_=None),
+        available_at=now + timedelta(seconds=pause_s),
+        took_s=(now - item.leased_at).total_seconds(),
+        note=note,
+    )
+
+
+def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | None = None) -> bool:
+    """Give an item back, to be tried again after a while; whether the lease was still held."""
+    available_at = database_now(session) + timedelta(seconds=wait_s)
+    return _leave(session, item, state=WorkState.QUEUED, available_at=available_at, note=note)
+
+
+def _leave(session: Session, item: WorkItem, **values: object) -> bool:
+    held = (WorkItem.id == item.id, WorkItem.fence == item.fence, _is_leased())
+    changed = session.execute(
+        update(WorkItem)
+        .where(*held)
+        .values(lease_until=None, **values)
+        .execution_options(synchronize_session=False)
+    )
+    if cast("CursorResult[Any]", changed).rowcount == 1:
+        return True
+    detail = {"item": item.id, "fence": item.fence}
+    audit(session, "worker", "stale fence rejected", item.subject, detail)
+    return False
+
+
+def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
+    """Become or stay the leader; False while another holder's lease runs."""
+    now = database_now(session)
+    values = _new_values(Leader, name, now) | {"holder": holder, "lease_until": now}
+    insert_if_absent(session, Leader, **values)
+    taken = session.execute(
+        update(Leader)
+        .where(Leader.key == name, (Leader.holder == holder) | (Leader.lease_until <= now))
+        .values(state=WorkState.LEASED, holder=holder, lease_until=now + timedelta(seconds=lease_s))
+        .returning(Leader.id)
+        .execution_options(synchronize_session=False)
+    ).first()
+    return taken is not None
+
+
+def give_up_lead(session: Session, name: str, holder: str) -> None:
+    """Let another lead at once."""
+    session.execute(delete(Leader).where(Leader.key == name, Leader.holder == holder))
+
+
+def _is_leased() -> ColumnElement[bool]:
+    return WorkItem.state == WorkState.LEASED
+
+
+def _new_values(
+    kind: type[WorkItem],
+    key: str,
+    now: datetime,
+    *,
+    lane: Lane | None = None,
+    is_held: bool = False,
+) -> dict[str, Any]:
+    return {
+        "id": random_id(24),
+        "kind": kind.__mapper__.polymorphic_identity,
+        "key": key,
+        "lane": lane,
+        "state": WorkState.HELD if is_held else WorkState.QUEUED,
+        "asked": 1,
+        "attempts": 0,
+        "fence": 0,
+        "created_at": now,
+        "available_at": now,
+    }

@@ -1,0 +1,68 @@
+"""What other sites show of an entry: its picture beside a link (OpenGraph), its badge in a README."""
+
+from exceptiondrive_schemas.board import BoardEntry
+from exceptiondrive_server.boards.entry_facts import challenge_of
+from exceptiondrive_server.boards.pictures import (
+    LEFT,
+    RIGHT,
+    TITLE_WIDTH,
+    fitted,
+    foot,
+    in_lines,
+    subtitle,
+)
+from exceptiondrive_server.boards.table import RowBuilder
+from exceptiondrive_server.entries.queries import EntryReading
+from exceptiondrive_server.entries.view import standing_of
+from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.responses import render
+from exceptiondrive_server.web.scales import px
+
+NAME_SIZE = 64
+
+
+def entry_picture(reading: EntryReading) -> str:
+    """Draw an entry as SVG."""
+    board, entry = reading.board, reading.entry
+    builder = RowBuilder.of(board, board.headline, Digits.of(reading.protocol.publication))
+    row, first = builder.row(entry), challenge_of(board).metrics[0]
+    standing = standing_of(row, board)
+    figures = [("Rank", standing.rank, standing.note or ("not ranked" if standing.why else ""))]
+    for cell in row.cells:
+        if cell.role == "primary":
+            value = f"{cell.text}\u202f%" if cell.text else "none"
+            words = cell.whisker.words if cell.whisker else ""
+            figures.append((cell.label, value, words.replace("interval ", "")))
+
+    def place(shown: BoardEntry) -> str | None:
+        value = shown.metrics.get(first.key)
+        if value is None:
+            return None
+        return px(LEFT + builder.axes[first.key].clamped(value) / 100 * (RIGHT - LEFT))
+
+    return render(
+        "entries/picture.svg",
+        picture={"subtitle": subtitle(reading.phase_title, reading.protocol.version), "foot": foot(board)},
+        title=in_lines(entry.method, NAME_SIZE, TITLE_WIDTH, 2),
+        by=fitted(entry.team or row.badge.word, 28, RIGHT - LEFT),
+        figures=[
+            (LEFT + 340 * at, label, value, fitted(note, 20, 320))
+            for at, (label, value, note) in enumerate(figures)
+        ],
+        marks=[
+            (x, other.source)
+            for other in board.entries
+            if other is not entry and (x := place(other)) is not None
+        ],
+        this=place(entry),
+        metric=f"{first.label}, %",
+    )  # fmt: skip
+
+
+def badge(reading: EntryReading) -> str:
+    """Say rank and the first metric as SVG, or that the entry is reported or not ranked."""
+    entry, metric = reading.entry, challenge_of(reading.board).metrics[0]
+    text = Digits.of(reading.protocol.publication).text(metric, entry.metrics.get(metric.key))
+    rank = "late" if entry.is_late else f"rank {entry.rank}" if entry.rank else entry.source
+    words = f"{rank}, {f'{metric.label} {text} %' if text else 'no score'}"
+    return render("entries/badge.svg", words=words)

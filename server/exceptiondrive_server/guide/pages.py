@@ -1,0 +1,84 @@
+"""Pages that explain: every problem of the API, every fault of a file, the API itself."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.publish.broken_files import report_of
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
+from exceptiondrive_server.web.responses import origin_of, page
+
+router = APIRouter(include_in_schema=False)
+METHODS = ("get", "post", "put", "patch", "delete")
+
+
+@router.get("/problems")
+def show_problems(request: Request) -> Response:
+    """List every code."""
+    return page(request, "guide/problems.html", "", problems=PROBLEMS, faults=_faults())
+
+
+@router.get("/problems/{code}")
+def show_problem(request: Request, code: str) -> Response:
+    """Explain a problem of the API or a fault of a file."""
+    if code in set(ProblemCode):
+        problem = ProblemCode(code)
+        faults = _faults() if problem is ProblemCode.FILE_INVALID else {}
+        kind = PROBLEMS[problem]
+        return page(request, "guide/problem.html", "", code=code, problem=kind, faults=faults)
+    if code in set(FaultCode):
+        happened, remedy = _parted(MESSAGES[FaultCode(code)])
+        return page(
+            request,
+            "guide/fault.html",
+            "",
+            code=code,
+            happened=happened,
+            remedy=remedy,
+            reported=_reported(FaultCode(code)),
+        )
+    raise NotFound("problem", code)
+
+
+@router.get("/api")
+def show_api(request: Request) -> Response:
+    """Show the API in one table, from the application's own description."""
+    groups = operations(request.app.openapi())
+    return page(request, "guide/api.html", "api", groups=groups, server=origin_of(request))
+
+
+def operations(openapi: Mapping[str, Any]) -> dict[str, list[tuple[str, str, dict[str, Any]]]]:
+    """Return method, path and description of every operation by tag, in the description's order."""
+    groups = defaultdict(list)
+    for path, item in openapi.get("paths", {}).items():
+        for method in METHODS:
+            if method in item:
+                tag = (item[method].get("tags") or ["other"])[0]
+                groups[tag].append((method.upper(), path, item[method]))
+    return dict(groups)
+
+
+def _faults() -> dict[FaultCode, str]:
+    """Every fault of a file, with what is wrong."""
+    return {code: _parted(MESSAGES[code])[0] for code in FaultCode}
+
+
+@cache
+def _reported(code: FaultCode) -> FaultGroup:
+    """What the checker reports of a file that is broken in just this way."""
+    return next(group for group in report_of(code).faults if group.code is code)
+
+
+def _parted(message: str) -> tuple[str, str]:
+    """Part a message into what is wrong and what to do."""
+    happened, colon, remedy = message.partition(": ")
+    if not colon:
+        return message, ""
+    return f"{happened}.", remedy[:1].upper() + remedy[1:]

@@ -1,5 +1,0 @@
-"""Why the launcher does not start."""
-
-
-class LaunchError(Exception):
-    """The launcher cannot go on; `str()` says why and what to do."""

@@ -1,0 +1,46 @@
+"""What tests do with work items: claim a certain one, let time pass, look at what waits."""
+
+from datetime import timedelta
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.work.board_requests import claim_board
+from exceptiondrive_records.work.jobs import claim_job
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkItem
+
+
+def claim_this(
+    session: Session, job_id: str, lease_s: float = 120, max_attempts: int = 4
+) -> Job | None:
+    """Claim this very job, if it is free."""
+    job = session.get(Job, job_id)
+    if job is None or job.lane is None:
+        return None
+    return claim_job(session, job.lane, lease_s, max_attempts, Job.id == job_id)
+
+
+def claim_board_of(
+    session: Session,
+    phase_id: str,
+    protocol_digest: str,
+    split_revision: str | None = None,
+    *,
+    lease_s: float = 30,
+) -> BoardRequest | None:
+    """Claim the build of this very board, if it is wanted and nobody builds it."""
+    phase = session.get_one(Phase, phase_id)
+    which = (
+        (BoardRequest.phase_id == phase_id)
+        & (BoardRequest.protocol_digest == protocol_digest)
+        & (BoardRequest.split_revision == (split_revision or phase.split_revision))
+    )
+    return claim_board(session, which, lease_s)
+
+
+def let_time_pass(session: Session, time: timedelta) -> None:
+    """Move the recorded times of all work back."""
+    for item in session.scalars(select(WorkItem)):
+        item.available_at -= time
+        item.lease_until = item.lease_until and item.lease_until - time

@@ -1,0 +1,105 @@
+"""A worker that was woken does what comes next in its lane, until nothing is left for it.
+
+Whoever finds a newer scorer among the workers refuses to work: two versions must never make sheets
+of one board. Workers that stop in good order leave the list, so that an organizer can go back to an
+older release on purpose.
+"""
+
+import time
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.work.dispatch import wake_lanes
+from exceptiondrive_records.work.fair_share import is_live_work_open
+from exceptiondrive_records.work.heartbeats import newer_scorer
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_scoring import SCORER_VERSION
+from exceptiondrive_worker.board_run import build_next_board
+from exceptiondrive_worker.context import WorkerContext
+from exceptiondrive_worker.scoring_run import score_next
+
+_PART_OF_LIMIT = 0.02
+"""Celery's limits of time count from the message. Once this part of the soft one has passed nothing
+is begun: the lane is woken again instead."""
+_MOST_PATIENCE_S = 1.0
+"""In a rush of live work a rescoring run goes on, at this pace."""
+_LOOK_AGAIN_S = 0.02
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+class OlderScorerError(Exception):
+    """A newer scorer works already."""
+
+    def __init__(self, newer: str) -> None:
+        super().__init__(
+            f"this worker's scorer is version {SCORER_VERSION}, and version {newer} works already: "
+            "upgrade this worker. To go back on purpose, stop the newer workers first."
+        )
+
+
+def refuse_if_older(database: Database) -> None:
+    """Let no worker begin whose scores would be of an older scorer; each job asks again.
+
+    A database that is away refuses nobody: no job can begin without it.
+
+    Raises:
+        OlderScorerError: A newer scorer is on the list of workers.
+    """
+    try:
+        with database.read() as session:
+            newer = newer_scorer(session, SCORER_VERSION)
+    except SQLAlchemyError:
+        return
+    if newer is not None:
+        raise OlderScorerError(newer)
+
+
+def may_work(database: Database) -> bool:
+    """Whether no newer scorer has joined since this worker began; the log says so otherwise."""
+    try:
+        refuse_if_older(database)
+    except OlderScorerError as error:
+        _log.error("scorer version mismatch: the job is left to newer workers", reason=str(error))
+        return False
+    return True
+
+
+def work(context: WorkerContext, lane: Lane) -> int:
+    """Do what waits in a lane, one thing after the other; return how many.
+
+    Whoever has done something wakes others for what is left, and for what has become due by it.
+    Whoever finds nothing for itself wakes nobody: two workers could wake each other without end.
+    """
+    until = time.monotonic() + _PART_OF_LIMIT * context.settings.soft_time_limit_s
+    n_done = 0
+    while time.monotonic() < until and may_work(context.database) and _do_next(context, lane):
+        n_done += 1
+    if n_done:
+        wake_lanes(context.database, context.dispatcher, context.settings)
+    return n_done
+
+
+def _do_next(context: WorkerContext, lane: Lane) -> bool:
+    """Due boards come first: their own pace keeps them from taking more than their part."""
+    if lane is Lane.RESCORE:
+        if Lane.LIVE in context.lanes and _do_next(context, Lane.LIVE):
+            return True
+        let_live_work_pass(context)
+    return build_next_board(context, lane) or score_next(context, lane)
+
+
+def let_live_work_pass(context: WorkerContext) -> None:
+    """Wait a moment before anything of the background, while other workers have live work.
+
+    All of them write to one database, one after the other. A worker that serves the live lane too
+    does not wait: the live work may be waiting for it.
+    """
+    until = time.monotonic() + (0 if Lane.LIVE in context.lanes else _MOST_PATIENCE_S)
+    while time.monotonic() < until:
+        with context.database.read() as session:
+            if not is_live_work_open(session):
+                return
+        time.sleep(_LOOK_AGAIN_S)
