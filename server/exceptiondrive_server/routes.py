@@ -36,7 +36,6 @@ from exceptiondrive_server.submissions import organizer_api as organizer_submiss
 from exceptiondrive_server.submissions import organizer_pages as organizer_submission_pages
 from exceptiondrive_server.submissions import pages as submission_pages
 from exceptiondrive_server.teams import api as teams
-from exceptiondrive_server.teams import my_pages
 from exceptiondrive_server.teams import organizer_api as organizer_teams
 from exceptiondrive_server.teams import organizer_pages as organizer_team_pages
 from exceptiondrive_server.teams import pages as team_pages
@@ -98,7 +97,6 @@ for _part in (
     responses.router,
     account_pages.router,
     submission_pages.router,
-    my_pages.router,
     team_pages.router,
     token_pages.router,
 ):

@@ -17,20 +17,12 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 from tests.support.databases import as_role
-from tests.support.documents import make_manifest
 from tests.support.processes import free_port
+from tests.support.records import add_phase, add_sample_split, found
 
-from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
-from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 PER_DAY = 7
 N_POSTS = 100
@@ -101,22 +93,10 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
 
 def _fill(database: Database) -> str:
     with database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), "test")
-        register_split(session, make_manifest(), {"sudden_emergence": 3}, "test")
-        team = create_team(session, "alpha", "Alpha", actor="test")
-        create_phase(
-            session,
-            NewPhase(
-                id="dev",
-                challenge=PLANNING.id,
-                title="dev",
-                split="sample",
-                protocol="1.0",
-                quota_per_day=PER_DAY,
-            ),
-            actor="test",
-        )
-        return issue_token(session, team.id, "laptop", actor="test")[0]
+        add_sample_split(session)
+        token = found(session).tokens["alpha"]
+        add_phase(session, quota_per_day=PER_DAY)
+    return token
 
 
 def _wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:

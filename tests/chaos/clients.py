@@ -1,7 +1,5 @@
 """Participants and readers: real HTTP, retries as the client's, everything noted."""
 
-import hashlib
-import json
 import random
 import threading
 import time
@@ -11,6 +9,8 @@ from typing import Any
 import httpx
 from tests.chaos.history import BoardSeen, Call, History, Sighting
 from tests.chaos.topology import PHASE, TEAMS, Topology
+from tests.support import documents
+from tests.support.documents import digest_of
 
 _TIMEOUT_S = 20.0
 _PAUSE_S = 0.5
@@ -19,20 +19,9 @@ _GIVE_UP_AFTER_S = 90.0
 
 def planning_file(sample_ids: Sequence[str], speed_mps: float) -> bytes:
     """Everybody drives straight ahead; the speed makes the file its own."""
-
-    def straight(mps: float) -> list[list[float]]:
-        return [[round(mps * step * 0.5, 4), 0.0] for step in range(1, 7)]
-
-    source, edited = straight(5.0), straight(speed_mps)
-    predictions = [
-        {"sample_id": sample_id, "source": source, "edited": edited} for sample_id in sample_ids
-    ]
-    document = {"schema": "exceptiondrive.planning/1", "split": "sample"}
-    return json.dumps({**document, "predictions": predictions}).encode()
-
-
-def digest_of(data: bytes) -> str:
-    return "sha256:" + hashlib.sha256(data).hexdigest()
+    return documents.planning_file(
+        dict.fromkeys(sample_ids, speed_mps), source_mps=5.0, split="sample"
+    )
 
 
 class Clients:

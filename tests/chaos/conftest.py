@@ -13,28 +13,23 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 from tests.chaos.history import BoardSeen, Call, History, Sighting
+from tests.support.documents import REVISION, make_manifest
+from tests.support.records import add_phase, add_sample_split, found
 from tests.support.work import claim_board_of, claim_this
 
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import Coverage, Plausibility, ProtocolRef, ScoreSheet
-from exceptiondrive_schemas.split import Manifest, SplitRef
+from exceptiondrive_schemas.split import SplitRef
 
-REVISION = "sha256:" + "5" * 64
 SPLIT = SplitRef(name="sample", revision=REVISION)
 
 
@@ -79,33 +74,12 @@ def told_sheet(protocol: ProtocolRef, hcc: float) -> dict[str, Any]:
 
 def _found(database: Database) -> ProtocolRef:
     """Make protocol, split, phase and teams."""
+    manifest = make_manifest().model_copy(update={"sample_ids": ("a", "b")})
     with database.write() as session:
-        protocol = add_protocol(session, packaged_protocol_toml(), "test")
-        manifest = Manifest(
-            schema_="exceptiondrive.manifest/1",
-            name="sample",
-            title="Sample",
-            revision=REVISION,
-            waypoints=6,
-            time_step_s=0.5,
-            sample_ids=("a", "b"),
-        )
-        register_split(session, manifest, {"sudden_emergence": 2}, "test")
-        create_phase(
-            session,
-            NewPhase(
-                id="dev",
-                challenge=PLANNING.id,
-                title="Dev",
-                split="sample",
-                protocol="1.0",
-                quota_per_day=2,
-            ),
-            actor="test",
-        )
-        for slug in ("alpha", "beta"):
-            create_team(session, slug, slug.title(), actor="test")
-    return ProtocolRef(version=protocol.version, digest=protocol.digest)
+        made = found(session, ("alpha", "beta"), has_tokens=False)
+        add_sample_split(session, manifest)
+        add_phase(session, title="Dev", quota_per_day=2)
+    return made.protocol
 
 
 class _Teller:

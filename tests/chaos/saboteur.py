@@ -83,7 +83,7 @@ def _sabotage_worker() -> Callable[[], None]:
 
 def _sabotage_server() -> Callable[[], None]:
     from exceptiondrive_server.operations import cli as operator_cli
-    from exceptiondrive_server.submissions import accepting as module
+    from exceptiondrive_server.submissions import upload as module
 
     submitting: Any = module
 

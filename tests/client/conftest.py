@@ -190,40 +190,22 @@ def running(
 
 def _fill_records(context: "WorkerContext") -> tuple[str, str]:
     """Make protocol, split, two phases, a team and its token, an organizer and theirs."""
-    from exceptiondrive_records.accounts import tokens
-    from exceptiondrive_records.phases import phases
-    from exceptiondrive_records.protocols import protocols
-    from exceptiondrive_records.teams import teams
-    from exceptiondrive_schemas.challenges import ChallengeId
-    from exceptiondrive_schemas.phase_settings import NewPhase
-    from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+    from tests.support.records import add_phase, found
+
+    from exceptiondrive_records.accounts.tokens import PARTICIPANT_SCOPES
+    from exceptiondrive_schemas.protocol import packaged_protocol
     from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
 
-    protocol, actor = packaged_protocol(), "test"
+    protocol = packaged_protocol()
     with context.database.write() as session:
-        protocols.add_protocol(session, packaged_protocol_toml(), actor)
+        tokens = found(session, scopes=PARTICIPANT_SCOPES).tokens
     register_all_splits(context.database, context.splits, protocol)
     publish_split_file(context.database, context.files, context.splits, "tiny", protocol)
     with context.database.write() as session:
         for phase, challenge in (("dev", "planning"), ("words", "strategy")):
-            phases.create_phase(
-                session,
-                NewPhase(
-                    id=phase,
-                    challenge=ChallengeId(challenge),
-                    title="Development",
-                    split="tiny",
-                    protocol="1.0",
-                    quota_per_day=2,
-                ),
-                actor=actor,
-            )
-        team = teams.create_team(session, "alpha", "Alpha", actor=actor)
-        of_team, _ = tokens.issue_token(session, team.id, "test", actor=actor)
-        of_organizer, _ = tokens.issue_token(
-            session, None, "test", tokens.ORGANIZER_SCOPES, actor=actor
-        )
-    return of_team, of_organizer
+            usual = {"title": "Development", "split": "tiny", "quota_per_day": 2}
+            add_phase(session, phase, challenge=challenge, **usual)
+    return tokens["alpha"], tokens["organizer"]
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """The whole path of a hostile upload: real API, records and file store, worker in this process."""
 
-import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,17 +10,13 @@ import pytest
 import structlog
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
+from tests.support.documents import region_ahead, split_document
+from tests.support.records import add_phase, found
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.accounts.tokens import issue_token
-from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
@@ -29,7 +24,6 @@ from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits_admin import register_all_splits
 
 PROTOCOL = packaged_protocol()
-REGION = [[40.0, -1.0], [CANARY_M, -1.0], [CANARY_M, 1.0], [40.0, 1.0]]
 N_SAMPLES = 2
 
 
@@ -81,12 +75,9 @@ def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Ite
     shutil.copy(migrated_sqlite, folder / "records.sqlite3")
     split = folder / "splits" / "tiny" / "split.json"
     split.parent.mkdir(parents=True)
-    samples = [
-        {"sample_id": f"s{i}", "scene_id": f"scene-{i}", "task": "LB1", "region": REGION}
-        for i in range(N_SAMPLES)
-    ]
-    head = {"schema": "exceptiondrive.split/1", "name": "tiny", "title": "Tiny"}
-    split.write_text(json.dumps({**head, "samples": samples}))
+    hazard = {"task": "LB1", "region": region_ahead(40.0, CANARY_M)}
+    made = split_document({f"s{i}": {"scene_id": f"scene-{i}", **hazard} for i in range(N_SAMPLES)})
+    split.write_text(made.model_dump_json(by_alias=True, exclude_none=True))
     places: dict[str, Any] = {
         "database_url": f"sqlite:///{folder}/records.sqlite3",
         "file_store_url": (folder / "uploads").as_uri(),
@@ -94,18 +85,10 @@ def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Ite
     worker: dict[str, Any] = {"splits_dir": split.parents[1], "private_dir": folder / "private"}
     context = open_context(WorkerSettings(**places, **worker, broker_url="memory://"))
     with context.database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), "test")
+        token = found(session, ("mallory",)).tokens["mallory"]
     register_all_splits(context.database, context.splits, PROTOCOL)
-    limits: dict[str, Any] = {"quota_per_day": 10_000, "rejected_per_day": 10_000}
-    names: dict[str, Any] = {"title": "Dev", "split": "tiny", "protocol": "1.0"}
     with context.database.write() as session:
-        create_phase(
-            session,
-            NewPhase(id="dev", challenge=PLANNING.id, **names, **limits),
-            actor="test",
-        )
-        team = create_team(session, "mallory", "Mallory", actor="test")
-        token, _ = issue_token(session, team.id, "laptop", actor="test")
+        add_phase(session, split="tiny", quota_per_day=10_000, rejected_per_day=10_000)
     settings = ServerSettings(
         **places,
         broker_url=f"redis+socket://{folder}/nobody.sock",

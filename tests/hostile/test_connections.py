@@ -8,17 +8,10 @@ from pathlib import Path
 
 import pytest
 from tests.hostile.server_process import MEBIBYTE, ServerProcess, read_all, running_server
+from tests.support.records import add_phase, add_sample_split, found
 
-from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest
 
 HEAD = (
@@ -65,22 +58,9 @@ def target(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> I
         sample_ids=("s0",),
     )
     with database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), "test")
-        register_split(session, manifest, {"sudden_emergence": 1}, actor="test")
-        create_phase(
-            session,
-            NewPhase(
-                id="dev",
-                challenge=PLANNING.id,
-                title="Dev",
-                split="tiny",
-                protocol="1.0",
-                quota_per_day=100,
-            ),
-            actor="test",
-        )
-        team = create_team(session, "mallory", "Mallory", actor="test")
-        token, _ = issue_token(session, team.id, "laptop", actor="test")
+        token = found(session, ("mallory",)).tokens["mallory"]
+        add_sample_split(session, manifest)
+        add_phase(session, split="tiny", quota_per_day=100)
     settings: dict[str, object] = {
         "database_url": f"sqlite:///{folder}/records.sqlite3",
         "file_store_url": (folder / "uploads").as_uri(),

@@ -4,7 +4,6 @@ Jobs run in the test's own process, as a worker runs them. Time is moved by movi
 phase: the database's clock is real.
 """
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -15,17 +14,16 @@ import pytest
 from sqlalchemy import select
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
+from tests.support.documents import planning_file, region_ahead, split_document
+from tests.support.records import found
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
-from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
@@ -48,34 +46,18 @@ REASON: Step = {"reason": "as announced"}
 
 
 def split_of(samples: Mapping[str, tuple[str, float, str | None]], name: str) -> Split:
-    document = {
-        "schema": "exceptiondrive.split/1",
-        "name": name,
-        "title": "A split",
-        "samples": [
-            {
-                "sample_id": key,
+    return split_document(
+        {
+            key: {
                 "scene_id": f"scene-{key}",
                 "task": task,
-                "region": [(ahead, -1.0), (CANARY_M, -1.0), (CANARY_M, 1.0), (ahead, 1.0)],
+                "region": region_ahead(ahead_m, CANARY_M),
                 **({"part": part} if part else {}),
             }
-            for key, (task, ahead, part) in samples.items()
-        ],
-    }
-    return Split.model_validate_json(json.dumps(document))
-
-
-def planning_file(speeds_mps: dict[str, float], split: str, sent_by: str = "") -> bytes:
-    def straight(speed: float) -> list[list[float]]:
-        return [[round(speed * step * 0.5, 3), 0.0] for step in range(1, 7)]
-
-    predictions = [
-        {"sample_id": key, "source": straight(4.0), "edited": straight(speed)}
-        for key, speed in speeds_mps.items()
-    ]
-    document = {"schema": "exceptiondrive.planning/1", "split": split, "predictions": predictions}
-    return (json.dumps(document) + " " * len(sent_by)).encode()
+            for key, (task, ahead_m, part) in samples.items()
+        },
+        name,
+    )
 
 
 @dataclass
@@ -141,12 +123,13 @@ class Life:
         phase: str = "test",
     ) -> Any:
         speeds = speeds_mps if isinstance(speeds_mps, dict) else dict.fromkeys(SAMPLES, speeds_mps)
+        content = planning_file(speeds, split=split) + b" " * len(who)
         return self.request(
             "POST",
             "/api/v1/submissions",
             who,
             data={"phase": phase, "method": method},
-            files={"file": ("planner.json", planning_file(speeds, split, who))},
+            files={"file": ("planner.json", content)},
         )
 
     def submit(self, who: str, speeds_mps: float | dict[str, float], *more: str) -> str:
@@ -234,13 +217,7 @@ def life(database_url: str, tmp_path: Path) -> Iterator[Life]:
     client = TestClient(app, base_url="https://server.test", follow_redirects=False)
     made = Life(worker, open_context(worker), server, client)
     with made.database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), "test")
-        for slug, name in TEAMS.items():
-            team = create_team(session, slug, name, actor="test")
-            made.tokens[slug] = issue_token(session, team.id, "t", TEAM_SCOPES, actor="test")[0]
-        made.tokens["organizer"] = issue_token(
-            session, None, "Ann", ORGANIZER_SCOPES, actor="test"
-        )[0]
+        made.tokens.update(found(session, TEAMS).tokens)
     made.add_split(split_of(SAMPLES, "parted"))
     made.add_split(split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "plain"))
     yield made

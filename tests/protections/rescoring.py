@@ -116,9 +116,7 @@ def _over_the_kept_store(stages_over: Any) -> Callable[..., Any]:
 
 
 def _equal(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_schemas.rescoring import VerifyState
-
-    return lambda *arguments: (VerifyState.EQUAL, None)
+    return lambda *arguments: None
 
 
 RECORDS, RUNS = "exceptiondrive_records", "exceptiondrive_records.rescoring"
@@ -233,7 +231,7 @@ RESCORING = (
     Protection("chain-order", f"{RECORDS}.audit:_follows", always(True), CHAIN),
     Protection(
         "verify-equal",
-        "exceptiondrive_worker.verify_run:_outcome",
+        "exceptiondrive_worker.verify_run:_difference",
         _equal,
         f"{HERE}/test_verification.py::test_a_sheet_that_differs_is_named",
     ),

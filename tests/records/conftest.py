@@ -1,29 +1,18 @@
 """A small world: one protocol, one split, one phase, one team."""
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from tests.support.documents import make_manifest, make_sheet
+from tests.support.documents import digest_of, make_sheet
+from tests.support.records import add_phase, add_sample_split, found
 from tests.support.work import claim_this
 
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.submissions.submissions import Accepted, accept
-from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.jobs import Finish, finish_scored
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-
-
-def digest_of(text: str) -> str:
-    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass
@@ -72,32 +61,12 @@ class World:
         return make_sheet(self.protocol_digest, row)
 
 
-def build_world(
-    database: Database,
-    *,
-    quota_per_day: int = 100,
-    rejected_per_day: int = 20,
-    quota_concurrent: int | None = None,
-) -> World:
+def build_world(database: Database, **limits: int) -> World:
     with database.write() as session:
-        protocol = add_protocol(session, packaged_protocol_toml(), "test")
-        register_split(session, make_manifest(), {"sudden_emergence": 3}, "test")
-        create_phase(
-            session,
-            NewPhase(
-                id="dev",
-                challenge=PLANNING.id,
-                title="Development",
-                split="sample",
-                protocol="1.0",
-                quota_per_day=quota_per_day,
-                rejected_per_day=rejected_per_day,
-                quota_concurrent=quota_concurrent,
-            ),
-            actor="test",
-        )
-        team = create_team(session, "alpha", "Alpha", actor="test")
-        return World(database, team.id, protocol.digest)
+        made = found(session, has_tokens=False)
+        add_sample_split(session)
+        add_phase(session, title="Development", **{"quota_per_day": 100, **limits})
+    return World(database, made.team_ids["alpha"], made.protocol.digest)
 
 
 @pytest.fixture

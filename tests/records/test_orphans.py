@@ -16,7 +16,7 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.submissions import file_store as orphans
 from exceptiondrive_records.submissions.file_store import (
     FileStore,
-    keep_stored,
+    is_kept,
     run_sweeper,
     sweep_orphans,
 )
@@ -94,8 +94,12 @@ def test_a_sweep_between_storing_and_recording_loses_nothing(
     digest = store(files, b"raced")
     grow_old(folder, digest)
     assert sweep(world, files) == 1
-    again = lambda: store(files, b"raced")
-    take(world, digest, lambda session: keep_stored(session, files, digest, again))
+
+    def store_again(session: Any) -> None:
+        assert not is_kept(session, files, digest)
+        store(files, b"raced")
+
+    take(world, digest, store_again)
     assert files.holds(digest)
 
 
@@ -117,7 +121,7 @@ def test_a_sweep_waits_for_an_upload_that_has_looked(
     sweeper = threading.Thread(target=lambda: swept.append(sweep(world, files)))
 
     def begin_sweep(session: Any) -> None:
-        keep_stored(session, files, digest, lambda: None)
+        assert is_kept(session, files, digest)
         sweeper.start()
         assert looks.wait(30)
         sweeper.join(0.3)

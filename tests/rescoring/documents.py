@@ -2,6 +2,8 @@
 
 import json
 
+from tests.support import documents
+
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.taxonomy import Strategy
@@ -17,18 +19,13 @@ def new_protocol(version: str = "1.1", old: str = "", new: str = "") -> str:
 
 
 def split_document(ahead_m: float = 10.0) -> Split:
-    region = [(ahead_m, -1.0), (ahead_m + 2, -1.0), (ahead_m + 2, 1.0), (ahead_m, 1.0)]
-    samples = [
-        {"sample_id": key, "scene_id": f"scene-{task}", "task": task, "region": region}
-        for key, task in TASKS.items()
-    ]
-    document = {
-        "schema": "exceptiondrive.split/1",
-        "name": "tiny",
-        "title": "A tiny split",
-        "samples": samples,
-    }
-    return Split.model_validate_json(json.dumps(document))
+    region = documents.region_ahead(ahead_m)
+    return documents.split_document(
+        {
+            key: {"scene_id": f"scene-{task}", "task": task, "region": region}
+            for key, task in TASKS.items()
+        }
+    )
 
 
 def caution_protocol(version: str, caution: dict[str, int]) -> str:
@@ -50,19 +47,8 @@ def caution_protocol(version: str, caution: dict[str, int]) -> str:
 
 def strategy_file(chosen: str) -> bytes:
     """One letter per sample, in the order of the tasks."""
-    predictions = [
-        {"sample_id": key, "strategy": letter} for key, letter in zip(TASKS, chosen, strict=True)
-    ]
-    document = {"schema": "exceptiondrive.strategy/1", "split": "tiny", "predictions": predictions}
-    return json.dumps(document).encode()
+    return documents.strategy_file(dict(zip(TASKS, chosen, strict=True)))
 
 
 def planning_file(speed_mps: float) -> bytes:
-    def straight(speed: float) -> list[list[float]]:
-        return [[round(speed * step * 0.5, 3), 0.0] for step in range(1, 7)]
-
-    predictions = [
-        {"sample_id": key, "source": straight(4.0), "edited": straight(speed_mps)} for key in TASKS
-    ]
-    document = {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": predictions}
-    return json.dumps(document).encode()
+    return documents.planning_file(dict.fromkeys(TASKS, speed_mps))

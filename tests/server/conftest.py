@@ -3,7 +3,6 @@
 No broker answers at the address given: uploads must be accepted all the same.
 """
 
-import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator
@@ -17,26 +16,22 @@ import pytest
 import structlog
 from fastapi import FastAPI
 from starlette.testclient import TestClient
+from tests.support import documents
 from tests.support.databases import as_role
-from tests.support.documents import REVISION, make_manifest, make_sheet
+from tests.support.documents import REVISION, make_sheet
+from tests.support.records import add_phase, add_sample_split, found
 from tests.support.work import claim_board_of, claim_this
 
-from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
-from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.splits.splits import register_split
-from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server.app import create_app
@@ -134,9 +129,8 @@ class Api:
         )
 
     def phase(self, phase_id: str, **more: Any) -> None:
-        given = {"challenge": "planning", "title": phase_id, "split": "sample", **more}
         with self.database.write() as session:
-            create_phase(session, NewPhase(id=phase_id, protocol="1.0", **given), actor="test")
+            add_phase(session, phase_id, **more)
 
     def score(self, submission_id: str, hcc: float = 0.5) -> None:
         """Do what a worker does when it has scored."""
@@ -233,16 +227,11 @@ class TeamBrowser:
 
 def _populate(api: Api) -> None:
     with api.database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), "test")
-        register_split(session, make_manifest(), {"sudden_emergence": 3}, "test")
-        for slug in ("alpha", "beta"):
-            team = create_team(session, slug, slug.title(), actor="test")
-            api.team_ids[slug] = team.id
-            api.tokens[slug], _ = issue_token(session, team.id, "laptop", TEAM_SCOPES, actor="test")
-        api.tokens["organizer"], _ = issue_token(
-            session, None, "organizer", ORGANIZER_SCOPES, actor="test"
-        )
-    api.phase("dev", quota_per_day=5)
+        made = found(session, ("alpha", "beta"))
+        add_sample_split(session)
+        add_phase(session, quota_per_day=5)
+    api.team_ids.update(made.team_ids)
+    api.tokens.update(made.tokens)
 
 
 @pytest.fixture
@@ -316,7 +305,7 @@ def make_entry() -> Callable[..., BoardEntry]:
 @pytest.fixture
 def digest_of() -> Callable[[bytes], str]:
     """The name of a stored file."""
-    return lambda data: "sha256:" + hashlib.sha256(data).hexdigest()
+    return documents.digest_of
 
 
 @pytest.fixture

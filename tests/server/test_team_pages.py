@@ -178,7 +178,7 @@ def test_my_lists_the_teams_own_with_status_and_place(api: "Api", alpha: "TeamBr
 def test_my_goes_on_to_older_submissions(
     api: "Api", alpha: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("exceptiondrive_server.teams.my_pages.SHOWN", 1)
+    monkeypatch.setattr("exceptiondrive_server.submissions.pages.SHOWN", 1)
     first, second = (api.submit(text).json()["id"] for text in "ab")
     page = alpha.get("/my").text
     assert first not in page

@@ -1,7 +1,6 @@
 """Real databases, a real file store and real splits; nothing is mocked."""
 
 import contextlib
-import json
 import os
 import signal
 import subprocess
@@ -14,14 +13,15 @@ from typing import Any
 
 import pytest
 from tests.canary.values import CANARY_M
-from tests.support import processes
+from tests.support import documents, processes
 from tests.support.databases import as_role
+from tests.support.documents import region_ahead, split_document
+from tests.support.records import add_phase
 from tests.support.worker import score_submission
 from tests.worker.real_broker import QUICK
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
-from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
@@ -30,16 +30,12 @@ from exceptiondrive_records.teams.teams import create_team, find_team, list_team
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
-
-AHEAD = ((10.0, -1.0), (CANARY_M, -1.0), (CANARY_M, 1.0), (10.0, 1.0))
-Trajectory = list[list[float]]
 
 
 @pytest.fixture(scope="session")
@@ -51,20 +47,10 @@ def protocol() -> Protocol:
 def make_split() -> Callable[..., Split]:
     """Make a split of samples given as `{sample_id: changes}`; regions lie ahead by default."""
 
-    def make(samples: dict[str, dict[str, Any]], name: str = "tiny") -> Split:
-        usual = {"scene_id": "scene-1", "task": "SE1", "region": AHEAD}
-        document = {
-            "schema": "exceptiondrive.split/1",
-            "name": name,
-            "title": "A tiny split",
-            "samples": [
-                {"sample_id": sample_id, **usual, **changes}
-                for sample_id, changes in samples.items()
-            ],
-        }
-        return Split.model_validate_json(json.dumps(document))
-
-    return make
+    usual = {"region": region_ahead(10.0, CANARY_M)}
+    return lambda samples, name="tiny": split_document(
+        {key: usual | changes for key, changes in samples.items()}, name
+    )
 
 
 @pytest.fixture(scope="session")
@@ -80,10 +66,6 @@ def tiny(make_split: Callable[..., Split]) -> Split:
     )
 
 
-def straight(speed_mps: float) -> Trajectory:
-    return [[round(speed_mps * step * 0.5, 3), 0.0] for step in range(1, 7)]
-
-
 @pytest.fixture(scope="session")
 def planning_file() -> Callable[..., bytes]:
     """Make a planning file: everybody drives straight ahead at a speed, `changes` by sample."""
@@ -94,21 +76,10 @@ def planning_file() -> Callable[..., bytes]:
         source_mps: float = 4.0,
         changes: dict[str, dict[str, Any]] | None = None,
     ) -> bytes:
-        predictions = [
-            {
-                "sample_id": sample.sample_id,
-                "source": straight(source_mps),
-                "edited": straight(edited_mps),
-                **(changes or {}).get(sample.sample_id, {}),
-            }
-            for sample in split.samples
-        ]
-        document = {
-            "schema": "exceptiondrive.planning/1",
-            "split": split.name,
-            "predictions": predictions,
-        }
-        return json.dumps(document).encode()
+        speeds_mps = {sample.sample_id: edited_mps for sample in split.samples}
+        return documents.planning_file(
+            speeds_mps, source_mps=source_mps, changes=changes, split=split.name
+        )
 
     return make
 
@@ -147,14 +118,9 @@ class World:
 
     def add_phase(self, split: Split, phase_id: str = "dev", **options: Any) -> None:
         self.add_split(split)
-        usual: dict[str, Any] = {"challenge": "planning", "protocol": "1.0", "quota_per_day": 1000}
         with self.database.write() as session:
             add_protocol(session, packaged_protocol_toml(), "test")
-            create_phase(
-                session,
-                NewPhase(id=phase_id, title=phase_id, split=split.name, **usual | options),
-                actor="test",
-            )
+            add_phase(session, phase_id, split=split.name, **{"quota_per_day": 1000, **options})
 
     def submit(
         self,

@@ -1,10 +1,10 @@
 """Boards from real records: ranks, intervals, marks, and what two builds have in common."""
 
-import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
+from tests.support import documents
 from tests.support.worker import build_board_of
 
 from exceptiondrive_records.boards.boards import current_board
@@ -255,13 +255,7 @@ def test_a_new_entry_costs_only_its_own_intervals(
 
 
 def strategy_file(split: Split, strategies: Mapping[str, str | None]) -> bytes:
-    predictions = [{"sample_id": key, "strategy": value} for key, value in strategies.items()]
-    document = {
-        "schema": "exceptiondrive.strategy/1",
-        "split": split.name,
-        "predictions": predictions,
-    }
-    return json.dumps(document).encode()
+    return documents.strategy_file(strategies, split.name)
 
 
 def test_the_strategy_challenge_runs_through_the_same_code(world: World, tiny: Split) -> None:

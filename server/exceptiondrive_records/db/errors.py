@@ -153,3 +153,12 @@ class Violation:
 
     def __str__(self) -> str:
         return f"{self.rule}: {self.subject}: {self.text}"
+
+
+class UploadEmpty(RecordsError):
+    """The file has no byte."""
+
+    code = ProblemCode.UPLOAD_EMPTY
+
+    def __init__(self) -> None:
+        super().__init__("The file holds nothing; choose another one.")

@@ -46,6 +46,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     progress = progress_of(session, run, other_key(run))
     return RunView(
         id=run.id,
+        kind=run.kind,
         phase=run.phase_id,
         state=run.state,
         reason=run.reason,
@@ -59,7 +60,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         applied_at=run.applied_at,
         ended_at=run.ended_at,
         progress=progress,
-        actions=actions_of(run.state, has_failed=progress.failed > 0),
+        actions=actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
         old_board=compared.comparison.old_board if compared else None,

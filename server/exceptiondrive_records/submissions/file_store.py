@@ -12,7 +12,7 @@ import shutil
 import stat
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -280,7 +280,7 @@ def _key(digest: str) -> str:
 #
 # They are swept when they are old. The hard case is an upload of the same bytes at the same moment:
 # it finds the file stored, and its record is not written yet. Two things together save it: storing a
-# file again makes it young, and `keep_stored` proves inside the transaction of the upload that the
+# file again makes it young, and `is_kept` proves inside the transaction of the upload that the
 # file is there, under a lock that no sweep can hold meanwhile.
 
 
@@ -301,20 +301,17 @@ class Swept:
     n_bytes: int
 
 
-def keep_stored(
-    session: Session, files: FileStore, file_digest: str, store_again: Callable[[], object]
-) -> None:
-    """See to it, in the transaction that first mentions a file, that the file is there.
+def is_kept(session: Session, files: FileStore, file_digest: str) -> bool:
+    """Whether a stored file is there, and stays until the transaction that first mentions it ends.
 
     Args:
         session: Of a write transaction. On SQLite there is one at a time, so no lock is needed.
         files: The store.
-        file_digest: Of the file, which has just been stored.
-        store_again: Stores it once more: a sweep took it a moment ago for an orphan.
+        file_digest: Of the file, which has just been stored; a sweep may have taken it for an
+            orphan a moment ago.
     """
     _lock(session, "pg_advisory_xact_lock_shared")
-    if not files.holds(file_digest):
-        store_again()
+    return files.holds(file_digest)
 
 
 def sweep_orphans(

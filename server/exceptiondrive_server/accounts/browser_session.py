@@ -21,7 +21,6 @@ from exceptiondrive_records.accounts.sessions import LIFETIME, find_session
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts.sign_in_provider import LOOPBACK
-from exceptiondrive_server.submissions.upload_form import FORM_TOKEN
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import services_of
@@ -40,6 +39,8 @@ class Holder(StrEnum):
     ORGANIZER = "o"
 
 
+FORM_TOKEN = "form_token"
+"""What every form carries against forgery."""
 MAX_FIELDS = 40
 _FORGED = "The form did not come from this site, or is too old. Open the page again and send it."
 

@@ -88,7 +88,7 @@ def post_verification(
 ) -> VerificationView:
     """Recompute sheets from their uploads, and demand every bit again."""
     with services.database.write() as session:
-        started = verification.start_verification(
+        started = runs.start_verification(
             session,
             wanted.phase,
             sample=wanted.sample,

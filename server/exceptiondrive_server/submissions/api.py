@@ -1,5 +1,6 @@
 """Submissions: accept an upload, show where it stands, withdraw it."""
 
+import time
 from collections.abc import Callable
 from typing import Annotated
 
@@ -18,8 +19,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
-from exceptiondrive_server.submissions.accepting import arrival_now, take_upload
-from exceptiondrive_server.submissions.upload_form import received_upload, upload_body
+from exceptiondrive_server.submissions.upload import received_upload, take_upload, upload_body
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
 from exceptiondrive_server.web.problems import problem_responses, rate_limit_headers
 from exceptiondrive_server.web.services import Services
@@ -58,9 +58,9 @@ async def submit(
     The same bytes again give the first submission (200) and cost no quota.
     """
     team_id = team_of(principal)
-    arrived_at = await run_in_threadpool(arrival_now, services)
+    began_s = time.monotonic()
     async with received_upload(request) as upload:
-        taken, quota = await run_in_threadpool(take_upload, services, team_id, upload, arrived_at)
+        taken, quota = await run_in_threadpool(take_upload, services, team_id, upload, began_s)
     response.status_code = 200 if taken.is_duplicate else 202
     response.headers["Location"] = f"/api/v1/submissions/{taken.id}"
     response.headers.update(

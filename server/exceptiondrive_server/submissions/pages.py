@@ -1,212 +1,313 @@
-"""The quick start, and for signed-in teams the upload form. It works without script."""
+"""Pages of submissions: how to submit, the upload form, a team's own list, and each of its own.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from datetime import datetime
+All of it works without script. Another team's submission is not found.
+"""
 
-from fastapi import APIRouter, Request
+import time
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
-from exceptiondrive_records.phases.phases import list_phases, phase_view
-from exceptiondrive_records.protocols.protocols import latest_protocol
+from exceptiondrive_records.entries.selection import choose, publish, unpublish
+from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
+from exceptiondrive_records.phases.policy import has_closed
+from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
+from exceptiondrive_records.submissions.submissions import (
+    find_submission,
+    list_submissions,
+    withdraw,
+)
+from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.submission import PhaseView, Quota
+from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
+from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus
 from exceptiondrive_server.accounts.browser_session import (
     Browser,
     MaybeSignedIn,
+    PostedForm,
     SignedIn,
     require_form_token,
     require_same_origin,
     require_scope,
 )
 from exceptiondrive_server.boards.queries import phase_link
-from exceptiondrive_server.submissions.accepting import EmptyUpload, arrival_now, take_upload
-from exceptiondrive_server.submissions.submit_page import SubmitPage, submit_page
-from exceptiondrive_server.submissions.upload_form import received_upload
-from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.submissions.events import follow_submission
+from exceptiondrive_server.submissions.upload import received_upload, take_upload
+from exceptiondrive_server.submissions.view import (
+    actions_of,
+    awaits_rank,
+    is_spent,
+    left_words,
+    policy_sentences,
+    scores_of,
+    standing,
+    status_of,
+    steps_of,
+)
+from exceptiondrive_server.web.auth import ServicesOf, own_team, team_of
+from exceptiondrive_server.web.page_parts import PhaseLink
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
-from exceptiondrive_server.web.problems import problem_of_fields, problem_of_records, wants_page
+from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
 from exceptiondrive_server.web.services import Services
 
-# What the upload form shows: open phases, what is left of each quota, and when it begins anew.
-
-
-_FIELD_WORDS = {"paper_url": "paper", "code_url": "code"}
-
-
-@dataclass(frozen=True)
-class PhaseOption:
-    """A phase in the form."""
-
-    id: str
-    title: str
-    challenge_title: str
-    left_words: str
-    is_spent: bool
-    is_chosen: bool
-    resets_at: datetime
-    is_late: bool = False
-    """Whether it has closed, and what comes now stands on its late view alone."""
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """Why the form was refused: a title, a sentence, and what is wrong with which field."""
-
-    title: str
-    detail: str
-    fields: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class UploadView:
-    """Everything that the form needs."""
-
-    team: str
-    phases: tuple[PhaseOption, ...]
-    max_upload_bytes: int
-    form_token: str
-    typed: Mapping[str, str] = field(default_factory=dict)
-    """What was typed before it was refused."""
-    refusal: Refusal | None = None
-
-
-def refusal_of(code: ProblemCode, detail: str, fields: Mapping[str, str]) -> Refusal:
-    """Set a problem as the form says it: the same words as the API and the client."""
-    named = tuple((_FIELD_WORDS.get(key, key), why) for key, why in fields.items())
-    return Refusal(PROBLEMS[code].title, detail, named)
-
-
-def upload_view(
-    phases: Sequence[PhaseView], team: str, wanted: str | None, form_token: str
-) -> UploadView:
-    """Set the form; the phase that the address names is chosen, else the first open one.
-
-    Closed phases that still rank late entries come last.
-    """
-    with_quota = [phase for phase in phases if phase.quota is not None]
-    views = [phase for phase in with_quota if phase.is_open]
-    views += [phase for phase in with_quota if _takes_late(phase)]
-    known = [phase.id for phase in views]
-    chosen = wanted if wanted in known else (known[0] if known else None)
-    return UploadView(
-        team=team,
-        phases=tuple(quota_line(phase, is_chosen=phase.id == chosen) for phase in views),
-        max_upload_bytes=min((phase.max_upload_bytes for phase in views), default=0),
-        form_token=form_token,
-    )
-
-
-def quota_line(phase: PhaseView, *, is_chosen: bool = False) -> PhaseOption:
-    """Return a phase with what its team has left."""
-    assert phase.quota is not None
-    quota = phase.quota
-    return PhaseOption(
-        id=phase.id,
-        title=phase.title,
-        challenge_title=CHALLENGES[phase.challenge].title,
-        left_words=left_words(quota),
-        is_spent=quota.remaining_today == 0 or quota.rejected_today >= quota.rejected_per_day,
-        is_chosen=is_chosen,
-        resets_at=quota.resets_at,
-        is_late=_takes_late(phase),
-    )
-
-
-def _takes_late(phase: PhaseView) -> bool:
-    return phase.now is not None and phase.now.takes_late_entries
-
-
-def left_words(quota: Quota) -> str:
-    """Say what is left: `3 of 5 left today, 12 of 20 in all`."""
-    words = f"{quota.remaining_today} of {quota.per_day} left today"
-    if quota.total is not None:
-        words += f", {max(0, quota.total - quota.used_total)} of {quota.total} in all"
-    if quota.rejected_today >= quota.rejected_per_day:
-        words += f"; {quota.rejected_today} files rejected, which is the limit of a day"
-    return words
-
-
 router = APIRouter(include_in_schema=False)
+SHOWN = 50
+MAX_FOLLOWED = 3
+"""Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
+SubmissionId = Annotated[str, Path(max_length=64)]
+NOTHING_TYPED: Mapping[str, str] = MappingProxyType({})
+_DECISIONS = {"choose": choose, "publish": publish, "unpublish": unpublish}
 
 
 @router.get("/submit")
-def show_submit(request: Request, services: ServicesOf, browser: MaybeSignedIn) -> Response:
+def show_submit(
+    request: Request,
+    services: ServicesOf,
+    browser: MaybeSignedIn,
+    phase: str | None = None,
+) -> Response:
     """Show how to submit; to a team that may, the form too."""
-    wanted = request.query_params.get("phase")
-    content = _quick_start(request, services, wanted)
-    if browser is None:
-        return page(request, "submissions/submit.html", "submit", page=content, upload=None)
-    upload = _upload_view(services, browser, wanted)
-    return private_page(request, "submissions/submit.html", "submit", page=content, upload=upload)
+    return _submit_page(request, services, browser, phase)
 
 
 @router.post("/submit")
 async def submit(request: Request, services: ServicesOf, browser: Browser) -> Response:
     """Take an upload as the API does, and lead to the page of the submission."""
+    began_s = time.monotonic()
     require_same_origin(request)
     require_scope(browser, Scope.SUBMIT)
     team_id = team_of(browser.principal)
-    arrived_at = await run_in_threadpool(arrival_now, services)
     try:
         async with received_upload(request, has_form_token=True) as upload:
             require_form_token(browser.secret, upload.form_token)
-            taken, _ = await run_in_threadpool(take_upload, services, team_id, upload, arrived_at)
-    except (RecordsError, RequestValidationError, EmptyUpload) as error:
+            taken, _ = await run_in_threadpool(take_upload, services, team_id, upload, began_s)
+    except (RecordsError, RequestValidationError) as error:
         if not wants_page(request):
             raise
-        return await _refused_form(request, services, browser, _problem_of(error))
+        problem = problem_of(error)
+        form = {key: text for key, text in (await request.form()).items() if isinstance(text, str)}
+        return await run_in_threadpool(
+            _submit_page, request, services, browser, form.get("phase"), form, problem
+        )
     address = f"/submissions/{taken.id}" + ("?again=1" if taken.is_duplicate else "")
     return RedirectResponse(address, status_code=303, headers={"Cache-Control": "no-store"})
 
 
-async def _refused_form(
-    request: Request, services: Services, browser: SignedIn, problem: ApiProblem
+def _submit_page(
+    request: Request,
+    services: Services,
+    browser: SignedIn | None,
+    wanted: str | None,
+    typed: Mapping[str, str] = NOTHING_TYPED,
+    refusal: ApiProblem | None = None,
 ) -> Response:
-    """Show the form again with what was typed; a browser lets nobody fill in its file."""
-    typed = {key: value for key, value in (await request.form()).items() if isinstance(value, str)}
-    refusal = refusal_of(problem.code, problem.detail, problem.fields)
-    wanted = typed.get("phase")
-    content = await run_in_threadpool(_quick_start, request, services, wanted)
-    upload = await run_in_threadpool(_upload_view, services, browser, wanted)
-    if upload is not None:
-        upload = replace(upload, typed=typed, refusal=refusal)
-    status = PROBLEMS[problem.code].status
-    answer = private_page(
-        request, "submissions/submit.html", "submit", status=status, page=content, upload=upload
+    """Show the quick start for a phase, and the form again with what was typed before a refusal."""
+    with services.database.read() as session:
+        links = tuple(phase_link(session, phase) for phase in list_phases(session))
+        protocol = latest_protocol(session)
+        phases = _phases(session, services, None if browser is None else browser.principal)
+    phase = _chosen(links, wanted)
+    challenge = phase.challenge if phase else next(iter(CHALLENGES.values()))
+    code = challenge.words.code
+    team = None if browser is None else browser.principal.team_name
+    upload = None
+    if browser is not None and team is not None and Scope.SUBMIT in browser.principal.scopes:
+        upload = {
+            "team": team,
+            "phases": _to_submit_to(phases),
+            "wanted": wanted,
+            "form_token": browser.form_token,
+            "typed": typed,
+            "refusal": refusal,
+            "title": "" if refusal is None else PROBLEMS[refusal.code].title,
+        }
+    answer = (page if browser is None else private_page)(
+        request,
+        "submissions/submit.html",
+        "submit",
+        status=200 if refusal is None else PROBLEMS[refusal.code].status,
+        phases=links,
+        phase=phase,
+        asked=next((link for link in links if link.id == wanted and link is not phase), None),
+        challenge=challenge,
+        one_of_each=_one_phase_each(links),
+        protocol=protocol,
+        formats={key: CHALLENGES[key] for key in CHALLENGES if key in DOCUMENT_NAMES},
+        example_text=example_text,
+        recorder=code.loop.format(file=code.file, split=phase.split if phase else "sample"),
+        server=origin_of(request),
+        development=_development(links, phase),
+        upload=upload,
+        left_words=left_words,
+        is_spent=is_spent,
+        CHALLENGES=CHALLENGES,
     )
-    if problem.retry_after_s is not None:
-        answer.headers["Retry-After"] = str(problem.retry_after_s)
+    if refusal is not None and refusal.retry_after_s is not None:
+        answer.headers["Retry-After"] = str(refusal.retry_after_s)
     return answer
 
 
-def _problem_of(error: RecordsError | RequestValidationError | ApiProblem) -> ApiProblem:
-    if isinstance(error, RecordsError):
-        return problem_of_records(error)
-    return error if isinstance(error, ApiProblem) else problem_of_fields(error)
+def _chosen(phases: tuple[PhaseLink, ...], wanted: str | None) -> PhaseLink | None:
+    """Return the phase named, if it takes files, else the first open one."""
+    named = [p for p in phases if p.id == wanted and (p.is_open or p.takes_late)]
+    return next(iter([*named, *(phase for phase in phases if phase.is_open)]), None)
 
 
-def _quick_start(request: Request, services: Services, wanted: str | None) -> SubmitPage:
-    with services.database.read() as session:
-        phases = tuple(phase_link(session, phase) for phase in list_phases(session))
-        protocol = latest_protocol(session)
-    return submit_page(phases, protocol, origin_of(request), wanted)
+def _development(phases: tuple[PhaseLink, ...], chosen: PhaseLink | None) -> PhaseLink | None:
+    """A phase with a public split; of the chosen phase's challenge where there is one."""
+    public = [phase for phase in phases if phase.split_is_public]
+    same = [phase for phase in public if chosen and phase.challenge == chosen.challenge]
+    return next(iter(same + public), None)
 
 
-def _upload_view(services: Services, browser: SignedIn, wanted: str | None) -> UploadView | None:
-    principal = browser.principal
-    if principal.team_id is None or Scope.SUBMIT not in principal.scopes:
-        return None
+def _one_phase_each(phases: tuple[PhaseLink, ...]) -> list[PhaseLink]:
+    """The first open phase of each challenge; none where there is no choice."""
+    first = {phase.challenge.id: phase for phase in reversed(phases) if phase.is_open}
+    return [first[key] for key in CHALLENGES if key in first] if len(first) > 1 else []
+
+
+def _to_submit_to(phases: tuple[PhaseView, ...]) -> tuple[PhaseView, ...]:
+    """Open phases; then closed ones that still rank late entries."""
+    late = (phase for phase in phases if phase.now is not None and phase.now.takes_late_entries)
+    return (*(phase for phase in phases if phase.is_open), *late)
+
+
+def _phases(session: Session, services: Services, who: Principal | None) -> tuple[PhaseView, ...]:
+    """All phases with the quota of who asks; none for somebody without a team."""
+    if who is None or who.team_id is None:
+        return ()
     limit = services.settings.max_upload_bytes
+    return tuple(
+        phase_view(session, phase, max_upload_bytes=limit, team_id=who.team_id)
+        for phase in list_phases(session)
+    )
+
+
+@router.get("/my")
+def show_my_submissions(
+    request: Request,
+    services: ServicesOf,
+    browser: Browser,
+    after: Annotated[str | None, Query(max_length=64)] = None,
+) -> Response:
+    """List the team's submissions, newest first, and what is left of its quotas."""
+    require_scope(browser, Scope.READ_OWN)
+    who = browser.principal
     with services.database.read() as session:
-        phases = [
-            phase_view(session, phase, max_upload_bytes=limit, team_id=principal.team_id)
-            for phase in list_phases(session)
-        ]
-    return upload_view(phases, principal.team_name or "", wanted, browser.form_token)
+        found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
+        seen = views(session, found[:SHOWN])
+        phases = {phase.id: phase for phase in list_phases(session)}
+        now = database_now(session)
+        quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
+    can_say = Scope.SUBMIT in who.scopes and who.team_id is not None
+    rows = []
+    for one in seen:
+        policy, ended = phases[one.phase].policy, has_closed(phases[one.phase], now)
+        actions = actions_of(one, policy, has_closed=ended) if can_say else ()
+        rows.append((one, status_of(one), standing(one, policy), actions))
+    has_tokens = Scope.TOKENS in who.scopes and who.team_id is not None
+    return private_page(
+        request,
+        "submissions/my.html",
+        "my",
+        who=who,
+        rows=rows,
+        quotas=quotas,
+        left_words=left_words,
+        is_spent=is_spent,
+        following=found[SHOWN - 1].id if len(found) > SHOWN else None,
+        followed=[one.id for one in seen if not one.status.is_terminal][:MAX_FOLLOWED],
+        form_token=browser.form_token,
+        has_tokens=has_tokens,
+        has_team_page=who.person_id is not None or has_tokens,
+    )
+
+
+@router.get("/submissions/{submission_id}")
+def show_submission(
+    request: Request,
+    services: ServicesOf,
+    browser: Browser,
+    submission_id: SubmissionId,
+    again: bool = False,
+) -> Response:
+    """Show where a submission stands: this address stays the same from upload to rank."""
+    require_scope(browser, Scope.READ_OWN)
+    with services.database.read() as session:
+        found = find_submission(session, submission_id, team_id=own_team(browser.principal))
+        seen = view(session, found)
+        phase = find_phase(session, seen.phase)
+        protocol = find_protocol(session, phase.protocol_digest)
+        ended = has_closed(phase, database_now(session))
+    headline = protocol.grading.headline
+    without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
+    return private_page(
+        request,
+        "submissions/submission.html",
+        "my",
+        one=seen,
+        phase_title=phase.title,
+        progress=status_of(seen),
+        steps=steps_of(seen),
+        awaits_rank=awaits_rank(seen),
+        sentences=list(policy_sentences(seen)),
+        scores=scores_of(seen, protocol),
+        headline_title=AVERAGE_TITLES[headline],
+        other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
+        n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
+        form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
+        actions=actions_of(seen, phase.policy, has_closed=ended),
+        can_withdraw=seen.status not in without_score,
+        is_again=again,
+    )
+
+
+@router.get("/submissions/{submission_id}/events")
+async def follow(services: ServicesOf, browser: Browser, submission_id: SubmissionId) -> Response:
+    """Send each change of a submission to the page that shows it."""
+    require_scope(browser, Scope.READ_OWN)
+    return await follow_submission(services, browser.principal, submission_id)
+
+
+@router.post("/submissions/{submission_id}/withdraw")
+def withdraw_submission(
+    services: ServicesOf, browser: Browser, form: PostedForm, submission_id: SubmissionId
+) -> Response:
+    """Take a submission off the board."""
+    _decide(services, browser, submission_id, withdraw)
+    return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
+
+
+@router.post("/submissions/{submission_id}/{what}")
+def decide(
+    services: ServicesOf,
+    browser: Browser,
+    form: PostedForm,
+    submission_id: SubmissionId,
+    what: Literal["choose", "publish", "unpublish"],
+) -> Response:
+    """Choose a submission for the board, publish it, or make it private again; then go back."""
+    _decide(services, browser, submission_id, _DECISIONS[what])
+    back = "/my" if form.get("back") == "my" else f"/submissions/{submission_id}"
+    return RedirectResponse(back, status_code=303)
+
+
+def _decide(
+    services: Services, browser: SignedIn, submission_id: str, what: Callable[..., Any]
+) -> None:
+    require_scope(browser, Scope.SUBMIT)
+    who = browser.principal
+    with services.database.write() as session:
+        find_submission(session, submission_id, team_id=own_team(who))
+        what(session, submission_id, actor=who.actor)

@@ -1,4 +1,4 @@
-"""What the page of a submission shows: its way, its faults, its score, its rank."""
+"""Where a submission stands, in words: its way, its score, what its team may do, what quota is left."""
 
 import math
 from collections.abc import Iterator
@@ -10,12 +10,8 @@ from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import Protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
-from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 from exceptiondrive_server.web.numbers import Digits, minute, unit_of
-
-# Where a submission stands, in words.
-
 
 _MEANING = {
     SubmissionStatus.RECEIVED: "Kept. It cannot be lost any more.",
@@ -109,63 +105,8 @@ class ScoreLine:
     other: str | None
 
 
-@dataclass(frozen=True)
-class SubmissionContent:
-    """Everything that `submission.html` needs."""
-
-    submission: SubmissionView
-    phase_title: str
-    status: Status
-    steps: tuple[Step, ...]
-    scores: tuple[ScoreLine, ...]
-    headline_title: str
-    other_title: str
-    n_faults: int
-    awaits_rank: bool
-    form_token: str | None
-    can_withdraw: bool
-    is_again: bool
-    sentences: tuple[str, ...]
-    """How it stands in the policy of its phase."""
-    actions: tuple[tuple[str, str], ...]
-    """What the team may say of it: end of the address, and words."""
-
-
-def submission_view(
-    seen: SubmissionView,
-    *,
-    phase_title: str,
-    protocol: Protocol,
-    form_token: str | None,
-    is_again: bool = False,
-    policy: PhasePolicy = PhasePolicy(),  # noqa: B008 - immutable
-    has_closed: bool = False,
-    now: datetime | None = None,
-) -> SubmissionContent:
-    """Set the page of a submission; without `form_token` it can only be read."""
-    headline = protocol.grading.headline
-    age = (now or datetime.now(UTC)) - seen.status_at
-    is_scored = seen.status is SubmissionStatus.SCORED
-    ended_without = seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
-    return SubmissionContent(
-        submission=seen,
-        phase_title=phase_title,
-        status=status_of(seen),
-        steps=steps_of(seen),
-        scores=_scores(seen, protocol) if seen.sheet else (),
-        headline_title=AVERAGE_TITLES[headline],
-        other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
-        n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
-        awaits_rank=is_scored and seen.rank is None and age < BOARD_SOON,
-        form_token=form_token,
-        can_withdraw=not ended_without and seen.status is not SubmissionStatus.WITHDRAWN,
-        is_again=is_again,
-        sentences=tuple(_sentences(seen)),
-        actions=actions_of(seen, policy, has_closed=has_closed),
-    )
-
-
-def _sentences(seen: SubmissionView) -> Iterator[str]:
+def policy_sentences(seen: SubmissionView) -> Iterator[str]:
+    """Yield how it stands in the policy of its phase."""
     if seen.known_as is not None:
         yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
     if seen.is_late:
@@ -197,8 +138,43 @@ def _actions(
         yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
 
 
-def _scores(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]:
-    assert seen.sheet is not None
+def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
+    """Say in a word or two how it stands in the policy of its phase; empty: nothing to say."""
+    if seen.status is not SubmissionStatus.SCORED:
+        return ""
+    words = (
+        "chosen" if seen.is_chosen and policy.entries_shown == "chosen" else "",
+        ("published" if seen.is_published else "private") if policy.entries_private else "",
+        "late" if seen.is_late else "",
+    )
+    return ", ".join(filter(None, words)).capitalize()
+
+
+def awaits_rank(seen: SubmissionView) -> bool:
+    """Whether it was scored a moment ago, so that the next board is being built with it."""
+    is_new = datetime.now(UTC) - seen.status_at < BOARD_SOON
+    return seen.status is SubmissionStatus.SCORED and seen.rank is None and is_new
+
+
+def is_spent(quota: Quota) -> bool:
+    """Whether nothing more can be submitted today."""
+    return quota.remaining_today == 0 or quota.rejected_today >= quota.rejected_per_day
+
+
+def left_words(quota: Quota) -> str:
+    """Say what is left: `3 of 5 left today, 12 of 20 in all`."""
+    words = f"{quota.remaining_today} of {quota.per_day} left today"
+    if quota.total is not None:
+        words += f", {max(0, quota.total - quota.used_total)} of {quota.total} in all"
+    if quota.rejected_today >= quota.rejected_per_day:
+        words += f"; {quota.rejected_today} files rejected, which is the limit of a day"
+    return words
+
+
+def scores_of(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]:
+    """Return a line per metric of its sheet; none without one."""
+    if seen.sheet is None:
+        return ()
     challenge: Challenge = CHALLENGES[seen.challenge]
     digits = Digits.of(protocol.publication)
     headline, other = _averages(seen.sheet, protocol)

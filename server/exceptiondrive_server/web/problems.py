@@ -90,8 +90,8 @@ def wants_page(request: Request) -> bool:
 def install_problem_handlers(app: FastAPI) -> None:
     """Answer every error of the application with a problem."""
     app.add_exception_handler(ApiProblem, _api_problem)
-    app.add_exception_handler(RecordsError, _records_error)
-    app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(RecordsError, _refusal)
+    app.add_exception_handler(RequestValidationError, _refusal)
     app.add_exception_handler(HTTPException, _http_exception)
     app.add_exception_handler(SQLAlchemyError, _database_error)
     app.add_exception_handler(DataError, _unstorable)
@@ -103,13 +103,17 @@ async def _api_problem(request: Request, error: Exception) -> Response:
     return problem_response(request, error)
 
 
-async def _records_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RecordsError)
-    return problem_response(request, problem_of_records(error))
+async def _refusal(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RecordsError | RequestValidationError)
+    return problem_response(request, problem_of(error))
 
 
-def problem_of_records(error: RecordsError) -> ApiProblem:
-    """Return what the records refused, as a problem."""
+def problem_of(error: RecordsError | RequestValidationError) -> ApiProblem:
+    """Return what was refused, by the records or by the form of a request, as a problem."""
+    return _of_records(error) if isinstance(error, RecordsError) else _of_fields(error)
+
+
+def _of_records(error: RecordsError) -> ApiProblem:
     fields = error.fields if isinstance(error, InvalidRecord) else None
     problem = ApiProblem(error.code, str(error), fields=fields)
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
@@ -138,12 +142,7 @@ def rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -
     return headers if wait_s is None else {**headers, "RateLimit-Reset": str(wait_s)}
 
 
-async def _invalid_request(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)
-    return problem_response(request, problem_of_fields(error))
-
-
-def problem_of_fields(error: RequestValidationError) -> ApiProblem:
+def _of_fields(error: RequestValidationError) -> ApiProblem:
     """Name the wrong fields and say why; never repeat what was sent."""
     found = error.errors()
     fields = dict(_field(item) for item in found[:MAX_FIELDS])

@@ -1,22 +1,42 @@
-"""The form of an upload: read only after the sender is known, kept on disk, never parsed here."""
+"""Take an upload, for the API and the form of the page: read, stored, accepted, a worker called.
 
+The form is read only once its sender is known; its file is kept on disk and never parsed here.
+"""
+
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import Annotated, Any, BinaryIO
 
+import structlog
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData, UploadFile
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import UploadEmpty
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.submissions.file_store import is_kept
+from exceptiondrive_records.submissions.quotas import quota_of
+from exceptiondrive_records.submissions.submissions import accept, find_submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
 from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.submission import Quota, SubmissionView
+from exceptiondrive_server.accounts.browser_session import FORM_TOKEN
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+from exceptiondrive_server.web.services import Services
 
+_log = structlog.get_logger("exceptiondrive.uploads")
+
+CHUNK_BYTES = 256 * 1024
 MAX_FIELD_BYTES = 16 * 1024
 MAX_FIELDS = 8
-FORM_TOKEN = "form_token"
 Link = Annotated[str, Field(max_length=500, description="an https:// address")]
 
 
@@ -112,3 +132,70 @@ def _shape_faults(form: FormData) -> list[dict[str, Any]]:
     if len(form.multi_items()) != len(form):
         faults.append({"type": "repeated", "loc": ("form",), "msg": "Send each field once."})
     return faults
+
+
+def take_upload(
+    services: Services, team_id: int, upload: Upload, began_s: float
+) -> tuple[SubmissionView, Quota]:
+    """Store the file, then accept it in one transaction, then call a worker.
+
+    Args:
+        services: Of the application.
+        team_id: Who submits.
+        upload: What was sent.
+        began_s: When it began to come, by `time.monotonic`: deadlines are judged by that moment.
+
+    Raises:
+        RecordsError: It is refused; nothing but the file's bytes was kept.
+    """
+    fields = upload.fields
+    with services.database.read() as session:
+        find_phase(session, fields.phase)  # before a byte is stored
+    file_digest, size_bytes = _store(services, upload.file)
+    with services.database.write() as session:
+        if not is_kept(session, services.files, file_digest):
+            _store(services, upload.file)
+        took = timedelta(seconds=time.monotonic() - began_s)
+        accepted = accept(
+            session,
+            team_id=team_id,
+            phase_id=fields.phase,
+            method=fields.method,
+            description=fields.description,
+            links=fields.links,
+            linked_to=fields.linked_to or None,
+            file_digest=file_digest,
+            size_bytes=size_bytes,
+            arrived_at=database_now(session) - took,
+        )
+    _log.info(
+        "upload accepted",
+        submission=accepted.submission.id,
+        job=accepted.job_id,
+        is_duplicate=accepted.is_duplicate,
+    )
+    if not accepted.is_duplicate:
+        _wake(services)
+    with services.database.read() as session:
+        submission = find_submission(session, accepted.submission.id)
+        taken = view(session, submission, is_duplicate=accepted.is_duplicate)
+        return taken, quota_of(session, team_id, find_phase(session, fields.phase))
+
+
+def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
+    """Store the whole file, from its beginning."""
+    stream.seek(0)
+    parts = iter(lambda: stream.read(CHUNK_BYTES), b"")
+    limit = services.settings.max_upload_bytes
+    file_digest, size_bytes = services.files.put_stream(parts, limit_bytes=limit)
+    if size_bytes == 0:
+        raise UploadEmpty
+    return file_digest, size_bytes
+
+
+def _wake(services: Services) -> None:
+    """Wake a worker; where the broker is away, the reconciler does it soon."""
+    live = (Lane.LIVE,)
+    if wake_lanes(services.database, services.dispatcher, services.settings, live):
+        with services.database.write() as session:
+            mark_queued(session)

@@ -1,0 +1,64 @@
+"""What stands in the records before a test begins: protocol, split, phases, teams and tokens."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from sqlalchemy.orm import Session
+from tests.support.documents import make_manifest
+
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.phase_settings import NewPhase
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.score_sheet import ProtocolRef
+from exceptiondrive_schemas.split import Manifest
+
+ACTOR = "test"
+
+
+@dataclass(frozen=True)
+class Founded:
+    """What was made; tokens by team, and that of `organizer`."""
+
+    protocol: ProtocolRef
+    team_ids: dict[str, int] = field(default_factory=dict)
+    tokens: dict[str, str] = field(default_factory=dict)
+
+
+def found(
+    session: Session,
+    teams: Mapping[str, str] | Iterable[str] = ("alpha",),
+    *,
+    scopes: tuple[str, ...] = TEAM_SCOPES,
+    has_tokens: bool = True,
+) -> Founded:
+    """Make the packaged protocol and teams (names by slug); tokens for each and an organizer."""
+    names = teams if isinstance(teams, Mapping) else {slug: slug.title() for slug in teams}
+    row = add_protocol(session, packaged_protocol_toml(), ACTOR)
+    founded = Founded(ProtocolRef(version=row.version, digest=row.digest))
+    for slug, name in names.items():
+        team = create_team(session, slug, name, actor=ACTOR)
+        founded.team_ids[slug] = team.id
+        if has_tokens:
+            told, _ = issue_token(session, team.id, "laptop", scopes, actor=ACTOR)
+            founded.tokens[slug] = told
+    if has_tokens:
+        told, _ = issue_token(session, None, "organizer", ORGANIZER_SCOPES, actor=ACTOR)
+        founded.tokens["organizer"] = told
+    return founded
+
+
+def add_sample_split(session: Session, manifest: Manifest | None = None) -> None:
+    """Register a split of which only the manifest exists."""
+    made = manifest or make_manifest()
+    register_split(session, made, {"sudden_emergence": len(made.sample_ids)}, ACTOR)
+
+
+def add_phase(session: Session, phase_id: str = "dev", **settings: Any) -> None:
+    """Open a planning phase on the sample split, unless told otherwise."""
+    usual = {"challenge": "planning", "title": phase_id, "split": "sample", "protocol": "1.0"}
+    create_phase(session, NewPhase(id=phase_id, **(usual | settings)), actor=ACTOR)
