@@ -8,7 +8,7 @@ from tests.support.metrics import SIX_METRICS
 from tests.support.strategies import answers_alone
 
 from exceptiondrive_schemas.challenges import STRATEGY
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import bootstrap, scene_sums
 from exceptiondrive_scoring.compare import compare
@@ -38,7 +38,7 @@ def _scores(unsafe: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]") -> Sample
 
 
 def test_an_entry_compared_with_itself_is_not_separable(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     scores = _scores(np.random.default_rng(1).random(N) < 0.8)
     comparison = compare(scores, scores, split, protocol, SIX_METRICS)
@@ -50,7 +50,7 @@ def test_an_entry_compared_with_itself_is_not_separable(
 
 
 def test_paired_samples_separate_what_single_intervals_do_not(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     rng = np.random.default_rng(1)
     b_unsafe = rng.random(N) < 0.8
@@ -70,7 +70,9 @@ def test_paired_samples_separate_what_single_intervals_do_not(
     assert rank_intervals([first, second], "descending").tolist() == [[1, 1], [2, 2]]
 
 
-def test_a_diagnostic_is_higher_and_never_better(split: SplitArrays, protocol: Protocol) -> None:
+def test_a_diagnostic_is_higher_and_never_better(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
     unsafe = np.random.default_rng(1).random(N) < 0.8
     a, b = _scores(unsafe), _scores(unsafe)
     a.values[:, 3] += 1.0
@@ -80,7 +82,7 @@ def test_a_diagnostic_is_higher_and_never_better(split: SplitArrays, protocol: P
 
 
 def test_families_are_compared_where_they_have_samples(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split(np.zeros((N, 4, 2)), tasks=[0, 4] * (N // 2))
     unsafe = np.arange(N) % 4 < 2
@@ -92,7 +94,7 @@ def test_families_are_compared_where_they_have_samples(
 
 
 def test_tasks_are_compared_by_the_first_metric_on_the_draws_of_everything_else(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     """One task in a family: the task is the family, to the last bit."""
     scenes = (np.arange(N) % SCENES).tolist()
@@ -108,7 +110,7 @@ def test_tasks_are_compared_by_the_first_metric_on_the_draws_of_everything_else(
 
 
 def test_samples_that_either_leaves_undefined_are_left_out(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     unsafe = np.random.default_rng(1).random(N) < 0.8
     a, b = _scores(unsafe), _scores(unsafe)
@@ -120,7 +122,7 @@ def test_samples_that_either_leaves_undefined_are_left_out(
 
 
 def test_the_reminder_effect_is_the_paired_difference_of_two_submissions(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     rng = np.random.default_rng(2)
     without = rng.integers(0, 5, N)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
 from exceptiondrive_scoring.measure import measure
@@ -17,7 +17,7 @@ GOLDEN = Path(__file__).parents[1] / "golden"
 RealCase = Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]
 
 
-def _sheet(read: RealCase, protocol: Protocol, folder: str, submission: str) -> Breakdown:
+def _sheet(read: RealCase, protocol: ProtocolDocument, folder: str, submission: str) -> Breakdown:
     pairs, split = read(folder, submission)
     measurements = measure(pairs, split.regions_m, protocol.geometry)
     return aggregate(grade(measurements, split, protocol), split, protocol.taxonomy)
@@ -36,7 +36,7 @@ def _rows(expected: dict[str, Any], rows: dict[str, Row]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", ["nuscenes-real.gpt-4.1", "carla-pairs.cosmos"])
 def test_real_planner_files_give_the_reference_scores(
-    name: str, real_case: RealCase, protocol: Protocol
+    name: str, real_case: RealCase, protocol: ProtocolDocument
 ) -> None:
     expected = json.loads((GOLDEN / f"{name}.json").read_text())
     sheet = _sheet(real_case, protocol, *name.split(".", 1))
@@ -47,6 +47,6 @@ def test_real_planner_files_give_the_reference_scores(
     assert expected["tasks"] == _rows(expected["tasks"], sheet.tasks)
 
 
-def test_scoring_again_gives_the_same_bits(real_case: RealCase, protocol: Protocol) -> None:
+def test_scoring_again_gives_the_same_bits(real_case: RealCase, protocol: ProtocolDocument) -> None:
     first, second = (_sheet(real_case, protocol, "carla-pairs", "ppd") for _ in range(2))
     assert first == second

@@ -10,7 +10,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.problems import Problem, ProblemCode
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.publish.broken_files import file_bytes, report_of
 from exceptiondrive_schemas.publish.example_split import (
     example_manifest,
@@ -61,7 +61,7 @@ FREEZE_BY_TASK = {
 }
 
 
-def protocol_ref(protocol: Protocol) -> ProtocolRef:
+def protocol_ref(protocol: ProtocolDocument) -> ProtocolRef:
     """Version and digest."""
     return ProtocolRef(version=protocol.version, digest=protocol.digest)
 
