@@ -22,13 +22,13 @@ from tests.worker.real_broker import QUICK
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.operations.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.dispatch import Dispatcher
-from exceptiondrive_records.work.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.protocol import (
     ProtocolDocument,

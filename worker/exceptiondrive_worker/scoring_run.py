@@ -5,9 +5,9 @@ from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.scoring_keys import accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.keys import accepted_under
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.fair_share import waits
 from exceptiondrive_records.work.jobs import (

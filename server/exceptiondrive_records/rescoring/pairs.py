@@ -9,10 +9,10 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_records.rescoring.keys import ScoringKey
+from exceptiondrive_records.phases.quotas import WAITING
+from exceptiondrive_records.phases.scoring_keys import ScoringKey
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import OPEN_STATES, Job
 from exceptiondrive_schemas.challenges import CHALLENGES
