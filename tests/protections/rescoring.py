@@ -47,7 +47,7 @@ def _always_live(new_job: Any) -> Callable[..., Any]:
 
 
 def _new_side_alone(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.rescoring.keys import new_key
+    from exceptiondrive_records.phases.scoring_keys import new_key
 
     return lambda run: (new_key(run),)
 
@@ -61,7 +61,7 @@ def _any_board(_: Any) -> Callable[..., Any]:
 
 
 def _always_newer(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.rescoring.keys import new_key
+    from exceptiondrive_records.phases.scoring_keys import new_key
 
     return new_key
 
