@@ -47,7 +47,7 @@ def _always_live(new_job: Any) -> Callable[..., Any]:
 
 
 def _new_side_alone(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.rescoring.keys import new_key
+    from exceptiondrive_records.phases.scoring_keys import new_key
 
     return lambda run: (new_key(run),)
 
@@ -61,7 +61,7 @@ def _any_board(_: Any) -> Callable[..., Any]:
 
 
 def _always_newer(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.rescoring.keys import new_key
+    from exceptiondrive_records.phases.scoring_keys import new_key
 
     return new_key
 
@@ -116,9 +116,7 @@ def _over_the_kept_store(stages_over: Any) -> Callable[..., Any]:
 
 
 def _equal(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_schemas.rescoring import VerifyState
-
-    return lambda *arguments: (VerifyState.EQUAL, None)
+    return lambda *arguments: None
 
 
 RECORDS, RUNS = "exceptiondrive_records", "exceptiondrive_records.rescoring"
@@ -233,7 +231,7 @@ RESCORING = (
     Protection("chain-order", f"{RECORDS}.audit.log:_follows", always(True), CHAIN),
     Protection(
         "verify-equal",
-        "exceptiondrive_worker.verify_run:_outcome",
+        "exceptiondrive_worker.verify_run:_difference",
         _equal,
         f"{HERE}/test_verification.py::test_a_sheet_that_differs_is_named",
     ),
