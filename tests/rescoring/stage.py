@@ -18,10 +18,10 @@ from tests.support.worker import build_board_of, score_submission
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.rescoring.keys import find_run
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams

@@ -8,7 +8,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.rescoring.keys import OPEN
+from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team

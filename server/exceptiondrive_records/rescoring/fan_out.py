@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_key, other_key
 from exceptiondrive_records.rescoring.draft_board import fresh_board, want_fresh_board
-from exceptiondrive_records.rescoring.keys import ScoringKey, new_key, old_key, other_key
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
     missing_pairs,

@@ -8,15 +8,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason, random_id
 from exceptiondrive_records.phases.phases import find_phase, lock_phase
-from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.fan_out import (
-    cancel_jobs,
-    hold_jobs,
-    release_jobs,
-    score_waiting_under,
-)
-from exceptiondrive_records.rescoring.keys import (
+from exceptiondrive_records.phases.scoring_keys import (
     OPEN,
     ScoringKey,
     find_run,
@@ -24,6 +16,14 @@ from exceptiondrive_records.rescoring.keys import (
     new_key,
     old_key,
     other_key,
+)
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.fan_out import (
+    cancel_jobs,
+    hold_jobs,
+    release_jobs,
+    score_waiting_under,
 )
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, require_readable
 from exceptiondrive_records.rescoring.tables import RescoringRun

@@ -7,6 +7,7 @@ from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, other_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import (
     checked_protocol,
@@ -20,7 +21,6 @@ from exceptiondrive_records.rescoring.comparison import (
     taken_back,
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
-from exceptiondrive_records.rescoring.keys import ScoringKey, find_run, list_runs, other_key
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow

@@ -10,9 +10,9 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring import flip, runs
-from exceptiondrive_records.rescoring.keys import find_run
 from exceptiondrive_records.rescoring.verification import list_verifications, verification_view
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_records.splits.splits import list_splits

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import structlog
 from sqlalchemy.exc import OperationalError
 
+from exceptiondrive_records.boards.requests import tend_phases
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.settings import RecordsSettings
@@ -19,7 +20,6 @@ from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
 from exceptiondrive_records.work.jobs import give_up_exhausted
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
-from exceptiondrive_records.work.phase_boards import tend_phases
 
 _log = structlog.get_logger("exceptiondrive.reconciler")
 
