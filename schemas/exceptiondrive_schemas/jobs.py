@@ -8,8 +8,6 @@ class JobName(StrEnum):
 
     WAKE = "exceptiondrive.wake"
     """`(lane)`: do what is to be done in a lane, until nothing is left."""
-    VERIFY = "exceptiondrive.verify"
-    """`(item_id)`: recompute one sheet from its upload and compare every bit."""
 
 
 class Lane(StrEnum):

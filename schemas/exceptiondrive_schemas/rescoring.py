@@ -37,6 +37,15 @@ class RunState(StrEnum):
         return self in (RunState.CLOSED, RunState.ROLLED_BACK, RunState.CANCELLED)
 
 
+class RunKind(StrEnum):
+    """What a run is for."""
+
+    UPDATE = "update"
+    """Another protocol or split revision is to be shown."""
+    VERIFICATION = "verification"
+    """Sheets are recomputed under what is shown, kept nowhere, and compared bit for bit."""
+
+
 class RunAction(StrEnum):
     """What an organizer does with a run; each needs a reason."""
 
@@ -85,16 +94,24 @@ Besides, scoring becomes `ready` by itself, when every sheet is there and the ne
 """
 
 
-def next_states(action: RunAction, *, has_failed: bool) -> dict[RunState, RunState]:
+def next_states(
+    action: RunAction, *, has_failed: bool, kind: RunKind = RunKind.UPDATE
+) -> Mapping[RunState, RunState]:
     """Return from which states an action is possible, and where it leads."""
+    if kind is RunKind.VERIFICATION and action is not RunAction.CANCEL:
+        return {}
     retries = RETRIES if action is RunAction.RESUME and has_failed else {}
     return {**TRANSITIONS[action], **retries}
 
 
-def actions_of(state: RunState, *, has_failed: bool) -> tuple[RunAction, ...]:
+def actions_of(
+    state: RunState, *, has_failed: bool, kind: RunKind = RunKind.UPDATE
+) -> tuple[RunAction, ...]:
     """Return what may be done with a run; what else stands in the way, its blockers say."""
     return tuple(
-        action for action in RunAction if state in next_states(action, has_failed=has_failed)
+        action
+        for action in RunAction
+        if state in next_states(action, has_failed=has_failed, kind=kind)
     )
 
 
@@ -121,6 +138,7 @@ class RunView(Document):
     """A rescoring run as organizers see it."""
 
     id: str
+    kind: RunKind = RunKind.UPDATE
     phase: str
     state: RunState
     reason: str

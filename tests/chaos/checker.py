@@ -17,9 +17,9 @@ from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations.invariants import damaged_uploads, unfinished, violations
+from exceptiondrive_records.phases.quotas import COSTS_NOTHING
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_records.submissions.quotas import COSTS_NOTHING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import Job

@@ -18,11 +18,11 @@ from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations.invariants import unfinished
+from exceptiondrive_records.operations.reconciler import LEADERSHIP
+from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_records.work.reconciler import LEADERSHIP
 from exceptiondrive_records.work.tables import Job, Leader, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from exceptiondrive_records.boards.requests import tend_phases
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.submissions import LONGEST_UPLOAD, arrival
-from exceptiondrive_records.work.phase_boards import tend_phases
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:

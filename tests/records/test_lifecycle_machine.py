@@ -27,13 +27,13 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.operations.reconciler import reconcile_once
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.jobs import Finish
-from exceptiondrive_records.work.reconciler import reconcile_once
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane

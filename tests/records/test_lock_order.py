@@ -10,6 +10,7 @@ from tests.records.conftest import World
 from tests.records.test_boards import board, take
 
 from exceptiondrive_records.boards.boards import publish_board
+from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.submissions.submissions import withdraw
@@ -17,7 +18,6 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import claim_board, is_due, want_board
 from exceptiondrive_records.work.jobs import Finish
-from exceptiondrive_records.work.phase_boards import want_boards
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane

@@ -17,8 +17,8 @@ from exceptiondrive_records.db.errors import (
     RejectedCapExceeded,
 )
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.submissions import accept, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs

@@ -11,11 +11,11 @@ from tests.support.work import let_time_pass
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.operations.reconciler import Pass, reconcile_once, run_reconciler
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
-from exceptiondrive_records.work.reconciler import Pass, reconcile_once, run_reconciler
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus

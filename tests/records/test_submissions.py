@@ -9,7 +9,7 @@ from sqlalchemy import update
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.retry import retry_submission
+from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import (
     accept,
     find_submission,

@@ -18,23 +18,22 @@ from tests.support.worker import build_board_of, score_submission
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.rescoring.keys import find_run
-from exceptiondrive_records.rescoring.tables import VerificationItem
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
-from exceptiondrive_schemas.rescoring import RunView, VerifyState
+from exceptiondrive_schemas.rescoring import RunView
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
-from exceptiondrive_worker.verify_run import verify_sheet
+from exceptiondrive_worker.verify_run import verify_next
 
 STEP = {"reason": "because", "actor": "organizer"}
 
@@ -158,12 +157,10 @@ class Stage:
         return registered[0].manifest.revision
 
     def verify_all(self) -> None:
-        """Do what workers do with a verification."""
-        query = select(VerificationItem.id).where(VerificationItem.state == VerifyState.WAITING)
-        with self.database.read() as session:
-            items = list(session.scalars(query))
-        for item in items:
-            verify_sheet(self.context, item)
+        """Do what workers and reconciler do with a verification."""
+        while verify_next(self.context):
+            pass
+        tend_runs(self.reconciler)
 
 
 @contextmanager

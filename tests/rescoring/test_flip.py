@@ -17,7 +17,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring import flip
 from exceptiondrive_records.rescoring.comparison import _compared
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.submissions.retry import retry_submission
+from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board

@@ -31,12 +31,12 @@ from tests.support.worker import score_submission
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.phases.scoring_keys import OPEN, UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.rescoring.keys import OPEN, UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.rescoring.pairs import count_pairs
+from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.submissions.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs

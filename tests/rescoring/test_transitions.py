@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.rescoring.keys import find_run
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_schemas.rescoring import (
     TRANSITIONS,
     RunAction,

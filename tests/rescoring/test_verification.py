@@ -4,11 +4,20 @@ import shutil
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from sqlalchemy import select
 
-from exceptiondrive_records.rescoring.tables import VerificationItem
-from exceptiondrive_records.rescoring.verification import start_verification, verification_view
-from exceptiondrive_schemas.rescoring import VerificationView
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.rescoring.runs import start_verification
+from exceptiondrive_records.rescoring.verification import (
+    MAX_ATTEMPTS,
+    claim_recheck,
+    finish_recheck,
+    verification_view,
+)
+from exceptiondrive_records.work.tables import Recheck
+from exceptiondrive_schemas.rescoring import RunAction, RunKind, VerificationView, VerifyState
 
 Stage = Any
 
@@ -20,7 +29,7 @@ def verified(stage: Stage, sample: int | None = None, *, spoil: bool = False) ->
         )
     if spoil:
         with stage.owner.write() as session:
-            item = session.scalars(select(VerificationItem).limit(1)).one()
+            item = session.scalars(select(Recheck).limit(1)).one()
             item.expected_digest = "sha256:" + "0" * 64
     stage.verify_all()
     with stage.database.read() as session:
@@ -66,3 +75,59 @@ def test_a_file_accepted_under_older_bounds_verifies_under_tighter_ones(
     run_id = stage.ready(make_protocol("1.1", "max_step_m = 30.0", "max_step_m = 5.0"))
     stage.apply(run_id)
     assert verified(stage).n_equal == 4
+
+
+def test_a_verification_is_a_run_that_can_only_be_cancelled(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    with stage.database.write() as session:
+        run_id = start_verification(
+            session, "dev", sample=None, reason="to be sure", actor="organizer"
+        ).id
+    assert stage.view(run_id).kind is RunKind.VERIFICATION
+    assert stage.view(run_id).actions == (RunAction.CANCEL,)
+    for step in ("start", "pause", "resume", "close"):
+        with pytest.raises(Conflict, match="verifies sheets"):
+            stage.step(step, run_id)
+    with pytest.raises(Conflict, match="verifies sheets"):
+        stage.apply(run_id, "x")
+    with pytest.raises(Conflict, match="verifies sheets"):
+        stage.rollback(run_id)
+    stage.submit(2.5, "late")
+    stage.ready(make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 9.5"))  # both go their way
+    stage.step("cancel", run_id)
+    stage.verify_all()
+    with stage.database.read() as session:
+        found = verification_view(session, run_id)
+    assert (found.n_equal, found.n_failed, found.problems) == (0, 3, ())
+    assert found.finished_at is not None
+
+
+def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage) -> None:
+    with stage.database.write() as session:
+        run_id = start_verification(
+            session, "dev", sample=1, reason="to be sure", actor="organizer"
+        ).id
+    for _ in range(MAX_ATTEMPTS):
+        with stage.context.database.write() as session:
+            assert claim_recheck(session, 30) is not None
+        with stage.owner.write() as session:
+            session.scalars(select(Recheck)).one().lease_until = database_now(session)
+    stage.verify_all()
+    with stage.database.read() as session:
+        found = verification_view(session, run_id)
+    assert (found.n_failed, found.finished_at is not None) == (1, True)
+    assert found.problems[0].note == "recomputing did not finish in any of its attempts"
+
+
+def test_who_lost_the_lease_records_nothing(stage: Stage) -> None:
+    with stage.database.write() as session:
+        start_verification(session, "dev", sample=1, reason="to be sure", actor="organizer")
+    with stage.context.database.write() as session:
+        late = claim_recheck(session, 30)
+    assert late is not None
+    with stage.owner.write() as session:
+        session.scalars(select(Recheck)).one().lease_until = database_now(session)
+    with stage.context.database.write() as session:
+        assert claim_recheck(session, 30) is not None
+        assert not finish_recheck(session, late, VerifyState.EQUAL, late.expected_digest)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.support import naive_scorer, realdata
 
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
@@ -19,12 +19,12 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="session")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return packaged_protocol("1.0")
 
 
 @pytest.fixture(scope="session")
-def geometry(protocol: Protocol) -> GeometrySection:
+def geometry(protocol: ProtocolDocument) -> GeometrySection:
     return protocol.geometry
 
 
@@ -55,7 +55,9 @@ def real_case(
 
 
 @pytest.fixture(scope="session")
-def read_case(protocol: Protocol) -> Callable[[Path, Path], tuple[TrajectoryPairs, SplitArrays]]:
+def read_case(
+    protocol: ProtocolDocument,
+) -> Callable[[Path, Path], tuple[TrajectoryPairs, SplitArrays]]:
     """Read a split and a submission as the kernel takes them."""
 
     def read(split_path: Path, file_path: Path) -> tuple[TrajectoryPairs, SplitArrays]:
@@ -75,7 +77,7 @@ def read_case(protocol: Protocol) -> Callable[[Path, Path], tuple[TrajectoryPair
 
 
 @pytest.fixture(scope="session")
-def make_split(protocol: Protocol) -> Callable[..., SplitArrays]:
+def make_split(protocol: ProtocolDocument) -> Callable[..., SplitArrays]:
     """A split of N samples; tasks and scenes go round unless given."""
 
     def make(

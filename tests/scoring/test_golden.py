@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from tests.support import reference
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
 from exceptiondrive_scoring.measure import measure
 from exceptiondrive_scoring.sheet import Breakdown, Row, aggregate
 
 
-def _sheet(pairs: TrajectoryPairs, split: SplitArrays, protocol: Protocol) -> Breakdown:
+def _sheet(pairs: TrajectoryPairs, split: SplitArrays, protocol: ProtocolDocument) -> Breakdown:
     measurements = measure(pairs, split.regions_m, protocol.geometry)
     return aggregate(grade(measurements, split, protocol), split, protocol.taxonomy)
 
@@ -25,7 +25,7 @@ def _rows(rows: dict[str, Row]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", reference.NAMES)
 def test_planners_files_get_the_reference_scores(
-    name: str, tmp_path: Path, read_case: Callable[..., Any], protocol: Protocol
+    name: str, tmp_path: Path, read_case: Callable[..., Any], protocol: ProtocolDocument
 ) -> None:
     case = reference.reference(name, tmp_path)
     sheet = _sheet(*read_case(case.split, case.file), protocol)
@@ -35,7 +35,7 @@ def test_planners_files_get_the_reference_scores(
 
 @pytest.mark.parametrize("name", ["extract.wild", "carla-pairs.cosmos"])
 def test_scoring_again_gives_the_same_bits(
-    name: str, tmp_path: Path, read_case: Callable[..., Any], protocol: Protocol
+    name: str, tmp_path: Path, read_case: Callable[..., Any], protocol: ProtocolDocument
 ) -> None:
     case = reference.reference(name, tmp_path)
     first, second = (_sheet(*read_case(case.split, case.file), protocol) for _ in range(2))

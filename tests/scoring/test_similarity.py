@@ -1,4 +1,4 @@
-"""How alike submissions are: laws, tolerance, and sketches that nobody can aim at."""
+"""How alike submissions are: laws, tolerance, and fingerprints that nobody can aim at."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,13 @@ from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.similarity import (
     FARTHEST,
-    SKETCH_SAMPLES,
+    FINGERPRINT_SAMPLES,
     SLACK,
     AlikeRule,
     alikeness,
     compare_pair,
     distances,
-    sketched_samples,
+    fingerprinted_samples,
 )
 from exceptiondrive_scoring.strategy import StrategyScoring
 
@@ -57,9 +57,11 @@ def test_a_copy_with_small_changes_is_still_alike(change: object, is_alike: bool
     changed = change(ways(1))  # type: ignore[operator]
     found, _ = compare_pair(ways(1), changed, PLANNING)
     assert PLANNING.is_alike(found) == is_alike
-    chosen = sketched_samples(3181, "seed")
-    (by_sketch,) = alikeness(distances(ways(1)[chosen], changed[chosen])[None], PLANNING.tolerance)
-    assert PLANNING.is_alike(by_sketch, SLACK) == is_alike
+    chosen = fingerprinted_samples(3181, "seed")
+    (by_fingerprint,) = alikeness(
+        distances(ways(1)[chosen], changed[chosen])[None], PLANNING.tolerance
+    )
+    assert PLANNING.is_alike(by_fingerprint, SLACK) == is_alike
 
 
 def test_one_sample_far_away_never_decides() -> None:
@@ -94,9 +96,9 @@ def test_distance_is_symmetric_and_bounded(a: int, b: int) -> None:
     assert ((apart >= 0) & (apart <= FARTHEST)).all()
 
 
-def test_which_samples_are_sketched_follows_from_the_seed_alone() -> None:
-    one, two = sketched_samples(3181, "one"), sketched_samples(3181, "two")
-    assert len(one) == SKETCH_SAMPLES == len(set(one.tolist()))
-    assert one.tolist() == sketched_samples(3181, "one").tolist()
-    assert len(np.intersect1d(one, two)) < SKETCH_SAMPLES / 2
-    assert sketched_samples(5, "one").tolist() == [0, 1, 2, 3, 4]
+def test_which_samples_are_fingerprinted_follows_from_the_seed_alone() -> None:
+    one, two = fingerprinted_samples(3181, "one"), fingerprinted_samples(3181, "two")
+    assert len(one) == FINGERPRINT_SAMPLES == len(set(one.tolist()))
+    assert one.tolist() == fingerprinted_samples(3181, "one").tolist()
+    assert len(np.intersect1d(one, two)) < FINGERPRINT_SAMPLES / 2
+    assert fingerprinted_samples(5, "one").tolist() == [0, 1, 2, 3, 4]

@@ -22,15 +22,19 @@ from tests.worker.real_broker import QUICK
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.operations.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.dispatch import Dispatcher
-from exceptiondrive_records.work.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import (
+    ProtocolDocument,
+    packaged_protocol,
+    packaged_protocol_toml,
+)
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
@@ -39,7 +43,7 @@ from exceptiondrive_worker.splits_admin import register_all_splits
 
 
 @pytest.fixture(scope="session")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return packaged_protocol()
 
 

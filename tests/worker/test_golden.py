@@ -6,7 +6,7 @@ import pytest
 from tests.support import reference
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_worker.private_store import PrivateStore
 from exceptiondrive_worker.split_store import load_split, read_split
 from exceptiondrive_worker.stages import Stages, Target
@@ -15,7 +15,7 @@ from exceptiondrive_worker.upload_reader import read_upload
 
 @pytest.mark.parametrize("name", reference.NAMES)
 def test_the_exact_sheet_equals_the_reference(
-    name: str, tmp_path: Path, protocol: Protocol
+    name: str, tmp_path: Path, protocol: ProtocolDocument
 ) -> None:
     case = reference.reference(name, tmp_path)
     split = load_split(read_split(case.split), protocol)

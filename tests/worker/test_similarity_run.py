@@ -126,7 +126,7 @@ def test_a_team_that_changes_one_sample_30_times_is_found_and_audited(crowd: Wor
 
 
 def test_a_copy_with_one_sample_changed_is_found_across_teams(crowd: World) -> None:
-    """However far that sample is moved: a sketch may not even hold it."""
+    """However far that sample is moved: a fingerprint may not even hold it."""
     crowd.score(upload(1), team="alpha")
     crowd.score(upload(1, changed={11: 20.0}), team="beta")
     (pair,) = report(crowd).pairs
@@ -150,7 +150,7 @@ def test_records_hold_sums_alone(crowd: World) -> None:
 
 
 def test_candidates_alone_are_read_whole(crowd: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A thousand submissions are compared by sketch: strangers' trajectories are not loaded."""
+    """A thousand submissions are compared by fingerprint: strangers' trajectories are not loaded."""
     for number in range(8):
         crowd.score(upload(number), team=f"team-{number}")
     report(crowd)
@@ -164,7 +164,7 @@ def test_candidates_alone_are_read_whole(crowd: World, monkeypatch: pytest.Monke
     crowd.score(upload(3) + b"\n", team="copy")
     assert len(report(crowd).pairs) == 1
     assert len(compared) == 1
-    assert len(list((crowd.settings.private_dir / Shelf.SKETCHES).iterdir())) == 9
+    assert len(list((crowd.settings.private_dir / Shelf.FINGERPRINTS).iterdir())) == 9
 
 
 def test_no_more_are_compared_at_once_than_a_board_has_time_for(

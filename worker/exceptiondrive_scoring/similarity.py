@@ -1,8 +1,8 @@
 """How alike two submissions are: from what was submitted alone, no region, no score.
 
-A sketch is what some samples were answered with. Which samples those are follows from a seed that
-participants do not know, so nobody can change just them. Sketches find candidates among a thousand
-submissions at once; only candidates are compared sample by sample.
+A fingerprint is what some samples were answered with. Which samples those are follows from a seed
+that participants do not know, so nobody can change just them. Fingerprints find candidates among a
+thousand submissions at once; only candidates are compared sample by sample.
 """
 
 import hashlib
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from exceptiondrive_scoring.aliases import Columns, FloatArray
 
-SKETCH_SAMPLES = 256
+FINGERPRINT_SAMPLES = 256
 FARTHEST = 2.0
 """Distances beyond this, and to a missing answer, count as this: one sample never decides."""
 SLACK = 0.1
-"""What a sketch may be off by: candidates are those that might be alike."""
+"""What a fingerprint may be off by: candidates are those that might be alike."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,10 @@ class AlikeRule:
         return found.equal_share >= self.probe_share - slack
 
 
-def sketched_samples(n_samples: int, seed: str) -> NDArray[np.intp]:
-    """Return which of N samples a sketch holds: at most `SKETCH_SAMPLES`, ascending."""
+def fingerprinted_samples(n_samples: int, seed: str) -> NDArray[np.intp]:
+    """Return which of N samples a fingerprint holds: at most `FINGERPRINT_SAMPLES`, ascending."""
     number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8], "big")
-    chosen = np.random.default_rng(number).permutation(n_samples)[:SKETCH_SAMPLES]
+    chosen = np.random.default_rng(number).permutation(n_samples)[:FINGERPRINT_SAMPLES]
     return np.sort(chosen)
 
 

@@ -46,7 +46,7 @@ class Shelf(StrEnum):
     """Intervals and draws of one entry. Key: as the sums, and ranking."""
     EFFECTS = "effects"
     """An entry against its linked counterpart. Key: the sums of both, and ranking."""
-    SKETCHES = "sketches"
+    FINGERPRINTS = "fingerprints"
     """What some samples were answered with. Key: file, and which samples."""
     COMPARISONS = "comparisons"
     """Two entries against each other. Key: the sums of both, and ranking."""

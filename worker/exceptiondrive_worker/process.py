@@ -30,8 +30,7 @@ from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.failures import job_boundary
 from exceptiondrive_worker.private_store import prune
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.verify_run import verify_sheet
-from exceptiondrive_worker.work import may_work, work
+from exceptiondrive_worker.work import work
 
 FAREWELL_TENTHS_S = 10
 """How long a process that ends waits for its parent to have heard of its last job. By default it
@@ -101,12 +100,6 @@ def register_tasks(app: Celery, context: Callable[[], WorkerContext]) -> None:
     def wake(lane: str) -> None:
         with job_boundary(lane, lambda _: None):
             work(context(), Lane(lane))
-
-    @app.task(name=JobName.VERIFY.value)
-    def verify(item_id: str) -> None:
-        with job_boundary(item_id, lambda _: None):
-            if may_work(context().database):
-                verify_sheet(context(), item_id)
 
 
 def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:

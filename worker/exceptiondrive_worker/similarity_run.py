@@ -23,7 +23,7 @@ from exceptiondrive_scoring.similarity import (
     alikeness,
     compare_pair,
     distances,
-    sketched_samples,
+    fingerprinted_samples,
 )
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.private_store import Shelf, content_key
@@ -34,7 +34,7 @@ COMPARED_AT_ONCE = 200
 NEAREST_KEPT = 10
 CANDIDATES = 30
 AT_ONCE = 100
-Sketch = NDArray[np.float32]
+Fingerprint = NDArray[np.float32]
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -61,16 +61,16 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     compared = _Crowd()
     for file in files:
         if file.is_compared:
-            compared.add(file, comparing.sketch(file))
+            compared.add(file, comparing.fingerprint(file))
     n_compared = 0
     for file in fresh:
         if _live_job_waits(context):
             break
-        sketch = comparing.sketch(file)
-        alike = [] if sketch is None else comparing.alike(file, sketch, compared)
+        fingerprint = comparing.fingerprint(file)
+        alike = [] if fingerprint is None else comparing.alike(file, fingerprint, compared)
         with context.database.write() as session:
             keep_alike(session, file.submission_id, alike)
-        compared.add(file, sketch)
+        compared.add(file, fingerprint)
         n_compared += 1
     _log.info("submissions compared", phase=phase_id, number=n_compared)
     return n_compared
@@ -82,22 +82,22 @@ def _live_job_waits(context: WorkerContext) -> bool:
 
 
 class _Crowd:
-    """Files that were compared, and their sketches."""
+    """Files that were compared, and their fingerprints."""
 
     def __init__(self) -> None:
         self.files: list[ScoredFile] = []
-        self.sketches: list[Sketch] = []
+        self.fingerprints: list[Fingerprint] = []
 
-    def add(self, file: ScoredFile, sketch: Sketch | None) -> None:
-        if sketch is not None:
+    def add(self, file: ScoredFile, fingerprint: Fingerprint | None) -> None:
+        if fingerprint is not None:
             self.files.append(file)
-            self.sketches.append(sketch)
+            self.fingerprints.append(fingerprint)
 
 
 @dataclass(frozen=True)
 class _Candidate:
     file: ScoredFile
-    by_sketch: Alikeness
+    by_fingerprint: Alikeness
 
 
 class _Comparing:
@@ -106,26 +106,28 @@ class _Comparing:
     def __init__(self, context: WorkerContext, like: Target, rule: AlikeRule) -> None:
         self._context, self._like = context, like
         self._rule = rule
-        # withheld, so nobody knows which samples are sketched
-        self._seed = content_key("sketch", like.split.regions_digest)
+        # withheld, so nobody knows which samples are fingerprinted
+        self._seed = content_key("fingerprint", like.split.regions_digest)
 
-    def sketch(self, file: ScoredFile) -> Sketch | None:
-        """Return the sketched answers (S, P, C) of a file; None where it cannot be read any more."""
+    def fingerprint(self, file: ScoredFile) -> Fingerprint | None:
+        """Return the answers (S, P, C) of a file that are compared; None where it cannot be read."""
         private = self._context.private
-        key = content_key("sketch", file.file_digest, self._like.challenge.id, self._seed)
-        kept = private.read_columns(Shelf.SKETCHES, key)
+        key = content_key("fingerprint", file.file_digest, self._like.challenge.id, self._seed)
+        kept = private.read_columns(Shelf.FINGERPRINTS, key)
         if kept is not None:
             return kept["ways"]
         ways = self._ways(file)
         if ways is None:
             return None
-        sketch = ways[sketched_samples(len(ways), self._seed)].astype(np.float32)
-        private.write_columns(Shelf.SKETCHES, key, {"ways": sketch})
-        return sketch
+        fingerprint = ways[fingerprinted_samples(len(ways), self._seed)].astype(np.float32)
+        private.write_columns(Shelf.FINGERPRINTS, key, {"ways": fingerprint})
+        return fingerprint
 
-    def alike(self, file: ScoredFile, sketch: Sketch, crowd: _Crowd) -> Sequence[AlikeSubmission]:
+    def alike(
+        self, file: ScoredFile, fingerprint: Fingerprint, crowd: _Crowd
+    ) -> Sequence[AlikeSubmission]:
         """Return what a file is like: the nearest of other teams, and the nearest of its own."""
-        candidates = self._candidates(file, sketch, crowd)
+        candidates = self._candidates(file, fingerprint, crowd)
         ways = self._ways(file) if candidates else None
         if ways is None:
             return []
@@ -141,17 +143,21 @@ class _Comparing:
                 (own if is_own else others).append(_recorded(candidate.file, found, n_different))
         return [*sorted(others, key=_nearest)[:NEAREST_KEPT], *sorted(own, key=_nearest)[:1]]
 
-    def _candidates(self, file: ScoredFile, sketch: Sketch, crowd: _Crowd) -> list[_Candidate]:
+    def _candidates(
+        self, file: ScoredFile, fingerprint: Fingerprint, crowd: _Crowd
+    ) -> list[_Candidate]:
         own: list[_Candidate] = []
         others: list[_Candidate] = []
         for start in range(0, len(crowd.files), AT_ONCE):
-            some = np.stack(crowd.sketches[start : start + AT_ONCE])
-            found = alikeness(distances(sketch[None], some), self._rule.tolerance)
-            for each, by_sketch in zip(crowd.files[start : start + AT_ONCE], found, strict=True):
+            some = np.stack(crowd.fingerprints[start : start + AT_ONCE])
+            found = alikeness(distances(fingerprint[None], some), self._rule.tolerance)
+            for each, by_fingerprint in zip(
+                crowd.files[start : start + AT_ONCE], found, strict=True
+            ):
                 is_own = each.team_id == file.team_id
                 rule = self._rule.is_probe if is_own else self._rule.is_alike
-                if rule(by_sketch, SLACK):
-                    (own if is_own else others).append(_Candidate(each, by_sketch))
+                if rule(by_fingerprint, SLACK):
+                    (own if is_own else others).append(_Candidate(each, by_fingerprint))
         return [
             *sorted(own, key=_likeliest)[:CANDIDATES],
             *sorted(others, key=_likeliest)[:CANDIDATES],
@@ -176,7 +182,7 @@ def _recorded(file: ScoredFile, found: Alikeness, n_different: int) -> AlikeSubm
 
 
 def _likeliest(candidate: _Candidate) -> tuple[float, float]:
-    return -candidate.by_sketch.equal_share, candidate.by_sketch.mean_distance
+    return -candidate.by_fingerprint.equal_share, candidate.by_fingerprint.mean_distance
 
 
 def _nearest(found: AlikeSubmission) -> tuple[int, float, float]:

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import structlog
 
+from exceptiondrive_records.phases.scoring_keys import accepted_under, find_run
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.keys import accepted_under
-from exceptiondrive_records.rescoring.verification import VerifyClaim, claim_item, finish_item
+from exceptiondrive_records.rescoring.verification import claim_recheck, finish_recheck
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.rescoring import VerifyState
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -23,60 +26,64 @@ from exceptiondrive_worker.stages import RejectedUpload, Target
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
-def verify_sheet(context: WorkerContext, item_id: str) -> None:
-    """Recompute one sheet; does nothing, quietly, when another worker has it."""
+def verify_next(context: WorkerContext) -> bool:
+    """Recompute the sheet that comes next; whether there was one."""
     with context.database.write() as session:
-        claimed = claim_item(session, item_id, context.settings.lease_s)
-    if claimed is None:
-        return
-    with job_boundary(item_id, lambda failure: _record_failure(context, claimed, failure)):
-        _verify(context, claimed)
+        item = claim_recheck(session, context.settings.lease_s)
+    if item is None:
+        return False
+    with job_boundary(item.id, lambda failure: _record_failure(context, item, failure)):
+        _verify(context, item)
+    return True
 
 
-def _verify(context: WorkerContext, claimed: VerifyClaim) -> None:
+def _verify(context: WorkerContext, item: Recheck) -> None:
     with context.database.read() as session:
-        protocol = find_protocol(session, claimed.protocol_digest)
-        read_under = accepted_under(session, claimed.submission_id)
-    challenge = CHALLENGES[claimed.challenge]
-    split = context.splits.find(claimed.split_name, claimed.split_revision, protocol)
-    target = Target(claimed.file_digest, challenge, split, protocol, read_under)
+        run = find_run(session, item.run_id)
+        submission = session.get_one(Submission, item.submission_id)
+        phase = session.get_one(Phase, run.phase_id)
+        key = (submission.id, run.to_protocol_digest, run.to_split_revision)
+        expected = session.get_one(ScoreSheetRow, key).sheet
+        protocol = find_protocol(session, run.to_protocol_digest)
+        read_under = accepted_under(session, submission.id)
+    challenge = CHALLENGES[phase.challenge]
+    split = context.splits.find(phase.split_name, run.to_split_revision, protocol)
+    target = Target(submission.file_digest, challenge, split, protocol, read_under)
     with tempfile.TemporaryDirectory(prefix=VERIFY_PREFIX, dir=context.private.root) as folder:
         stages = stages_over(context.settings, context.files, PrivateStore(Path(folder)))
         try:
             scored = stages.score(target)
         except RejectedUpload:
-            _record(context, claimed, VerifyState.DIFFERS, None, "the file is rejected now")
+            _record(context, item, VerifyState.DIFFERS, None, "the file is rejected now")
             return
     published = Rounding(challenge, protocol.publication).sheet(scored.sheet)
-    state, note = _outcome(claimed, scored.digest, published)
-    _record(context, claimed, state, scored.digest, note)
+    note = _difference(item.expected_digest, expected, scored.digest, published)
+    state = VerifyState.EQUAL if note is None else VerifyState.DIFFERS
+    _record(context, item, state, scored.digest, note)
 
 
-def _outcome(
-    claimed: VerifyClaim, digest: str, published: ScoreSheet
-) -> tuple[VerifyState, str | None]:
-    """Demand the digest of the unrounded sheet, and every published number."""
-    if published != claimed.expected_sheet:
-        return VerifyState.DIFFERS, "the published numbers differ"
-    if digest != claimed.expected_digest:
-        return (
-            VerifyState.DIFFERS,
-            "the published numbers agree, but not the digits that are rounded off",
-        )
-    return VerifyState.EQUAL, None
+def _difference(
+    expected_digest: str, expected: ScoreSheet, digest: str, published: ScoreSheet
+) -> str | None:
+    """Demand every published number, and the digest of the unrounded sheet; None: they came again."""
+    if published != expected:
+        return "the published numbers differ"
+    if digest != expected_digest:
+        return "the published numbers agree, but not the digits that are rounded off"
+    return None
 
 
 def _record(
     context: WorkerContext,
-    claimed: VerifyClaim,
+    item: Recheck,
     state: VerifyState,
     found_digest: str | None,
     note: str | None,
 ) -> None:
     with context.database.write() as session:
-        finish_item(session, claimed, state, found_digest, note)
-    _log.info("verified", item=claimed.item_id, outcome=state.value)
+        finish_recheck(session, item, state, found_digest, note)
+    _log.info("verified", item=item.id, outcome=state.value)
 
 
-def _record_failure(context: WorkerContext, claimed: VerifyClaim, failure: Failure) -> None:
-    _record(context, claimed, VerifyState.FAILED, None, failure.message)
+def _record_failure(context: WorkerContext, item: Recheck, failure: Failure) -> None:
+    _record(context, item, VerifyState.FAILED, None, failure.message)

@@ -19,6 +19,7 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.board_run import build_next_board
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.scoring_run import score_next
+from exceptiondrive_worker.verify_run import verify_next
 
 _PART_OF_LIMIT = 0.02
 """Celery's limits of time count from the message. Once this part of the soft one has passed nothing
@@ -88,7 +89,9 @@ def _do_next(context: WorkerContext, lane: Lane) -> bool:
         if Lane.LIVE in context.lanes and _do_next(context, Lane.LIVE):
             return True
         let_live_work_pass(context)
-    return build_next_board(context, lane) or score_next(context, lane)
+    if build_next_board(context, lane) or score_next(context, lane):
+        return True
+    return lane is Lane.RESCORE and verify_next(context)
 
 
 def let_live_work_pass(context: WorkerContext) -> None:

@@ -68,8 +68,6 @@ RIGHTS = MappingProxyType(
         "submissions": (RIU, _STATUS, _STATUS),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),
-        "verification_items": (RI, RU, RU),
-        "verifications": (RI, RU, RU),
         "work": (RIUD, RIU, RIUD),
         "worker_heartbeats": (R, RIUD, R),
     }

@@ -8,13 +8,14 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.rescoring.keys import OPEN
+from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S
 from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.rescoring import RunKind
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 NEWEST = 5
@@ -63,7 +64,9 @@ def dashboard(session: Session) -> Dashboard:
     pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
     failed = select(Submission).where(Submission.status == SubmissionStatus.FAILED)
     newest = failed.order_by(Submission.status_at.desc(), Submission.id).limit(NEWEST)
-    runs = select(RescoringRun).where(RescoringRun.state.in_(OPEN))
+    runs = select(RescoringRun).where(
+        RescoringRun.kind == RunKind.UPDATE, RescoringRun.state.in_(OPEN)
+    )
     since = database_now(session) - _A_DAY
     received = select(func.count()).where(Submission.received_at >= since)
     return Dashboard(

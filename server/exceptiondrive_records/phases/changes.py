@@ -13,6 +13,7 @@ from exceptiondrive_records.boards.boards import (
     latest_board,
     parsed_board,
 )
+from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
@@ -21,7 +22,6 @@ from exceptiondrive_records.phases.policy import frozen_since, is_anonymous, new
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.phase_boards import want_boards
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy, PhaseSettings
 
 _PROMISED = {

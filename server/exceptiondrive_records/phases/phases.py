@@ -11,10 +11,10 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_slug, checked_text
 from exceptiondrive_records.phases.policy import new_salt, phase_now
+from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
-from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.form_fields import fields_of
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseSettings

@@ -6,9 +6,9 @@ from functools import lru_cache
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.phases.scoring_keys import new_key, old_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.keys import new_key, old_key
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split

@@ -5,7 +5,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import entry_ids, latest_board
 from exceptiondrive_records.boards.ranking import entry_ids_for_board
 from exceptiondrive_records.boards.tables import BoardRow
-from exceptiondrive_records.rescoring.keys import ScoringKey
+from exceptiondrive_records.phases.scoring_keys import ScoringKey
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 
 

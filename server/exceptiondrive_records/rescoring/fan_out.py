@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_key, other_key
 from exceptiondrive_records.rescoring.draft_board import fresh_board, want_fresh_board
-from exceptiondrive_records.rescoring.keys import ScoringKey, new_key, old_key, other_key
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
     missing_pairs,
@@ -18,11 +18,12 @@ from exceptiondrive_records.rescoring.pairs import (
     waiting_elsewhere,
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.verification import end_verification
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_records.work.tables import WAITING_STATES, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import RunState
+from exceptiondrive_schemas.rescoring import RunKind, RunState
 
 BATCH = 200
 """At most so many jobs of a run wait at a time: a run never floods the queue."""
@@ -43,6 +44,9 @@ def tend_runs(database: Database) -> int:
 
 
 def _tend(session: Session, run: RescoringRun) -> int:
+    if run.kind is RunKind.VERIFICATION:
+        end_verification(session, run)
+        return 0
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
         return 0

@@ -11,6 +11,15 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.inbox import notify_teams
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
+from exceptiondrive_records.phases.quotas import WAITING
+from exceptiondrive_records.phases.scoring_keys import (
+    ScoringKey,
+    find_run,
+    key_of_phase,
+    new_key,
+    old_key,
+    other_key,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import (
     Compared,
@@ -20,19 +29,10 @@ from exceptiondrive_records.rescoring.comparison import (
 )
 from exceptiondrive_records.rescoring.draft_board import fresh_board
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
-from exceptiondrive_records.rescoring.keys import (
-    ScoringKey,
-    find_run,
-    key_of_phase,
-    new_key,
-    old_key,
-    other_key,
-)
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import move_run, require_action
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job

@@ -7,16 +7,8 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason, random_id
-from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.fan_out import (
-    cancel_jobs,
-    hold_jobs,
-    release_jobs,
-    score_waiting_under,
-)
-from exceptiondrive_records.rescoring.keys import (
+from exceptiondrive_records.phases.phases import find_phase, lock_phase
+from exceptiondrive_records.phases.scoring_keys import (
     OPEN,
     ScoringKey,
     find_run,
@@ -25,11 +17,20 @@ from exceptiondrive_records.rescoring.keys import (
     old_key,
     other_key,
 )
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.fan_out import (
+    cancel_jobs,
+    hold_jobs,
+    release_jobs,
+    score_waiting_under,
+)
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, require_readable
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.verification import ask_for_rechecks, cancel_rechecks
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.work.tables import Job, WorkState
-from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunState, next_states
+from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
 
 _DONE = {
     RunAction.START: "started",
@@ -72,9 +73,53 @@ def create_run(
     reason = checked_reason(reason)
     _require_no_open_run(session, phase_id)
     target = _target(session, phase, protocol, split_revision)
+    run = _new_run(session, RunKind.UPDATE, phase, target, reason, actor)
+    detail = {
+        "phase": phase.id,
+        "reason": reason,
+        "protocol": target.protocol_digest,
+        "split_revision": target.split_revision,
+    }
+    audit(session, actor, "rescoring drafted", run.id, detail)
+    return run
+
+
+def start_verification(
+    session: Session, phase_id: str, *, sample: int | None, reason: str, actor: str
+) -> RescoringRun:
+    """Begin a run that recomputes sheets of a phase from their uploads, and demands every bit again.
+
+    It moves no pointer and keeps no sheet: other runs of the phase go their way beside it.
+
+    Args:
+        session: Of a write transaction.
+        phase_id: Whose sheets, under the protocol and split revision that it shows.
+        sample: How many, drawn by the database; None: all.
+        reason: Why.
+        actor: Who.
+
+    Raises:
+        NotFound: No such phase.
+        InvalidRecord: There is no sheet to verify, or the reason is empty.
+    """
+    phase = find_phase(session, phase_id)
+    reason = checked_reason(reason)
+    run = _new_run(session, RunKind.VERIFICATION, phase, key_of_phase(phase), reason, actor)
+    run.state = RunState.SCORING
+    run.started_at = run.resumed_at = run.created_at
+    n_sheets = ask_for_rechecks(session, run, sample)
+    detail = {"phase": phase.id, "reason": reason, "sheets": n_sheets}
+    audit(session, actor, "verification started", run.id, detail)
+    return run
+
+
+def _new_run(
+    session: Session, kind: RunKind, phase: Phase, target: ScoringKey, reason: str, actor: str
+) -> RescoringRun:
     now = database_now(session)
     run = RescoringRun(
         id=random_id(),
+        kind=kind,
         phase_id=phase.id,
         from_protocol_digest=phase.protocol_digest,
         from_split_revision=phase.split_revision,
@@ -88,13 +133,6 @@ def create_run(
     )
     session.add(run)
     session.flush()
-    detail = {
-        "phase": phase.id,
-        "reason": reason,
-        "protocol": target.protocol_digest,
-        "split_revision": target.split_revision,
-    }
-    audit(session, actor, "rescoring drafted", run.id, detail)
     return run
 
 
@@ -124,7 +162,10 @@ def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
 def cancel_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
     """End a run that was not applied; sheets that were made stay, and need not be made again."""
     run = move_run(session, run_id, RunAction.CANCEL, reason, actor)
-    cancel_jobs(session, run, new_key(run))
+    if run.kind is RunKind.VERIFICATION:
+        cancel_rechecks(session, run)
+    else:
+        cancel_jobs(session, run, new_key(run))
     return run
 
 
@@ -165,9 +206,12 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
         Conflict: It is not possible; the sentence says in which states it is.
     """
     may_retry = action is RunAction.RESUME and run.state in RETRIES
-    states = next_states(action, has_failed=may_retry and has_failed_pairs(session, run))
+    has_failed = may_retry and has_failed_pairs(session, run)
+    states = next_states(action, has_failed=has_failed, kind=run.kind)
     if run.state in states:
         return states[run.state]
+    if not states:
+        raise Conflict("The run verifies sheets: it ends by itself, or is cancelled.")
     *first, last = [_words(state) for state in states]
     before = f"{', '.join(first)} or {last}" if first else last
     if action is RunAction.RESUME:
@@ -212,7 +256,9 @@ def _words(state: RunState) -> str:
 
 def _require_no_open_run(session: Session, phase_id: str) -> None:
     query = select(RescoringRun).where(
-        RescoringRun.phase_id == phase_id, RescoringRun.state.in_(OPEN)
+        RescoringRun.phase_id == phase_id,
+        RescoringRun.kind == RunKind.UPDATE,
+        RescoringRun.state.in_(OPEN),
     )
     run = session.scalars(query).first()
     if run is None:

@@ -2,20 +2,24 @@
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
+from sqlalchemy import ForeignKey, Index, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, enum_text
-from exceptiondrive_schemas.rescoring import Comparison, RunState, VerifyState
+from exceptiondrive_schemas.rescoring import Comparison, RunKind, RunState
 
 
 class RescoringRun(Base):
-    """One change of the protocol or split revision of a phase, from draft to its end."""
+    """One change of the protocol or split revision of a phase, from draft to its end.
+
+    A verification is a run whose target is its source: it keeps no sheet, and compares.
+    """
 
     __tablename__ = "rescoring_runs"
     __table_args__ = (Index("ix_rescoring_runs_phase", "phase_id", "state"),)
     id: Mapped[str] = mapped_column(primary_key=True)
+    kind: Mapped[RunKind] = mapped_column(enum_text(RunKind))
     phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
     from_protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
     from_split_revision: Mapped[str]
@@ -38,38 +42,3 @@ class RescoringRun(Base):
     rollback_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
     comparison: Mapped[Comparison | None] = mapped_column(DocumentText(Comparison), deferred=True)
     """What readers saw change, kept when the run was applied."""
-
-
-class Verification(Base):
-    """A recomputation of score sheets from the uploads, to prove that every bit comes again."""
-
-    __tablename__ = "verifications"
-    id: Mapped[str] = mapped_column(primary_key=True)
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
-    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
-    split_revision: Mapped[str]
-    reason: Mapped[str] = mapped_column(Text)
-    actor: Mapped[str]
-    created_at: Mapped[datetime]
-    finished_at: Mapped[datetime | None]
-
-
-class VerificationItem(Base):
-    """One sheet that is recomputed."""
-
-    __tablename__ = "verification_items"
-    __table_args__ = (
-        UniqueConstraint("verification_id", "submission_id"),
-        Index("ix_verification_items_state", "state"),
-    )
-    id: Mapped[str] = mapped_column(primary_key=True)
-    verification_id: Mapped[str] = mapped_column(ForeignKey("verifications.id"))
-    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
-    state: Mapped[VerifyState] = mapped_column(enum_text(VerifyState))
-    expected_digest: Mapped[str]
-    found_digest: Mapped[str | None]
-    note: Mapped[str | None]
-    attempts: Mapped[int]
-    fence: Mapped[int]
-    lease_until: Mapped[datetime | None]
-    rung_at: Mapped[datetime | None]

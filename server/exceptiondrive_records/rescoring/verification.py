@@ -1,74 +1,52 @@
-"""Recomputation of sheets from the uploads, and what came of it."""
+"""Verification: sheets are recomputed from the uploads, and every bit must come again.
 
-from dataclasses import dataclass
-from datetime import timedelta
+It is a rescoring run whose target is its source. Each sheet is an item of the work table, which
+keeps what came of it; no sheet is written.
+"""
 
-from sqlalchemy import func, or_, select, update
+from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord, NotFound
-from exceptiondrive_records.db.identifiers import checked_reason, random_id
-from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.scoring_keys import find_run, list_runs
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.tables import Verification, VerificationItem
+from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_schemas.rescoring import VerificationView, VerifyItemView, VerifyState
-from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
+from exceptiondrive_records.work.lease import claim, finish, is_claimable, is_free, new_item
+from exceptiondrive_records.work.tables import OPEN_STATES, Recheck, WorkState
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.rescoring import (
+    RunKind,
+    RunState,
+    VerificationView,
+    VerifyItemView,
+    VerifyState,
+)
+from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_schemas.submission import SubmissionStatus
 
-AT_ONCE = 32
-"""At most so many sheets are asked for at a time."""
 MAX_ATTEMPTS = 4
 _UNANSWERED = "recomputing did not finish in any of its attempts"
 
 
-@dataclass(frozen=True)
-class VerifyClaim:
-    """The lease of one recomputation."""
-
-    item_id: str
-    fence: int
-    submission_id: str
-    phase_id: str
-    challenge: str
-    file_digest: str
-    protocol_digest: str
-    split_name: str
-    split_revision: str
-    expected_digest: str
-    expected_sheet: ScoreSheet
-
-
-def start_verification(
-    session: Session, phase_id: str, *, sample: int | None, reason: str, actor: str
-) -> Verification:
-    """Ask for sheets of a phase to be recomputed from their uploads.
-
-    Args:
-        session: Of a write transaction.
-        phase_id: Whose sheets, under the protocol and split revision that it shows.
-        sample: How many, drawn by the database; None: all.
-        reason: Why.
-        actor: Who.
+def ask_for_rechecks(session: Session, run: RescoringRun, sample: int | None) -> int:
+    """Ask for sheets of a run to be recomputed, drawn by the database; return how many.
 
     Raises:
-        NotFound: No such phase.
-        InvalidRecord: There is no sheet to verify, or the reason is empty.
+        InvalidRecord: There is no sheet.
     """
-    phase = find_phase(session, phase_id)
-    reason = checked_reason(reason)
     query = (
         select(ScoreSheetRow.submission_id, ScoreSheetRow.exact_digest)
         .join(Submission, Submission.id == ScoreSheetRow.submission_id)
         .where(
-            Submission.phase_id == phase.id,
+            Submission.phase_id == run.phase_id,
             Submission.status == SubmissionStatus.SCORED,
-            ScoreSheetRow.protocol_digest == phase.protocol_digest,
-            ScoreSheetRow.split_revision == phase.split_revision,
+            ScoreSheetRow.protocol_digest == run.to_protocol_digest,
+            ScoreSheetRow.split_revision == run.to_split_revision,
         )
         .order_by(func.random())
         .limit(sample)
@@ -76,171 +54,101 @@ def start_verification(
     sheets = session.execute(query).all()
     if not sheets:
         raise InvalidRecord("The phase has no score sheets under its protocol yet.")
-    verification = Verification(
-        id=random_id(),
-        phase_id=phase.id,
-        protocol_digest=phase.protocol_digest,
-        split_revision=phase.split_revision,
-        reason=reason,
-        actor=actor,
-        created_at=database_now(session),
-    )
-    session.add(verification)
-    session.flush()
-    session.add_all(_item(verification.id, *sheet) for sheet in sheets)
-    detail = {"phase": phase.id, "reason": reason, "sheets": len(sheets)}
-    audit(session, actor, "verification started", verification.id, detail)
-    return verification
-
-
-def _item(verification_id: str, submission_id: str, digest: str) -> VerificationItem:
-    return VerificationItem(
-        id=random_id(24),
-        verification_id=verification_id,
-        submission_id=submission_id,
-        state=VerifyState.WAITING,
-        expected_digest=digest,
-        attempts=0,
-        fence=0,
-    )
-
-
-def due_items(session: Session, ring_again_after_s: float) -> list[str]:
-    """Return the recomputations to ring for; those without attempts left are not among them."""
-    now = database_now(session)
-    waiting = VerificationItem.state == VerifyState.WAITING
-    rung_lately = VerificationItem.rung_at >= now - timedelta(seconds=ring_again_after_s)
-    outstanding = session.scalar(select(func.count()).where(waiting, rung_lately)) or 0
-    query = (
-        select(VerificationItem.id)
-        .where(
-            waiting,
-            or_(VerificationItem.rung_at.is_(None), ~rung_lately),
-            or_(VerificationItem.lease_until.is_(None), VerificationItem.lease_until < now),
+    session.add_all(
+        new_item(
+            Recheck,
+            f"{run.id}/{submission_id}",
+            run.created_at,
+            lane=Lane.RESCORE,
+            run_id=run.id,
+            submission_id=submission_id,
+            expected_digest=digest,
         )
-        .limit(max(0, AT_ONCE - outstanding))
+        for submission_id, digest in sheets
     )
-    return list(session.scalars(query))
+    return len(sheets)
 
 
-def mark_items_rung(session: Session, item_ids: list[str]) -> None:
-    """Note that messages are under way."""
-    session.execute(
-        update(VerificationItem)
-        .where(VerificationItem.id.in_(item_ids))
-        .values(rung_at=database_now(session))
-        .execution_options(synchronize_session=False)
-    )
-
-
-def claim_item(session: Session, item_id: str, lease_s: float) -> VerifyClaim | None:
-    """Lease a recomputation if it is free; after too many attempts it is recorded as failed."""
+def claim_recheck(session: Session, lease_s: float) -> Recheck | None:
+    """Lease the sheet that is to be recomputed next; None: nothing is free."""
     now = database_now(session)
-    item = session.get(VerificationItem, item_id, with_for_update=True)
-    if item is None or item.state is not VerifyState.WAITING:
-        return None
-    if item.lease_until is not None and item.lease_until >= now:
-        return None
-    if item.attempts >= MAX_ATTEMPTS:
-        _end(session, item, VerifyState.FAILED, None, _UNANSWERED)
-        return None
-    item.attempts += 1
-    item.fence += 1
-    item.lease_until = now + timedelta(seconds=lease_s)
-    return _describe(session, item)
-
-
-def _describe(session: Session, item: VerificationItem) -> VerifyClaim:
-    verification = session.get_one(Verification, item.verification_id)
-    submission = session.get_one(Submission, item.submission_id)
-    phase = session.get_one(Phase, verification.phase_id)
-    key = (submission.id, verification.protocol_digest, verification.split_revision)
-    return VerifyClaim(
-        item_id=item.id,
-        fence=item.fence,
-        submission_id=submission.id,
-        phase_id=phase.id,
-        challenge=phase.challenge,
-        file_digest=submission.file_digest,
-        protocol_digest=verification.protocol_digest,
-        split_name=phase.split_name,
-        split_revision=verification.split_revision,
-        expected_digest=item.expected_digest,
-        expected_sheet=session.get_one(ScoreSheetRow, key).sheet,
+    first = (
+        select(Recheck.id)
+        .where(is_claimable(Recheck, now), Recheck.attempts < MAX_ATTEMPTS)
+        .order_by(Recheck.created_at, Recheck.id)
     )
+    return claim(session, Recheck, first, lease_s)
 
 
-def finish_item(
+def finish_recheck(
     session: Session,
-    claim: VerifyClaim,
+    item: Recheck,
     state: VerifyState,
     found_digest: str | None,
     note: str | None = None,
 ) -> bool:
     """Record what a recomputation came to; False when the lease was lost."""
-    item = session.get(VerificationItem, claim.item_id, with_for_update=True)
-    if item is None or item.fence != claim.fence or item.state is not VerifyState.WAITING:
+    ended = WorkState.FAILED if state is VerifyState.FAILED else WorkState.DONE
+    if not finish(session, item, ended, note=note):
         return False
-    _end(session, item, state, found_digest, note)
+    session.execute(update(Recheck).where(Recheck.id == item.id).values(found_digest=found_digest))
+    if state is not VerifyState.EQUAL:
+        _tell(session, item, state, found_digest, note)
     return True
 
 
-def _end(
-    session: Session,
-    item: VerificationItem,
-    state: VerifyState,
-    found_digest: str | None,
-    note: str | None,
-) -> None:
-    item.state, item.found_digest, item.note = state, found_digest, note
-    item.lease_until = None
-    verification = session.get_one(Verification, item.verification_id, with_for_update=True)
-    session.flush()
-    if state is not VerifyState.EQUAL:
-        detail = {"verification": verification.id, "expected": item.expected_digest}
-        what = {"found": found_digest, "note": note, **detail}
-        audit(session, "worker", f"sheet {state.value}", item.submission_id, what)
-    counts = _counts(session, verification.id)
-    if not counts.get(VerifyState.WAITING):
-        verification.finished_at = database_now(session)
-        outcome = {state.value: count for state, count in counts.items()}
-        audit(session, "worker", "verification finished", verification.id, outcome)
-
-
-def _counts(session: Session, verification_id: str) -> dict[VerifyState, int]:
-    query = (
-        select(VerificationItem.state, func.count())
-        .where(VerificationItem.verification_id == verification_id)
-        .group_by(VerificationItem.state)
+def cancel_rechecks(session: Session, run: RescoringRun) -> None:
+    """Let nothing more of a verification be recomputed."""
+    session.execute(
+        update(Recheck)
+        .where(Recheck.run_id == run.id, Recheck.state.in_(OPEN_STATES))
+        .values(state=WorkState.CANCELLED, fence=Recheck.fence + 1, finished_at=run.state_at)
+        .execution_options(synchronize_session=False)
     )
-    return {state: count for state, count in session.execute(query)}
 
 
-def verification_view(session: Session, verification_id: str) -> VerificationView:
+def end_verification(session: Session, run: RescoringRun) -> None:
+    """Give up what no attempt has answered; close the run once every sheet has come to an end."""
+    now = database_now(session)
+    lost = select(Recheck).where(
+        Recheck.run_id == run.id, Recheck.attempts >= MAX_ATTEMPTS, is_free(Recheck, now)
+    )
+    for item in session.scalars(lost.with_for_update(skip_locked=True)):
+        item.state, item.note, item.finished_at = WorkState.DEAD, _UNANSWERED, now
+        _tell(session, item, VerifyState.FAILED, None, _UNANSWERED)
+    session.flush()
+    counts = _counts(session, run.id)
+    if counts.get(VerifyState.WAITING):
+        return
+    run.state, run.state_at, run.ended_at = RunState.CLOSED, now, now
+    outcome = {state.value: count for state, count in counts.items()}
+    audit(session, "reconciler", "verification finished", run.id, outcome)
+
+
+def verification_view(session: Session, run_id: str) -> VerificationView:
     """Return a verification as organizers see it.
 
     Raises:
         NotFound: There is none.
     """
-    found = session.get(Verification, verification_id)
-    if found is None:
-        raise NotFound("verification", verification_id)
-    counts = _counts(session, found.id)
-    bad = select(VerificationItem).where(
-        VerificationItem.verification_id == found.id,
-        VerificationItem.state.in_((VerifyState.DIFFERS, VerifyState.FAILED)),
+    run = find_run(session, run_id)
+    if run.kind is not RunKind.VERIFICATION:
+        raise NotFound("verification", run_id)
+    counts = _counts(session, run.id)
+    protocol = find_protocol(session, run.to_protocol_digest)
+    phase = session.get_one(Phase, run.phase_id)
+    bad = select(Recheck).where(
+        Recheck.run_id == run.id, Recheck.state.not_in(OPEN_STATES), Recheck.note.is_not(None)
     )
-    protocol = find_protocol(session, found.protocol_digest)
-    phase = session.get_one(Phase, found.phase_id)
     return VerificationView(
-        id=found.id,
-        phase=found.phase_id,
+        id=run.id,
+        phase=run.phase_id,
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
-        split=SplitRef(name=phase.split_name, revision=found.split_revision),
-        reason=found.reason,
-        actor=found.actor,
-        created_at=found.created_at,
-        finished_at=found.finished_at,
+        split=SplitRef(name=phase.split_name, revision=run.to_split_revision),
+        reason=run.reason,
+        actor=run.actor,
+        created_at=run.created_at,
+        finished_at=run.ended_at,
         n_sheets=sum(counts.values()),
         n_equal=counts.get(VerifyState.EQUAL, 0),
         n_different=counts.get(VerifyState.DIFFERS, 0),
@@ -248,19 +156,57 @@ def verification_view(session: Session, verification_id: str) -> VerificationVie
         problems=tuple(
             VerifyItemView(
                 submission_id=item.submission_id,
-                state=item.state,
+                state=_outcome(item.state, has_note=True),
                 expected_digest=item.expected_digest,
                 found_digest=item.found_digest,
                 note=item.note,
             )
-            for item in session.scalars(bad.order_by(VerificationItem.submission_id))
+            for item in session.scalars(bad.order_by(Recheck.submission_id))
         ),
     )
 
 
 def list_verifications(session: Session, phase_id: str | None = None) -> list[VerificationView]:
     """Return verifications, newest first."""
-    query = select(Verification.id).order_by(Verification.created_at.desc())
-    if phase_id is not None:
-        query = query.where(Verification.phase_id == phase_id)
-    return [verification_view(session, found) for found in session.scalars(query)]
+    runs = list_runs(session, phase_id, RunKind.VERIFICATION)
+    return [verification_view(session, run.id) for run in runs]
+
+
+def _outcome(state: WorkState, *, has_note: bool) -> VerifyState:
+    """Return what a work item says of its sheet: a note says why it did not come again."""
+    if state in OPEN_STATES:
+        return VerifyState.WAITING
+    if state is WorkState.DONE:
+        return VerifyState.DIFFERS if has_note else VerifyState.EQUAL
+    return VerifyState.FAILED
+
+
+def _counts(session: Session, run_id: str) -> dict[VerifyState, int]:
+    has_note = Recheck.note.is_not(None)
+    query = (
+        select(Recheck.state, has_note, func.count())
+        .where(Recheck.run_id == run_id)
+        .group_by(Recheck.state, has_note)
+    )
+    counts: dict[VerifyState, int] = {}
+    for state, noted, count in session.execute(query):
+        outcome = _outcome(state, has_note=bool(noted))
+        counts[outcome] = counts.get(outcome, 0) + count
+    return counts
+
+
+def _tell(
+    session: Session,
+    item: Recheck,
+    state: VerifyState,
+    found_digest: str | None,
+    note: str | None,
+) -> None:
+    """Leave an audit line about a sheet that did not come again."""
+    detail = {
+        "found": found_digest,
+        "note": note,
+        "verification": item.run_id,
+        "expected": item.expected_digest,
+    }
+    audit(session, "worker", f"sheet {state.value}", item.submission_id, detail)

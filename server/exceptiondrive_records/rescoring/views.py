@@ -7,6 +7,7 @@ from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, other_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import (
     checked_protocol,
@@ -20,7 +21,6 @@ from exceptiondrive_records.rescoring.comparison import (
     taken_back,
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
-from exceptiondrive_records.rescoring.keys import ScoringKey, find_run, list_runs, other_key
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
@@ -46,6 +46,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     progress = progress_of(session, run, other_key(run))
     return RunView(
         id=run.id,
+        kind=run.kind,
         phase=run.phase_id,
         state=run.state,
         reason=run.reason,
@@ -59,7 +60,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         applied_at=run.applied_at,
         ended_at=run.ended_at,
         progress=progress,
-        actions=actions_of(run.state, has_failed=progress.failed > 0),
+        actions=actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
         old_board=compared.comparison.old_board if compared else None,

@@ -12,9 +12,9 @@ from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, 
 from exceptiondrive_records.db.identifiers import checked_link, checked_text, random_id
 from exceptiondrive_records.phases.phases import find_phase, is_open
 from exceptiondrive_records.phases.policy import takes_late_entries
+from exceptiondrive_records.phases.quotas import require_quota
+from exceptiondrive_records.phases.scoring_keys import companion_key
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.keys import companion_key
-from exceptiondrive_records.submissions.quotas import require_quota
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved

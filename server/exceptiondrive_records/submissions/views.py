@@ -9,9 +9,9 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import ranks_on
 from exceptiondrive_records.entries.selection import is_chosen
 from exceptiondrive_records.phases.policy import is_anonymous, is_late, pseudonym_of_team
+from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.quotas import WAITING
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.fair_share import jobs_ahead

@@ -103,16 +103,6 @@ class Dispatcher:
             return False
         return True
 
-    def wake_for_verification(self, item_id: str) -> bool:
-        """Wake a worker that recomputes a sheet; return whether the broker has the message."""
-        if time.monotonic() < self._quiet_until:
-            return False
-        try:
-            self._send(JobName.VERIFY, item_id, Lane.RESCORE)
-        except (KombuError, RedisError, OSError):
-            return False
-        return True
-
     def close(self) -> None:
         """Close all connections."""
         self._app.close()

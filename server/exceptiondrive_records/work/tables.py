@@ -111,6 +111,23 @@ class BoardRequest(WorkItem):
         return f"board:{self.phase_id}"
 
 
+class Recheck(WorkItem):
+    """A sheet that a verification recomputes; `note` says why it did not come again."""
+
+    __mapper_args__ = {"polymorphic_identity": "recheck"}  # noqa: RUF012
+    run_id: Mapped[str] = mapped_column(ForeignKey("rescoring_runs.id"), nullable=True)
+    submission_id: Mapped[str] = mapped_column(
+        ForeignKey("submissions.id"), nullable=True, use_existing_column=True
+    )
+    expected_digest: Mapped[str] = mapped_column(nullable=True)
+    found_digest: Mapped[str | None]
+
+    @property
+    def subject(self) -> str:
+        """The submission."""
+        return self.submission_id
+
+
 class Leader(WorkItem):
     """What one process at a time may do; `key` names it."""
 
@@ -119,6 +136,7 @@ class Leader(WorkItem):
 
 
 Index("ix_work_submission", Job.submission_id)
+Index("ix_work_run", Recheck.run_id)
 Index("ix_work_share", Job.team_id, Job.lane, Job.leased_at)
 
 

@@ -14,11 +14,11 @@ from exceptiondrive_server.boards.comparison import (
 )
 from exceptiondrive_server.boards.entry_facts import board_fields, challenge_of, entry_key
 from exceptiondrive_server.boards.page import entry_choices
-from exceptiondrive_server.entries.queries import MAX_COMPARED, ComparisonReading
+from exceptiondrive_server.entries.queries import MAX_COMPARED, ComparedEntries
 from exceptiondrive_server.web.numbers import Digits, listed
 
 
-def compare_page(reading: ComparisonReading) -> dict[str, Any]:
+def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     """Return what `compare.html` shows; without two entries there is nothing to compare."""
     shown, board, entries = reading.board, reading.board.board, reading.entries
     digits = Digits.of(shown.protocol.publication)

@@ -8,9 +8,8 @@ from exceptiondrive_server.boards.pictures import painted_picture
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.entries.compare import compare_page
 from exceptiondrive_server.entries.pictures import badge, entry_picture
-from exceptiondrive_server.entries.queries import EntryReading, read_comparison, read_entry
-from exceptiondrive_server.entries.sample_drawings import sample_page
-from exceptiondrive_server.entries.view import entry_page
+from exceptiondrive_server.entries.queries import EntryData, read_comparison, read_entry
+from exceptiondrive_server.entries.view import entry_page, sample_page
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
 from exceptiondrive_server.web.services import Services
@@ -58,7 +57,7 @@ def show_comparison(request: Request, services: ServicesOf) -> Response:
     return page(request, "entries/compare.html", "compare", **compare_page(reading))
 
 
-def _entry(request: Request, services: Services, key: str) -> EntryReading:
+def _entry(request: Request, services: Services, key: str) -> EntryData:
     query = BoardQuery.parse(request.query_params.multi_items())
     with services.database.read() as session:
         return read_entry(session, key, query)

@@ -12,22 +12,22 @@ from exceptiondrive_server.boards.pictures import (
     subtitle,
 )
 from exceptiondrive_server.boards.table import RowBuilder
-from exceptiondrive_server.entries.queries import EntryReading
-from exceptiondrive_server.entries.view import standing_of
+from exceptiondrive_server.entries.queries import EntryData
+from exceptiondrive_server.entries.view import position_of
 from exceptiondrive_server.web.numbers import Digits
-from exceptiondrive_server.web.responses import render
 from exceptiondrive_server.web.scales import px
+from exceptiondrive_server.web.templating import render
 
 NAME_SIZE = 64
 
 
-def entry_picture(reading: EntryReading) -> str:
+def entry_picture(reading: EntryData) -> str:
     """Draw an entry as SVG."""
     board, entry = reading.board, reading.entry
     builder = RowBuilder.of(board, board.headline, Digits.of(reading.protocol.publication))
     row, first = builder.row(entry), challenge_of(board).metrics[0]
-    standing = standing_of(row, board)
-    figures = [("Rank", standing.rank, standing.note or ("not ranked" if standing.why else ""))]
+    position = position_of(row, board)
+    figures = [("Rank", position.rank, position.note or ("not ranked" if position.reason else ""))]
     for cell in row.cells:
         if cell.role == "primary":
             value = f"{cell.text}\u202f%" if cell.text else "none"
@@ -59,7 +59,7 @@ def entry_picture(reading: EntryReading) -> str:
     )  # fmt: skip
 
 
-def badge(reading: EntryReading) -> str:
+def badge(reading: EntryData) -> str:
     """Say rank and the first metric as SVG, or that the entry is reported or not ranked."""
     entry, metric = reading.entry, challenge_of(reading.board).metrics[0]
     text = Digits.of(reading.protocol.publication).text(metric, entry.metrics.get(metric.key))

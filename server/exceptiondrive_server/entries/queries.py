@@ -16,7 +16,7 @@ from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.comparison import default_pair
@@ -30,7 +30,7 @@ MAX_COMPARED = 6
 
 
 @dataclass(frozen=True)
-class PastStanding:
+class PastPosition:
     """An entry on the newest board of one protocol that shows it, and on the oldest."""
 
     board: Board
@@ -40,23 +40,23 @@ class PastStanding:
 
 
 @dataclass(frozen=True)
-class EntryReading:
+class EntryData:
     """What the records say of an entry."""
 
     board: Board
     entry: BoardEntry
-    protocol: Protocol
+    protocol: ProtocolDocument
     phase_title: str
     is_current: bool
     """Whether the board is the present one; else it is how the entry stood there."""
     sheet: ScoreSheet | None
     submission: Submission | None
     """What was uploaded, and when; None for reported entries and while names are hidden."""
-    past: tuple[PastStanding, ...]
+    past: tuple[PastPosition, ...]
     drawings: EntryDrawings | None
 
 
-def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
+def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     """Read an entry that stands, or stood, on a board.
 
     Raises:
@@ -68,7 +68,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryReading:
     phase = session.get(Phase, board.phase)
     if entry is None or phase is None:
         raise NotFound("entry", key)
-    return EntryReading(
+    return EntryData(
         board=board,
         entry=entry,
         protocol=find_protocol(session, board.protocol.digest),
@@ -108,7 +108,7 @@ def _board_with(
 
 
 @dataclass(frozen=True)
-class ComparisonReading:
+class ComparedEntries:
     """A board, the entries of it that are compared, and the published sheets of the first two."""
 
     board: BoardPage
@@ -118,7 +118,7 @@ class ComparisonReading:
 
 def read_comparison(
     session: Session, query: BoardQuery, pairs: Sequence[tuple[str, str]]
-) -> ComparisonReading:
+) -> ComparedEntries:
     """Read two or more entries of a board; without names the two best; none if there are none.
 
     Args:
@@ -132,16 +132,16 @@ def read_comparison(
     reading = read_board(session, query)
     board, given = reading.board, dict(pairs)
     if board is None:
-        return ComparisonReading(reading, (), (None, None))
+        return ComparedEntries(reading, (), (None, None))
     more = dict.fromkeys(value for key, value in pairs if key == "more" and value)
     named = [_named(board, given.get(key)) for key in ("a", "b")]
     rest = [_named(board, key) for key in more]
     pair = _pair(board, *named)
     if pair is None:
-        return ComparisonReading(reading, (), (None, None))
+        return ComparedEntries(reading, (), (None, None))
     others = [entry for entry in rest if entry and entry not in pair]
     first, second = (_sheet(session, e.submission_id, board) for e in pair)
-    return ComparisonReading(reading, (*pair, *others)[:MAX_COMPARED], (first, second))
+    return ComparedEntries(reading, (*pair, *others)[:MAX_COMPARED], (first, second))
 
 
 def _pair(
@@ -178,19 +178,19 @@ def _is_kept_private(session: Session, submission: Submission) -> bool:
     return phase.policy.entries_private and submission.published_at is None
 
 
-def _past(session: Session, submission: Submission) -> tuple[PastStanding, ...]:
+def _past(session: Session, submission: Submission) -> tuple[PastPosition, ...]:
     """Where the entry stands, or stood last, under each protocol that was ever shown; newest first."""
     rows = boards_by_protocol(session, submission, MOST_PROTOCOLS)
     found = (_standing(submission.id, first, last) for first, last in rows)
     return tuple(standing for standing in found if standing is not None)
 
 
-def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastStanding | None:
+def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastPosition | None:
     board, first_board = parsed_board(last), parsed_board(first)
     entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
-    return PastStanding(board, entry, first_board, first_entry)
+    return PastPosition(board, entry, first_board, first_entry)
 
 
 def _drawings(session: Session, submission: Submission, board: Board) -> EntryDrawings | None:

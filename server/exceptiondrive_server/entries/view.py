@@ -1,73 +1,165 @@
-"""The page of one entry: what its template needs besides the documents that were read."""
+"""The pages of one entry and of its drawn samples: what templates need besides the documents."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
+from markupsafe import Markup
+
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.drawing import SampleDrawing, outcome, shapes
 from exceptiondrive_schemas.protocol import PlausibilitySection
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
+from exceptiondrive_schemas.taxonomy import Task
 from exceptiondrive_server.boards.entry_facts import (
     board_fields,
     challenge_of,
     entry_key,
+    entry_url,
     outcome_parts,
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
-from exceptiondrive_server.entries.extra_tables import effect_tables, extra_tables
-from exceptiondrive_server.entries.queries import EntryReading
-from exceptiondrive_server.entries.sample_drawings import panels
+from exceptiondrive_server.entries.queries import EntryData
+from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.scales import Scale, nice_scale
-
-# What pages, badge and picture of an entry say of its rank: held, none, or none as it came late.
-
-
-NO_RANK = "–"
+from exceptiondrive_server.web.templating import template_filter
 
 
-@dataclass(frozen=True)
-class Standing:
-    """The rank of an entry in the words of its page."""
+class Part(NamedTuple):
+    """One family or task of an entry."""
+
+    id: str
+    title: str
+    hazard: str
+    """Of a task; a family has none of its own."""
+    row: BreakdownRow
+    interval: Interval | None
+    """Of the first metric."""
+    is_family: bool
+
+    @property
+    def is_small(self) -> bool:
+        """Whether its numbers come from few samples."""
+        return self.row.n is not None and self.row.n < SMALL_FAMILY
+
+    def bar(self, challenge: Challenge) -> dict[str, float] | None:
+        """Return the outcome's three shares; of a paper that prints one metric alone, that one."""
+        values = self.row.metrics
+        first = values.get(challenge.metrics[0].key)
+        alone = None if first is None else {"kept": first, "lost": 0.0, "hit": 0.0}
+        parts = outcome_parts(challenge, values)
+        return alone if parts is None else {str(name): share for name, share in parts.items()}
+
+
+def entry_page(reading: EntryData) -> dict[str, Any]:
+    """Return what `entry.html` shows of an entry."""
+    board, entry, sheet = reading.board, reading.entry, reading.sheet
+    challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
+    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
+    row, plausibility = builder.row(entry), reading.protocol.plausibility
+    is_macro = board.headline == "macro_family"
+    effects = effect_table(board, entry, digits)
+    return {
+        "reading": reading,
+        "challenge": challenge,
+        "digits": digits,
+        "row": row,
+        "position": position_of(row, board),
+        "axis": builder.axes[challenge.metrics[0].key],
+        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
+        "other": entry.micro if is_macro else entry.macro_family,
+        "parts": tuple(_parts(reading, challenge.metrics[0])),
+        "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
+        "past_axis": _past_axis(reading, challenge.metrics[0]),
+        "panels": panels(reading),
+        "tables": (
+            *([effects] if effects.lines else ()),
+            *(sheet_tables(sheet, reading.protocol, digits) if sheet else ()),
+        ),
+        "neighbours": _neighbours(reading),
+        "board_url": f"/?{urlencode(board_fields(board, reading.is_current))}#board",
+        "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
+    }  # fmt: skip
+
+
+def _parts(reading: EntryData, first: Metric) -> Iterator[Part]:
+    """Each family of an entry, followed by its tasks where a score sheet is known."""
+    tasks = reading.sheet.tasks if reading.sheet else {}
+    for head in reading.board.families:
+        cell = reading.entry.families.get(head.id)
+        if cell is not None:
+            yield Part(head.id, head.title, "", cell, cell.intervals.get(first.key), True)
+            for task in reading.protocol.taxonomy.tasks_of(head.id):
+                if task.id in tasks:
+                    yield Part(task.id, task.title, task.hazard, tasks[task.id], None, False)
+
+
+def _past_axis(reading: EntryData, metric: Metric) -> Scale:
+    """One axis for all protocols under which the entry stood."""
+    values: list[float | None] = []
+    for past in reading.past:
+        interval = past.entry.intervals.get(metric.key) or ()
+        values += [past.entry.metrics.get(metric.key), *interval]
+    known = [value for value in values if value is not None]
+    return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
+
+
+def _picture_query(board: Board) -> str:
+    """A picture of the late view follows it; one of a board never changes."""
+    given = (("phase", board.phase),) if board.view == "late" else board_fields(board)
+    return urlencode(given)
+
+
+def _neighbours(reading: EntryData) -> list[tuple[str, BoardEntry, str]]:
+    """Comparisons with the entries just above and below on this board: words, entry, address."""
+    board, entry = reading.board, reading.entry
+    ranked = [other for other in board.entries if other.rank is not None]
+    if entry not in ranked:
+        others = [("the leader", other) for other in ranked[:1]]
+    else:
+        place = ranked.index(entry)
+        others = [("the entry above", other) for other in ranked[max(place - 1, 0) : place]]
+        others += [("the entry below", other) for other in ranked[place + 1 : place + 2]]
+    given = (*board_fields(board, reading.is_current), ("a", entry_key(entry)))
+    base = f"/compare?{urlencode(given)}&b="
+    return [(words, other, base + entry_key(other)) for words, other in others]
+
+
+class Position(NamedTuple):
+    """The rank of an entry as its page, badge and picture say it."""
 
     rank: str
     """The rank held on the board; a dash where none is held."""
     note: str
     """Small print under the rank."""
-    why: tuple[str, str] | None
+    reason: tuple[str, str] | None
     """Why no rank is held: what it is called, and the sentence; None where one is held."""
-    words: str
+    summary: str
     """All of it in one line."""
 
 
-def standing_of(row: Row, board: Board) -> Standing:
+def position_of(row: Row, board: Board) -> Position:
     """Say what rank an entry holds. One that came after the deadline holds none on any board."""
     if row.entry.is_late:
-        return _late(row, board)
+        reason = "It came after the deadline, so it holds no rank and moves none."
+        if row.rank is None:
+            return Position("–", "", ("Late.", f"{reason} {_sentence(row.rank_words)}"), "late")
+        n_ranked = sum(1 for entry in board.entries if entry.rank is not None)
+        reason += f" Among all {n_ranked} of the late view it would be number {row.rank}."
+        summary = f"late, not ranked; it would be number {row.rank}"
+        return Position("–", f"would be {row.rank}", ("Late.", reason), summary)
     if row.rank is None:
-        return Standing(NO_RANK, "", ("Not ranked.", _sentence(row.rank_words)), row.rank_words)
+        return Position("–", "", ("Not ranked.", _sentence(row.rank_words)), row.rank_words)
     note = f"{row.rank_interval} possible" if row.rank_interval else ""
-    return Standing(row.rank, note, None, row.rank_words)
-
-
-def _late(row: Row, board: Board) -> Standing:
-    why = "It came after the deadline, so it holds no rank and moves none."
-    if row.rank is None:
-        return Standing(NO_RANK, "", ("Late.", f"{why} {_sentence(row.rank_words)}"), "late")
-    n_ranked = sum(1 for entry in board.entries if entry.rank is not None)
-    sentence = f"{why} Among all {n_ranked} of the late view it would be number {row.rank}."
-    words = f"late, not ranked; it would be number {row.rank}"
-    return Standing(NO_RANK, f"would be {row.rank}", ("Late.", sentence), words)
+    return Position(row.rank, note, None, row.rank_words)
 
 
 def _sentence(words: str) -> str:
     return words[0].upper() + words[1:] + ("" if words.endswith(".") else ".")
-
-
-# Plausibility shares of an entry in words, each with the threshold of the protocol.
 
 
 class PlausibilityLine(NamedTuple):
@@ -115,100 +207,67 @@ def plausibility_lines(
     return lines
 
 
-class Part(NamedTuple):
-    """One family or task of an entry."""
+@dataclass(frozen=True)
+class Panel:
+    """One drawn sample: who, what happened, where its own page is."""
 
-    id: str
-    title: str
-    hazard: str
-    """Of a task; a family has none of its own."""
-    row: BreakdownRow
-    interval: Interval | None
-    """Of the first metric."""
-    is_family: bool
+    group: str
+    """`worst` or `middle` of its family."""
+    place: str
+    url: str
+    sample: SampleDrawing
+    family: str
+    task: Task
 
     @property
-    def is_small(self) -> bool:
-        """Whether its numbers come from few samples."""
-        return self.row.n is not None and self.row.n < SMALL_FAMILY
+    def title(self) -> str:
+        """Its task, as readers see it."""
+        return f"{self.task.id} {self.task.title}"
 
-    def bar(self, challenge: Challenge) -> dict[str, float] | None:
-        """Return the outcome's three shares; of a paper that prints one metric alone, that one."""
-        values = self.row.metrics
-        first = values.get(challenge.metrics[0].key)
-        alone = None if first is None else {"kept": first, "lost": 0.0, "hit": 0.0}
-        parts = outcome_parts(challenge, values)
-        return alone if parts is None else {str(name): share for name, share in parts.items()}
+    @property
+    def outcome(self) -> str:
+        """What happened, in a sentence without capital and full stop."""
+        return outcome(self.sample)
+
+    @property
+    def words(self) -> str:
+        """What the picture shows, for those who do not see it."""
+        happened = self.outcome
+        return f"{self.title}: {self.sample.hazard}. {happened[0].upper()}{happened[1:]}."
 
 
-def entry_page(reading: EntryReading) -> dict[str, Any]:
-    """Return what `entry.html` shows of an entry."""
-    board, entry, sheet = reading.board, reading.entry, reading.sheet
-    challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
-    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
-    row, plausibility = builder.row(entry), reading.protocol.plausibility
-    is_macro = board.headline == "macro_family"
+def panels(reading: EntryData) -> tuple[Panel, ...]:
+    """Return the drawn samples of an entry: the worst of each family, then the middle ones."""
+    path, _, query = entry_url(reading.entry, reading.board, reading.is_current).partition("?")
+    families = {family.id: family.title for family in reading.protocol.families}
+    found = []
+    for drawn in reading.drawings.samples if reading.drawings else ():
+        sample = drawn.drawing
+        place = f"{drawn.chosen_as}-{sample.family}"
+        url = f"{path}/samples/{place}" + (f"?{query}" if query else "")
+        task = reading.protocol.taxonomy.task(sample.task)
+        found.append(Panel(drawn.chosen_as, place, url, sample, families[sample.family], task))
+    return tuple(sorted(found, key=lambda panel: panel.group != "worst"))
+
+
+@template_filter
+def drawn(sample: SampleDrawing, width: int, height: int) -> Markup:
+    """Draw a sample as SVG shapes for a box; colours come from the style sheet."""
+    return Markup(shapes(sample, width, height))
+
+
+def sample_page(reading: EntryData, place: str) -> dict[str, Any] | None:
+    """Return what `sample.html` shows of one drawn sample; None where none stands at this place."""
+    drawn = panels(reading)
+    index = next((i for i, panel in enumerate(drawn) if panel.place == place), None)
+    if index is None:
+        return None
     return {
         "reading": reading,
-        "challenge": challenge,
-        "digits": digits,
-        "row": row,
-        "standing": standing_of(row, board),
-        "axis": builder.axes[challenge.metrics[0].key],
-        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
-        "other": entry.micro if is_macro else entry.macro_family,
-        "parts": tuple(_parts(reading, challenge.metrics[0])),
-        "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
-        "past_axis": _past_axis(reading, challenge.metrics[0]),
-        "panels": panels(reading),
-        "tables": (
-            *effect_tables(board, entry, digits),
-            *(extra_tables(sheet, reading.protocol, digits) if sheet else ()),
-        ),
-        "neighbours": _neighbours(reading),
-        "board_url": f"/?{urlencode(board_fields(board, reading.is_current))}#board",
-        "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
-    }  # fmt: skip
-
-
-def _parts(reading: EntryReading, first: Metric) -> Iterator[Part]:
-    """Each family of an entry, followed by its tasks where a score sheet is known."""
-    tasks = reading.sheet.tasks if reading.sheet else {}
-    for head in reading.board.families:
-        cell = reading.entry.families.get(head.id)
-        if cell is not None:
-            yield Part(head.id, head.title, "", cell, cell.intervals.get(first.key), True)
-            for task in reading.protocol.taxonomy.tasks_of(head.id):
-                if task.id in tasks:
-                    yield Part(task.id, task.title, task.hazard, tasks[task.id], None, False)
-
-
-def _past_axis(reading: EntryReading, metric: Metric) -> Scale:
-    """One axis for all protocols under which the entry stood."""
-    values: list[float | None] = []
-    for past in reading.past:
-        interval = past.entry.intervals.get(metric.key) or ()
-        values += [past.entry.metrics.get(metric.key), *interval]
-    known = [value for value in values if value is not None]
-    return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
-
-
-def _picture_query(board: Board) -> str:
-    """A picture of the late view follows it; one of a board never changes."""
-    given = (("phase", board.phase),) if board.view == "late" else board_fields(board)
-    return urlencode(given)
-
-
-def _neighbours(reading: EntryReading) -> list[tuple[str, BoardEntry, str]]:
-    """Comparisons with the entries just above and below on this board: words, entry, address."""
-    board, entry = reading.board, reading.entry
-    ranked = [other for other in board.entries if other.rank is not None]
-    if entry not in ranked:
-        others = [("the leader", other) for other in ranked[:1]]
-    else:
-        place = ranked.index(entry)
-        others = [("the entry above", other) for other in ranked[max(place - 1, 0) : place]]
-        others += [("the entry below", other) for other in ranked[place + 1 : place + 2]]
-    given = (*board_fields(board, reading.is_current), ("a", entry_key(entry)))
-    base = f"/compare?{urlencode(given)}&b="
-    return [(words, other, base + entry_key(other)) for words, other in others]
+        "panel": drawn[index],
+        "metrics": challenge_of(reading.board).metrics,
+        "digits": Digits.of(reading.protocol.publication),
+        "before": drawn[index - 1] if index else None,
+        "after": drawn[index + 1] if index + 1 < len(drawn) else None,
+        "entry_url": entry_url(reading.entry, reading.board, reading.is_current),
+    }

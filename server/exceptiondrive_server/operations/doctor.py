@@ -24,10 +24,10 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.migrations import is_current, is_usable
+from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.heartbeats import live_workers, scorers_at_work
-from exceptiondrive_records.work.reconciler import LEADERSHIP
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 

@@ -7,8 +7,8 @@ from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from pydantic import Field, StrictInt
 
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.rescoring import flip, runs, verification
-from exceptiondrive_records.rescoring.keys import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_schemas.rescoring import PreviewView, RunView, VerificationView
@@ -88,7 +88,7 @@ def post_verification(
 ) -> VerificationView:
     """Recompute sheets from their uploads, and demand every bit again."""
     with services.database.write() as session:
-        started = verification.start_verification(
+        started = runs.start_verification(
             session,
             wanted.phase,
             sample=wanted.sample,

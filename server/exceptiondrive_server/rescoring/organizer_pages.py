@@ -10,21 +10,24 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring import flip, runs
-from exceptiondrive_records.rescoring.keys import find_run
-from exceptiondrive_records.rescoring.verification import (
-    list_verifications,
-    start_verification,
-    verification_view,
-)
+from exceptiondrive_records.rescoring.verification import list_verifications, verification_view
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.rescoring import RunKind
 from exceptiondrive_server.accounts.browser_session import PostedForm
 from exceptiondrive_server.audit.organizer_pages import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
-from exceptiondrive_server.rescoring.preview import preview_view
+from exceptiondrive_server.rescoring.preview import (
+    SHOWN,
+    Shifts,
+    rank_words,
+    slope_chart,
+    worst_first,
+)
 from exceptiondrive_server.rescoring.steps import (
     RUN_STEPS,
     RunStep,
@@ -34,7 +37,7 @@ from exceptiondrive_server.rescoring.steps import (
 )
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON
-from exceptiondrive_server.web.numbers import short_digest
+from exceptiondrive_server.web.numbers import short_digest, unit_of
 from exceptiondrive_server.web.organizer_frame import (
     NO_STORE,
     OrganizerBrowser,
@@ -104,7 +107,10 @@ def show_run(
 ) -> Response:
     """Show state, progress, what stands in the way, and what may be done."""
     with services.database.read() as session:
-        seen = run_view(session, find_run(session, run_id))
+        run = find_run(session, run_id)
+        if run.kind is RunKind.VERIFICATION:
+            return go(f"/organize/verifications/{run_id}")
+        seen = run_view(session, run)
         lines = history(session, run_id, limit=HISTORY)
         names = names_of_actors(session, [seen.actor])
     return organizer_page(
@@ -131,7 +137,11 @@ def show_preview(
     with services.database.read() as session:
         seen = run_view(session, find_run(session, run_id))
         preview = preview_of(session, run_id)
-        protocol = find_protocol(session, preview.comparison.to_protocol.digest)
+        comparison = preview.comparison
+        protocol = find_protocol(session, comparison.to_protocol.digest)
+    ordered = worst_first(comparison)
+    n_pages = max(1, -(-len(ordered) // SHOWN))
+    page = min(page, n_pages)
     return organizer_page(
         request,
         browser,
@@ -139,7 +149,15 @@ def show_preview(
         "rescoring",
         line=run_line(seen),
         steps=offered(seen),
-        page=preview_view(preview, protocol, page),
+        preview=preview,
+        shown=ordered[(page - 1) * SHOWN : page * SHOWN],
+        shifts=Shifts(protocol, comparison),
+        rank_words=rank_words,
+        unit=unit_of,
+        number=page,
+        n_pages=n_pages,
+        wide=slope_chart(comparison, width=860, longest=28),
+        narrow=slope_chart(comparison, width=420, longest=15),
     )
 
 
@@ -223,7 +241,7 @@ def post_verification(
     """Start a verification."""
 
     def take(session: Session, values: dict[str, Any]) -> str:
-        started = start_verification(
+        started = runs.start_verification(
             session, values.pop("phase"), **values, actor=browser.principal.actor
         )
         return f"/organize/verifications/{started.id}"

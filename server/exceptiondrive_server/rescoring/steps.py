@@ -62,7 +62,7 @@ def run_line(run: RunView) -> RunLine:
     progress = run.progress
     return RunLine(
         run=run,
-        change=" and ".join(changes),
+        change=" and ".join(changes) or "verification of sheets",
         state=run.state.value.replace("_", " "),
         tone=_TONE[run.state],
         next_words=_NEXT[run.state],

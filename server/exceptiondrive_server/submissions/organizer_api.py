@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import Field
 
-from exceptiondrive_records.submissions.retry import retry_submission
+from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.similarity import SimilarityReport

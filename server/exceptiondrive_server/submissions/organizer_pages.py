@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.protocols.protocols import list_protocols
-from exceptiondrive_records.submissions.retry import retry_submission
+from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.tables import Submission

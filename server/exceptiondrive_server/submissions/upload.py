@@ -19,8 +19,8 @@ from starlette.datastructures import FormData, UploadFile
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import UploadEmpty
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.file_store import is_kept
-from exceptiondrive_records.submissions.quotas import quota_of
 from exceptiondrive_records.submissions.submissions import accept, find_submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes

@@ -59,7 +59,7 @@ from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_spli
 
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
 ROUTES.include_router(PAGES)
-ROUTES.include_router(boards.router, prefix="/api/v1")
+ROUTES.include_router(boards.router, prefix="/api/v1", include_in_schema=False)
 
 
 class Services:

@@ -319,10 +319,11 @@ def create_boards() -> None:
 
 
 def create_rescoring() -> None:
-    """Protocol updates, and verifications of kept sheets."""
+    """Protocol updates, and verifications of kept sheets: runs all of them."""
     op.create_table(
         "rescoring_runs",
         sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("kind", sa.String(16), nullable=False),
         sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
         sa.Column(
             "from_protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
@@ -348,37 +349,6 @@ def create_rescoring() -> None:
         sa.Column("comparison", sa.Text()),
     )
     op.create_index("ix_rescoring_runs_phase", "rescoring_runs", ["phase_id", "state"])
-    op.create_table(
-        "verifications",
-        sa.Column("id", sa.String(), primary_key=True),
-        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
-        sa.Column(
-            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
-        ),
-        sa.Column("split_revision", sa.String(), nullable=False),
-        sa.Column("reason", sa.Text(), nullable=False),
-        sa.Column("actor", sa.String(), nullable=False),
-        sa.Column("created_at", TIME, nullable=False),
-        sa.Column("finished_at", TIME),
-    )
-    op.create_table(
-        "verification_items",
-        sa.Column("id", sa.String(), primary_key=True),
-        sa.Column(
-            "verification_id", sa.String(), sa.ForeignKey("verifications.id"), nullable=False
-        ),
-        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), nullable=False),
-        sa.Column("state", sa.String(16), nullable=False),
-        sa.Column("expected_digest", sa.String(), nullable=False),
-        sa.Column("found_digest", sa.String()),
-        sa.Column("note", sa.String()),
-        sa.Column("attempts", sa.Integer(), nullable=False),
-        sa.Column("fence", sa.Integer(), nullable=False),
-        sa.Column("lease_until", TIME),
-        sa.Column("rung_at", TIME),
-        sa.UniqueConstraint("verification_id", "submission_id"),
-    )
-    op.create_index("ix_verification_items_state", "verification_items", ["state"])
 
 
 def create_notifications() -> None:
@@ -458,12 +428,16 @@ def create_work() -> None:
         sa.Column("split_revision", sa.String()),
         sa.Column("is_first", sa.Boolean()),
         sa.Column("holder", sa.String()),
+        sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
+        sa.Column("expected_digest", sa.String()),
+        sa.Column("found_digest", sa.String()),
         sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
         sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
         sa.UniqueConstraint("kind", "key"),
     )
     op.create_index("ix_work_finished", "work", ["kind", "finished_at"])
     op.create_index("ix_work_queue", "work", ["state", "lane", "created_at"])
+    op.create_index("ix_work_run", "work", ["run_id"])
     op.create_index("ix_work_share", "work", ["team_id", "lane", "leased_at"])
     op.create_index("ix_work_submission", "work", ["submission_id"])
 

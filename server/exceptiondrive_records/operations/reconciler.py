@@ -12,20 +12,18 @@ from dataclasses import dataclass
 import structlog
 from sqlalchemy.exc import OperationalError
 
+from exceptiondrive_records.boards.requests import tend_phases
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.rescoring.verification import due_items, mark_items_rung
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
 from exceptiondrive_records.work.jobs import give_up_exhausted
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
-from exceptiondrive_records.work.phase_boards import tend_phases
 
 _log = structlog.get_logger("exceptiondrive.reconciler")
 
 LEADERSHIP = "reconciler"
-_WAKE_AGAIN_AFTER_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,6 @@ class Pass:
     """How many items could be done now, in lanes that the broker could wake."""
     dead_jobs: int = 0
     rescoring_jobs: int = 0
-    verifications: int = 0
 
 
 def reconcile_once(database: Database, dispatcher: Dispatcher, settings: RecordsSettings) -> Pass:
@@ -49,7 +46,7 @@ def reconcile_once(database: Database, dispatcher: Dispatcher, settings: Records
     if woken_for:
         with database.write() as session:
             mark_queued(session)
-    return Pass(woken_for, dead_jobs, rescoring_jobs, _verify(database, dispatcher))
+    return Pass(woken_for, dead_jobs, rescoring_jobs)
 
 
 def run_reconciler(
@@ -70,13 +67,3 @@ def run_reconciler(
         stop.wait(settings.reconcile_every_s)
     with database.write() as session:
         give_up_lead(session, LEADERSHIP, holder)
-
-
-def _verify(database: Database, dispatcher: Dispatcher) -> int:
-    with database.read() as session:
-        due = due_items(session, _WAKE_AGAIN_AFTER_S)
-    woken = [item for item in due if dispatcher.wake_for_verification(item)]
-    if woken:
-        with database.write() as session:
-            mark_items_rung(session, woken)
-    return len(woken)

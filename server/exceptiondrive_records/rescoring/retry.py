@@ -7,9 +7,9 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import score_waiting_under
-from exceptiondrive_records.rescoring.keys import key_of_phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.jobs import queue_again
 from exceptiondrive_records.work.tables import Job, WorkState

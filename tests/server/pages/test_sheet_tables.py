@@ -2,7 +2,7 @@
 
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.examples import example_score_sheet
-from exceptiondrive_server.entries.extra_tables import extra_tables
+from exceptiondrive_server.entries.sheet_tables import sheet_tables
 from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()
@@ -14,7 +14,7 @@ ROWS = {
 
 def test_sensitivity_stands_around_the_row_that_ranks_from_less_to_more_clearance() -> None:
     sheet = example_score_sheet().model_copy(update={"extra": ROWS})
-    (table,) = extra_tables(sheet, PROTOCOL, Digits())
+    (table,) = sheet_tables(sheet, PROTOCOL, Digits())
     assert table.heads == ("HCC % over families", "HCC % over samples")
     assert table.lines == (
         ("half of d_safe", ("", "40.00")),
@@ -27,18 +27,18 @@ def test_the_average_that_ranks_stands_first() -> None:
     grading = PROTOCOL.grading.model_copy(update={"headline": "micro"})
     protocol = PROTOCOL.model_copy(update={"grading": grading})
     sheet = example_score_sheet().model_copy(update={"extra": ROWS})
-    (table,) = extra_tables(sheet, protocol, Digits())
+    (table,) = sheet_tables(sheet, protocol, Digits())
     assert table.heads[0] == "HCC % over samples"
 
 
 def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
     extra = {"confusion_CD": {"A": 2.0, "missing": 3.0}, "reminder": {"presence_recall": 0.5}}
     sheet = example_score_sheet().model_copy(update={"extra": extra})
-    confusion, reminder = extra_tables(sheet, PROTOCOL, Digits())
+    confusion, reminder = sheet_tables(sheet, PROTOCOL, Digits())
     assert confusion.lines == (("C\u00a0D", ("2", "3")),)
     assert reminder.lines == (("hazard presence, recall", ("50.00",)),)
 
 
 def test_a_sheet_without_further_rows_has_no_table() -> None:
     sheet = example_score_sheet().model_copy(update={"extra": {}})
-    assert extra_tables(sheet, PROTOCOL, Digits()) == ()
+    assert sheet_tables(sheet, PROTOCOL, Digits()) == ()

@@ -10,8 +10,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.protocol import Protocol
-from exceptiondrive_schemas.rescoring import RunState
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.rescoring import RunKind, RunState
 
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
 """Runs whose target every fresh submission is scored under besides."""
@@ -50,7 +50,9 @@ def companion_key(session: Session, phase_id: str) -> tuple[ScoringKey, bool] | 
     """Return what a fresh submission is scored under besides, and whether that is held now."""
     states = (*UNFINISHED, RunState.APPLIED)
     query = select(RescoringRun).where(
-        RescoringRun.phase_id == phase_id, RescoringRun.state.in_(states)
+        RescoringRun.phase_id == phase_id,
+        RescoringRun.kind == RunKind.UPDATE,
+        RescoringRun.state.in_(states),
     )
     run = session.scalars(query).first()
     if run is None:
@@ -70,9 +72,12 @@ def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringR
     return run
 
 
-def list_runs(session: Session, phase_id: str | None = None) -> list[RescoringRun]:
-    """Return runs, newest first."""
-    query = select(RescoringRun).order_by(RescoringRun.created_at.desc(), RescoringRun.id)
+def list_runs(
+    session: Session, phase_id: str | None = None, kind: RunKind = RunKind.UPDATE
+) -> list[RescoringRun]:
+    """Return runs of a kind, newest first."""
+    query = select(RescoringRun).where(RescoringRun.kind == kind)
+    query = query.order_by(RescoringRun.created_at.desc(), RescoringRun.id)
     if phase_id is not None:
         query = query.where(RescoringRun.phase_id == phase_id)
     return list(session.scalars(query))
@@ -81,7 +86,7 @@ def list_runs(session: Session, phase_id: str | None = None) -> list[RescoringRu
 # Under which protocol an upload was accepted: what was accepted once is read the same for ever.
 
 
-def accepted_under(session: Session, submission_id: str) -> Protocol | None:
+def accepted_under(session: Session, submission_id: str) -> ProtocolDocument | None:
     """Return the protocol of the first sheet of a submission; None while it has none."""
     query = (
         select(ScoreSheetRow.protocol_digest)

@@ -6,8 +6,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.scoring_keys import companion_key, key_of_phase
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.keys import companion_key, key_of_phase
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 
 
