@@ -16,8 +16,8 @@ from starlette.types import Scope
 
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.browser_session import Holder, holder_of
 from exceptiondrive_server.web import numbers
+from exceptiondrive_server.web.browser_session import Holder, holder_of
 from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
