@@ -13,7 +13,7 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.evaluation import sound_document
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 
 PAD, GAP, HEAD, LEGEND, WORDS = 24, 24, 62, 34, 58
@@ -52,7 +52,7 @@ PNG_ZOOM = 2
 class Scenes:
     """Draws samples with the scoring code itself (`exceptiondrive_scoring.drawing`)."""
 
-    def __init__(self, document: CheckedDocument, split: Split, protocol: Protocol) -> None:
+    def __init__(self, document: CheckedDocument, split: Split, protocol: ProtocolDocument) -> None:
         from exceptiondrive_scoring.arrays import TrajectoryPairs, split_arrays
         from exceptiondrive_scoring.challenge import document_columns
         from exceptiondrive_scoring.drawing import Drawer
@@ -191,7 +191,7 @@ def plot_file(
     split: str | os.PathLike[str] | Split,
     sample_ids: list[str] | None = None,
     worst: int = 6,
-    protocol: Protocol | None = None,
+    protocol: ProtocolDocument | None = None,
 ) -> tuple[str, ...]:
     """Draw samples of a planning file and write the picture.
 

@@ -139,7 +139,7 @@ class PublicationSection(Document):
     compared_entries: Annotated[int, Field(ge=0, le=50)] = 0
 
 
-class Protocol(Document):
+class ProtocolDocument(Document):
     """A complete, versioned protocol."""
 
     schema_: Literal["exceptiondrive.protocol/1"] = Field(alias="schema")
@@ -228,7 +228,7 @@ def _stated(value: Any) -> Any:
 
 _MODELS: Mapping[str, type[Document]] = MappingProxyType(
     {
-        "": Protocol,
+        "": ProtocolDocument,
         "geometry": GeometrySection,
         "grading": GradingSection,
         "ranking": RankingSection,
@@ -252,7 +252,7 @@ class ProtocolError(ValueError):
         super().__init__("the protocol document is not valid:\n" + "\n".join(problems))
 
 
-def parse_protocol(toml: str) -> Protocol:
+def parse_protocol(toml: str) -> ProtocolDocument:
     """Read a protocol from TOML.
 
     Raises:
@@ -263,7 +263,7 @@ def parse_protocol(toml: str) -> Protocol:
         unkept = list(unkeepable(document))
         if unkept:
             raise ProtocolError(unkept)
-        return Protocol.model_validate_json(json.dumps(document))
+        return ProtocolDocument.model_validate_json(json.dumps(document))
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError([f"not TOML: {error}"]) from None
     except RecursionError:
@@ -286,6 +286,6 @@ def packaged_protocol_toml(version: str = "1.0") -> str:
     return (folder / f"{version}.toml").read_text(encoding="utf-8")
 
 
-def packaged_protocol(version: str = "1.0") -> Protocol:
+def packaged_protocol(version: str = "1.0") -> ProtocolDocument:
     """Return a protocol that ships with this package."""
     return parse_protocol(packaged_protocol_toml(version))

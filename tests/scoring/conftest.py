@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
@@ -20,12 +20,12 @@ REALDATA = REPOSITORY.parent / "shared" / "realdata"
 
 
 @pytest.fixture(scope="session")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return packaged_protocol("1.0")
 
 
 @pytest.fixture(scope="session")
-def geometry(protocol: Protocol) -> GeometrySection:
+def geometry(protocol: ProtocolDocument) -> GeometrySection:
     return protocol.geometry
 
 
@@ -49,7 +49,9 @@ def _read(path: Path) -> Any:
 
 
 @pytest.fixture(scope="session")
-def real_case(protocol: Protocol) -> Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]:
+def real_case(
+    protocol: ProtocolDocument,
+) -> Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]:
     """Read (folder, submission) of the real planner files, or skip."""
 
     def read(folder: str, submission: str) -> tuple[TrajectoryPairs, SplitArrays]:
@@ -69,7 +71,7 @@ def real_case(protocol: Protocol) -> Callable[[str, str], tuple[TrajectoryPairs,
 
 
 @pytest.fixture(scope="session")
-def make_split(protocol: Protocol) -> Callable[..., SplitArrays]:
+def make_split(protocol: ProtocolDocument) -> Callable[..., SplitArrays]:
     """A split of N samples; tasks and scenes go round unless given."""
 
     def make(

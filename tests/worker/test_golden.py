@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_worker.private_store import PrivateStore
 from exceptiondrive_worker.split_store import load_split, read_split
 from exceptiondrive_worker.stages import Stages, Target
@@ -19,7 +19,7 @@ GOLDEN = ROOT / "tests" / "golden"
 
 @pytest.mark.parametrize("name", ["nuscenes-real.gpt-4.1", "carla-pairs.cosmos"])
 def test_the_exact_sheet_equals_the_reference(
-    name: str, tmp_path: Path, protocol: Protocol
+    name: str, tmp_path: Path, protocol: ProtocolDocument
 ) -> None:
     folder, submission = name.split(".", 1)
     upload = REAL / folder / f"{submission}.json.gz"

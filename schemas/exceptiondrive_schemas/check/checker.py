@@ -26,7 +26,7 @@ from exceptiondrive_schemas.check.json_stream import (
 from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
 from exceptiondrive_schemas.check.sample_ids import SampleIds
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, Manifest
 
 
@@ -126,7 +126,7 @@ class SubmissionReader:
         self,
         data: bytes,
         *,
-        protocol: Protocol,
+        protocol: ProtocolDocument,
         manifest: Manifest | None,
         challenge: ChallengeId | None,
         findings: Findings,
@@ -314,7 +314,7 @@ class Checked:
 def check(
     data: bytes,
     *,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
     manifest: Manifest | None = None,
     challenge: ChallengeId | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
@@ -355,7 +355,7 @@ def check(
 def check_bytes(
     data: bytes,
     *,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
     manifest: Manifest | None = None,
     challenge: ChallengeId | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPai
 from exceptiondrive_schemas.check.findings import Findings, Path, kind, shown
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import PlausibilitySection, Protocol
+from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
 
 QUARTER_TURN_RAD = math.pi / 2
 
@@ -80,7 +80,7 @@ class PlanningRules:
     required_keys: ClassVar = frozenset({"sample_id", "source", "edited"})
     optional_keys: ClassVar[frozenset[str]] = frozenset()
 
-    def __init__(self, protocol: Protocol, findings: Findings) -> None:
+    def __init__(self, protocol: ProtocolDocument, findings: Findings) -> None:
         self._geometry = protocol.geometry
         self._findings = findings
         self._frame = FrameCheck(protocol.plausibility)

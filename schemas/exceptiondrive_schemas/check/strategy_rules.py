@@ -6,7 +6,7 @@ from typing import Any, ClassVar, get_args
 from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocument
 from exceptiondrive_schemas.check.findings import Findings, Path, check_text, kind, quoted
 from exceptiondrive_schemas.faults import FaultCode
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
 
@@ -22,7 +22,7 @@ class StrategyRules:
     required_keys: ClassVar = frozenset({"sample_id", "strategy"})
     optional_keys: ClassVar = frozenset({"reminder"})
 
-    def __init__(self, protocol: Protocol, findings: Findings) -> None:
+    def __init__(self, protocol: ProtocolDocument, findings: Findings) -> None:
         self._findings = findings
         self._task_ids = frozenset(task.id for task in protocol.tasks)
         self._n_missing = 0
