@@ -18,7 +18,7 @@ from exceptiondrive_records.rescoring.views import preview_of, run_view, run_vie
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.rescoring import RunKind
-from exceptiondrive_server.audit.organizer_pages import history
+from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.rescoring.preview import (
     SHOWN,
