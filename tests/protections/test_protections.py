@@ -1,5 +1,7 @@
 """The short form: without a few protections their tests fail; `make protections` tries all."""
 
+import importlib
+import operator
 from pathlib import Path
 
 import pytest
@@ -33,6 +35,12 @@ def test_every_protection_names_a_test_that_is_there() -> None:
         path, _, name = each.test.partition("::")
         text = (ROOT / path).read_text(encoding="utf-8")
         assert f"def {name}(" in text if name else text, each.name
+
+
+@pytest.mark.parametrize("target", sorted({each.target for each in PROTECTIONS}))
+def test_what_a_protection_replaces_is_there(target: str) -> None:
+    module, _, path = target.partition(":")
+    operator.attrgetter(path)(importlib.import_module(module))
 
 
 def test_the_documentation_names_every_protection() -> None:

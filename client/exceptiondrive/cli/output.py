@@ -18,7 +18,7 @@ PIPED_WIDTH = 200
 """Columns where no terminal says how many: tables are not cut for `grep`."""
 _JSON = "exceptiondrive.json"
 _UNSHOWN = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
-"""What `json.dumps` leaves bare although it steers terminals or hides; escaped, it is the same JSON."""
+"""What `json.dumps` leaves bare although it steers terminals or hides; escaped, the same JSON."""
 
 
 def remember_json(context: typer.Context, value: bool) -> bool:

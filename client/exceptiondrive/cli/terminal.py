@@ -1,4 +1,4 @@
-"""What a terminal shows: text that cannot steer it, and progress on stderr where a person sees it."""
+"""What a terminal shows: text that cannot steer it, and progress where a person sees it."""
 
 from collections.abc import Iterable
 from typing import Self

@@ -30,8 +30,8 @@ from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.numbers import Digits, minute
-from exceptiondrive_server.web.page_parts import Choice, MetricCard, Notice, PhaseLink, metric_cards
-from exceptiondrive_server.web.responses import macro
+from exceptiondrive_server.web.page_parts import Choice, Notice, PhaseLink
+from exceptiondrive_server.web.templating import macro
 
 MAX_CHOICES = 25
 NARROW_PX = (350, 400)
@@ -168,11 +168,6 @@ class BoardPage:
     def scene(self) -> Markup:
         """The drawing of what the protocol measures."""
         return _scene(_Same(self.drawing), _Same(self.protocol), _Same(self.challenge))
-
-    @property
-    def metric_cards(self) -> tuple[MetricCard, ...]:
-        """Every metric, explained."""
-        return metric_cards(self.challenge)
 
     @cached_property
     def phase_title(self) -> str:
