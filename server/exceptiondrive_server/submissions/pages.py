@@ -30,6 +30,7 @@ from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus
+from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.submissions.events import follow_submission
@@ -55,7 +56,6 @@ from exceptiondrive_server.web.browser_session import (
     require_same_origin,
     require_scope,
 )
-from exceptiondrive_server.web.page_parts import PhaseLink
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
