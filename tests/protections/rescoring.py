@@ -127,19 +127,19 @@ CHAIN = "tests/records/test_audit.py::test_whoever_changes_a_line_breaks_the_cha
 RESCORING = (
     Protection(
         "version-taken",
-        f"{RECORDS}.protocols:checked_protocol",
+        f"{RECORDS}.protocols.protocols:checked_protocol",
         _any_content,
         "tests/server/test_organizer.py::test_a_protocol_is_added_once",
     ),
     Protection(
         "protocol-edited",
-        f"{RECORDS}.protocols:find_protocol",
+        f"{RECORDS}.protocols.protocols:find_protocol",
         _believed_text,
         "tests/records/test_catalogue.py::test_a_protocol_that_was_edited_in_place_is_refused",
     ),
     Protection(
         "readable",
-        f"{RUNS}.readable:require_readable",
+        f"{RUNS}.pairs:require_readable",
         nothing,
         f"{HERE}/test_drafts.py::test_what_accepted_files_cannot_be_scored_under_is_refused",
     ),
@@ -167,7 +167,7 @@ RESCORING = (
     Protection("missing-pairs", f"{RUNS}.flip:blockers_of", always(()), BLOCKED),
     Protection(
         "one-transaction",
-        f"{RECORDS}.database:Database.write",
+        f"{RECORDS}.db.database:Database.write",
         _kept_by_halves,
         f"{HERE}/test_flip.py::test_a_flip_that_breaks_off_at_its_last_step_changes_nothing",
     ),
@@ -179,13 +179,13 @@ RESCORING = (
     ),
     Protection(
         "compared-once",
-        f"{RUNS}.compared:_compared",
+        f"{RUNS}.comparison:_compared",
         _compared_each_time,
         f"{HERE}/test_flip.py::test_boards_are_compared_before_the_transaction_and_not_in_it",
     ),
     Protection(
         "rollback-side",
-        f"{RUNS}.keys:other_key",
+        f"{RECORDS}.phases.scoring_keys:shadow_key",
         _always_newer,
         f"{HERE}/test_runs.py::"
         "test_apply_shows_the_previewed_board_and_rollback_the_exact_earlier_bytes",
@@ -198,14 +198,14 @@ RESCORING = (
     ),
     Protection(
         "draft-address",
-        f"{RECORDS}.boards:was_shown",
+        f"{RECORDS}.boards.boards:was_shown",
         _was_always_shown,
         f"{HERE}/test_runs.py::"
         "test_every_board_that_was_public_keeps_its_address_and_drafts_have_none",
     ),
     Protection(
         "both-at-once",
-        f"{RECORDS}.submissions:_score_under_both",
+        f"{RECORDS}.submissions.submissions:_score_under_both",
         nothing,
         f"{HERE}/test_flip.py::test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one",
     ),
@@ -217,18 +217,18 @@ RESCORING = (
     ),
     Protection(
         "who-is-told",
-        f"{RECORDS}.notices.inbox:_changed",
+        f"{RECORDS}.notifications.inbox:_changed",
         _everyone,
         f"{HERE}/test_runs.py::test_only_teams_whose_published_numbers_change_are_told_old_and_new",
     ),
     Protection(
         "reason",
-        f"{RECORDS}.identifiers:checked_reason",
+        f"{RECORDS}.db.identifiers:checked_reason",
         lambda _: lambda reason: reason,
         f"{HERE}/test_runs.py::test_nothing_can_be_drafted_that_changes_nothing_or_gives_no_reason",
     ),
-    Protection("chain-content", f"{RECORDS}.audit:line_hash", _hash_of_the_number, CHAIN),
-    Protection("chain-order", f"{RECORDS}.audit:_follows", always(True), CHAIN),
+    Protection("chain-content", f"{RECORDS}.audit.log:line_hash", _hash_of_the_number, CHAIN),
+    Protection("chain-order", f"{RECORDS}.audit.log:_follows", always(True), CHAIN),
     Protection(
         "verify-equal",
         "exceptiondrive_worker.verify_run:_difference",
@@ -243,13 +243,13 @@ RESCORING = (
     ),
     Protection(
         "webhook-signature",
-        f"{RECORDS}.notices.webhooks:signature",
+        f"{RECORDS}.notifications.channels:signature",
         always("sha256=0"),
         f"{HERE}/test_notices.py::test_a_webhook_is_signed_over_time_and_body_and_sent_once",
     ),
     Protection(
         "webhook-private",
-        f"{RECORDS}.notices.public_address:is_public",
+        f"{RECORDS}.notifications.channels:is_public",
         always(True),
         f"{HERE}/test_notices.py::test_no_webhook_reaches_our_own_network",
     ),

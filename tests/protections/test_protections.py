@@ -1,5 +1,7 @@
 """The short form: without a few protections their tests fail; `make protections` tries all."""
 
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -33,6 +35,12 @@ def test_every_protection_names_a_test_that_is_there() -> None:
         path, _, name = each.test.partition("::")
         text = (ROOT / path).read_text(encoding="utf-8")
         assert f"def {name}(" in text if name else text, each.name
+
+
+def test_every_protection_is_there_to_be_taken_away() -> None:
+    for each in PROTECTIONS:
+        module, _, path = each.target.partition(":")
+        assert attrgetter(path)(import_module(module)) is not None, each.name
 
 
 def test_the_documentation_names_every_protection() -> None:

@@ -43,7 +43,7 @@ def notify_teams(
         run_id: The rescoring run that changes it.
         what_changed: Of the protocol or split, in sentences.
     """
-    changed = [entry for entry in comparison.entries if entry.change != "none"]
+    changed = _changed(comparison)
     owners = _teams_of(session, [entry.submission_id for entry in changed])
     by_team: dict[int, list[EntryChange]] = {}
     for entry in changed:
@@ -75,6 +75,11 @@ def notify_teams(
         )
         rows.append(_put(session, team_id, run_id, view))
     return rows
+
+
+def _changed(comparison: Comparison) -> list[EntryChange]:
+    """Return the entries whose published numbers or ranks change."""
+    return [entry for entry in comparison.entries if entry.change != "none"]
 
 
 def _put(session: Session, team_id: int, run_id: str, view: NotificationView) -> Notification:
