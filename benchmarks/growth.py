@@ -8,7 +8,7 @@ from benchmarks.naive import naive_clearances_m
 from benchmarks.report import ms, show, times
 from benchmarks.timing import interleave, peak_mib, ratio, typical
 from benchmarks.workload import BENCHMARK_SAMPLES, make_workload
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.measure import measure
 
 SAMPLE_FACTORS = (1, 2, 4, 8, 16)
@@ -16,7 +16,7 @@ WAYPOINTS = (6, 12, 24, 48)
 NAIVE_SAMPLES = 100
 
 
-def run(protocol: Protocol) -> None:
+def run(protocol: ProtocolDocument) -> None:
     """Print the growth tables."""
     cases = {f"{BENCHMARK_SAMPLES * k:,}": (BENCHMARK_SAMPLES * k, 6) for k in SAMPLE_FACTORS}
     _grow("Measure as N grows (T = 6)", "N", cases, protocol)
@@ -24,7 +24,9 @@ def run(protocol: Protocol) -> None:
     _grow(f"Measure as T grows (N = {BENCHMARK_SAMPLES:,}, 3 s)", "T", cases, protocol)
 
 
-def _grow(title: str, name: str, cases: dict[str, tuple[int, int]], protocol: Protocol) -> None:
+def _grow(
+    title: str, name: str, cases: dict[str, tuple[int, int]], protocol: ProtocolDocument
+) -> None:
     rows = []
     for case, (n_samples, n_waypoints) in cases.items():
         workload = make_workload(protocol, n_samples, n_waypoints)

@@ -11,7 +11,7 @@ from benchmarks.naive import naive_clearances_m, vectorised_clearances_m
 from benchmarks.report import ms, note, show, times
 from benchmarks.timing import Rounds, cpu_seconds, interleave, ratio, repeated, typical
 from benchmarks.workload import Workload, make_workload
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import clearance, convex_distance
 from exceptiondrive_scoring.aliases import FloatArray
@@ -30,7 +30,7 @@ FLOPS_PER_PAIR = 96 * 14 + 16 * 30
 """Exact distance: 96 pairs of edge and point, 16 edges with the extent of two rectangles."""
 
 
-def run(protocol: Protocol) -> None:
+def run(protocol: ProtocolDocument) -> None:
     """Print the measuring tables, on the seeded workload and on a real planner's file."""
     _compare("seeded workload", make_workload(protocol), protocol)
     if REALDATA.is_dir():
@@ -41,7 +41,7 @@ def run(protocol: Protocol) -> None:
         note("real planner files: not beside this repository, left out")
 
 
-def _real(name: str, protocol: Protocol) -> Workload:
+def _real(name: str, protocol: ProtocolDocument) -> Workload:
     split = Split.model_validate_json(gzip.decompress((REALDATA / "split.json.gz").read_bytes()))
     file = json.loads(gzip.decompress((REALDATA / f"{name}.json.gz").read_bytes()))
     answers = sorted(file["predictions"], key=lambda answer: str(answer["sample_id"]))
@@ -55,7 +55,7 @@ def _real(name: str, protocol: Protocol) -> Workload:
     )
 
 
-def _compare(title: str, workload: Workload, protocol: Protocol) -> None:
+def _compare(title: str, workload: Workload, protocol: ProtocolDocument) -> None:
     pairs, split, geometry = workload.pairs, workload.split, protocol.geometry
     edited = np.nan_to_num(pairs.edited)
     points, regions = np.insert(edited, 0, 0.0, axis=1), split.prepared_regions
@@ -108,7 +108,7 @@ def _compare(title: str, workload: Workload, protocol: Protocol) -> None:
     )
 
 
-def _grade(measured: Measurements, workload: Workload, protocol: Protocol) -> None:
+def _grade(measured: Measurements, workload: Workload, protocol: ProtocolDocument) -> None:
     aggregate(grade(measured, workload.split, protocol), workload.split, protocol.taxonomy)
 
 
@@ -118,7 +118,7 @@ def _per_run(found: Rounds, n_samples: int) -> Rounds:
     return {name: [t * factor.get(name, 1 / 3) for t in seconds] for name, seconds in found.items()}
 
 
-def _roofline_s(points: FloatArray, workload: Workload, protocol: Protocol) -> float:
+def _roofline_s(points: FloatArray, workload: Workload, protocol: ProtocolDocument) -> float:
     """Arithmetic that the pruned method needs, at the rate of the machine's matrix product."""
     n_pairs = 0
     exact = convex_distance.hull_distance_m

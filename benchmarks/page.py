@@ -16,13 +16,13 @@ from types import FrameType
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web.page_parts import Site
-from exceptiondrive_server.web.responses import render
+from exceptiondrive_server.web.responses import Site
+from exceptiondrive_server.web.templating import render
 
 ENTRIES = 1000
 ROUNDS = 9
@@ -31,7 +31,7 @@ _OURS = (str(_ROOT / "server"), str(_ROOT / "schemas"))
 AT = datetime(2026, 11, 21, tzinfo=UTC)
 
 
-def big_board(protocol: Protocol, n_entries: int = ENTRIES) -> Board:
+def big_board(protocol: ProtocolDocument, n_entries: int = ENTRIES) -> Board:
     """Return a board of invented entries."""
     families = tuple(FamilyHead(id=f.id, title=f.title, n=70) for f in protocol.families)
     return Board(
@@ -49,7 +49,7 @@ def big_board(protocol: Protocol, n_entries: int = ENTRIES) -> Board:
     )
 
 
-def _entry(number: int, n_entries: int, protocol: Protocol) -> BoardEntry:
+def _entry(number: int, n_entries: int, protocol: ProtocolDocument) -> BoardEntry:
     hcc = round(0.95 - 0.9 * number / n_entries, 4)
     row: dict[str, float | None] = {
         "hcc": hcc, "ur": round(0.97 - hcc, 4), "hpr": round(0.8 * hcc, 4),
@@ -77,7 +77,7 @@ def _entry(number: int, n_entries: int, protocol: Protocol) -> BoardEntry:
     )
 
 
-def _page(board: Board, protocol: Protocol) -> bytes:
+def _page(board: Board, protocol: ProtocolDocument) -> bytes:
     page = BoardPage(BoardQuery.parse([]), (), None, board, protocol, ("1.0",), "1.0")
     site = Site("auto", "/", "board")
     return render("boards/board.html", site=site, page=page, own=None).encode()
@@ -102,7 +102,7 @@ def calls_in(work: Callable[[], object]) -> Counter[str]:
     return calls
 
 
-def _first_page(board: Board, protocol: Protocol) -> bytes:
+def _first_page(board: Board, protocol: ProtocolDocument) -> bytes:
     forget_shown_boards()
     return _page(board, protocol)
 

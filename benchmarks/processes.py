@@ -16,13 +16,13 @@ from benchmarks.report import note, show
 from benchmarks.upload import make_manifest, score, upload_text
 from benchmarks.workload import BENCHMARK_SAMPLES, make_workload
 from exceptiondrive_schemas.check import MAX_INFLATED_BYTES, MAX_UPLOAD_BYTES
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_scoring.arrays import SplitArrays
 
 ROOT = Path(__file__).parents[1]
 
 
-def run(protocol: Protocol) -> None:
+def run(protocol: ProtocolDocument) -> None:
     """Print start-up and memory of fresh processes."""
     with tempfile.TemporaryDirectory() as folder:
         usual = _write(Path(folder) / "usual.json", BENCHMARK_SAMPLES, protocol)
@@ -59,7 +59,7 @@ def run(protocol: Protocol) -> None:
     note("target: under 400 MiB above idle")
 
 
-def _write(path: Path, n_samples: int, protocol: Protocol) -> Path:
+def _write(path: Path, n_samples: int, protocol: ProtocolDocument) -> Path:
     """Write an upload, and beside it the arrays of its split."""
     workload = make_workload(protocol, n_samples)
     path.write_bytes(upload_text(workload, make_manifest(n_samples, protocol)))
@@ -91,7 +91,7 @@ def memory(small: str, largest: str) -> None:
     print(f"{before:.0f} {_peak_mib() - before:.0f}")
 
 
-def _score(path: Path, protocol: Protocol) -> None:
+def _score(path: Path, protocol: ProtocolDocument) -> None:
     split = _load_split(path)
     score(path.read_bytes(), make_manifest(split.n_samples, protocol), split, protocol)
 

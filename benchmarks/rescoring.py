@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.report import note, show, times
 from benchmarks.timing import Job, interleave, ratio, typical
 from benchmarks.workload import SEED, Workload, make_workload
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
@@ -25,7 +25,7 @@ DISTINCT = 50
 Load = Callable[[int], Columns]
 
 
-def run(protocol: Protocol) -> None:
+def run(protocol: ProtocolDocument) -> None:
     """Print the rescoring table."""
     workload = make_workload(protocol)
     submissions = _submissions(workload)
@@ -76,7 +76,7 @@ def _kept(store: PrivateStore, shelf: Shelf, index: int) -> Columns:
 
 
 def _compare(
-    title: str, answers: Load, measurements: Load, workload: Workload, protocol: Protocol
+    title: str, answers: Load, measurements: Load, workload: Workload, protocol: ProtocolDocument
 ) -> None:
     split, taxonomy = workload.split, protocol.taxonomy
     wider = protocol.geometry.model_copy(update={"footprint_width_m": 2.0})
@@ -118,6 +118,6 @@ def _all(one: Callable[[int], None]) -> Job:
 
 
 def _sheet(
-    measured: Measurements, split: SplitArrays, protocol: Protocol, taxonomy: Taxonomy
+    measured: Measurements, split: SplitArrays, protocol: ProtocolDocument, taxonomy: Taxonomy
 ) -> None:
     aggregate(grade(measured, split, protocol), split, taxonomy)

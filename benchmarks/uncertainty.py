@@ -9,7 +9,7 @@ from benchmarks.report import ms, note, show, times
 from benchmarks.timing import Job, cpu_seconds, peak_mib, typical
 from benchmarks.workload import SEED, Workload, make_workload
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.bootstrap import SceneSums, Uncertainty, bootstrap, scene_sums
 from exceptiondrive_scoring.grade import SampleScores, grade
 from exceptiondrive_scoring.measure import measure
@@ -20,7 +20,7 @@ DISTINCT = 20
 TARGET_ENTRIES = 200
 
 
-def run(protocol: Protocol) -> None:
+def run(protocol: ProtocolDocument) -> None:
     """Print the bootstrap table."""
     workload = make_workload(protocol)
     sums = _sums(workload, protocol)
@@ -51,7 +51,7 @@ def run(protocol: Protocol) -> None:
     )
 
 
-def _sums(workload: Workload, protocol: Protocol) -> list[SceneSums]:
+def _sums(workload: Workload, protocol: ProtocolDocument) -> list[SceneSums]:
     split, rng = workload.split, np.random.default_rng(SEED)
     measured = measure(workload.pairs, split.prepared_regions, protocol.geometry)
     scores = grade(measured, split, protocol)
@@ -71,13 +71,15 @@ def _entries(sums: list[SceneSums], n_entries: int) -> Iterator[SceneSums]:
     return (sums[index % DISTINCT] for index in range(n_entries))
 
 
-def _bootstrap(sums: list[SceneSums], n_entries: int, protocol: Protocol) -> list[Uncertainty]:
+def _bootstrap(
+    sums: list[SceneSums], n_entries: int, protocol: ProtocolDocument
+) -> list[Uncertainty]:
     entries = _entries(sums, n_entries)
     return bootstrap(entries, PLANNING, protocol.ranking, protocol.grading.headline)
 
 
 def _seconds(
-    job: Job, n_entries: int, workload: Workload, protocol: Protocol
+    job: Job, n_entries: int, workload: Workload, protocol: ProtocolDocument
 ) -> tuple[float, float]:
     """CPU seconds of the bootstrap and of measuring the same number of entries, side by side."""
     regions = workload.split.prepared_regions

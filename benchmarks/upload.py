@@ -11,7 +11,7 @@ from benchmarks.workload import Workload, make_workload
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
@@ -21,7 +21,7 @@ from exceptiondrive_scoring.sheet import aggregate
 from exceptiondrive_worker.upload_reader import read_upload
 
 
-def run(protocol: Protocol) -> None:
+def run(protocol: ProtocolDocument) -> None:
     """Print the upload table."""
     workload = make_workload(protocol)
     manifest = make_manifest(workload.split.n_samples, protocol)
@@ -58,7 +58,7 @@ def run(protocol: Protocol) -> None:
     note("target: parse + validate + measure + grade at most 3x bare orjson.loads")
 
 
-def make_manifest(n_samples: int, protocol: Protocol) -> Manifest:
+def make_manifest(n_samples: int, protocol: ProtocolDocument) -> Manifest:
     """Return a manifest with ids as long as those of nuScenes, in canonical order."""
     return Manifest(
         schema_="exceptiondrive.manifest/1",
@@ -83,19 +83,19 @@ def upload_text(workload: Workload, manifest: Manifest) -> bytes:
     )
 
 
-def score(data: bytes, manifest: Manifest, split: SplitArrays, protocol: Protocol) -> None:
+def score(data: bytes, manifest: Manifest, split: SplitArrays, protocol: ProtocolDocument) -> None:
     """Go the whole way from bytes to the breakdown."""
     pairs = TrajectoryPairs.from_columns(_read(data, manifest, protocol))
     measured = measure(pairs, split.prepared_regions, protocol.geometry)
     aggregate(grade(measured, split, protocol), split, protocol.taxonomy)
 
 
-def _read(data: bytes, manifest: Manifest, protocol: Protocol) -> Columns:
+def _read(data: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns:
     columns = read_upload(data, challenge=PLANNING, manifest=manifest, protocol=protocol)
     if isinstance(columns, CheckReport):
         raise SystemExit(f"the benchmark's own file is not valid: {columns}")
     return columns
 
 
-def _check(data: bytes, manifest: Manifest, protocol: Protocol) -> None:
+def _check(data: bytes, manifest: Manifest, protocol: ProtocolDocument) -> None:
     check(data, protocol=protocol, manifest=manifest, challenge=PLANNING.id)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import FloatArray, SplitArrays, TrajectoryPairs
 
 SEED = 20261121
@@ -28,7 +28,10 @@ class Workload:
 
 
 def make_workload(
-    protocol: Protocol, n_samples: int = BENCHMARK_SAMPLES, n_waypoints: int = 6, seed: int = SEED
+    protocol: ProtocolDocument,
+    n_samples: int = BENCHMARK_SAMPLES,
+    n_waypoints: int = 6,
+    seed: int = SEED,
 ) -> Workload:
     """Make one submission of `n_samples` pairs with its split."""
     rng = np.random.default_rng(seed)
@@ -41,7 +44,9 @@ def make_workload(
     return Workload(pairs, make_split(rng, regions_m, protocol))
 
 
-def make_split(rng: np.random.Generator, regions_m: FloatArray, protocol: Protocol) -> SplitArrays:
+def make_split(
+    rng: np.random.Generator, regions_m: FloatArray, protocol: ProtocolDocument
+) -> SplitArrays:
     """Give every region a task and a scene."""
     n_samples = len(regions_m)
     taxonomy = protocol.taxonomy

@@ -15,7 +15,7 @@ from benchmarks.rescore_drill.verdict import demand
 from benchmarks.rescore_drill.waits import ALLOWED_RATIO, Waits, ratio, waits_of
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 N_FRESH = 24
@@ -30,7 +30,7 @@ UPDATES = {
 N_STAGES = 4 + 5 * len(UPDATES) + 1
 
 
-def protocol_of(name: str) -> tuple[str, Protocol]:
+def protocol_of(name: str) -> tuple[str, ProtocolDocument]:
     """Return the document of an update, as text and parsed."""
     version, old_line, new_line = UPDATES[name]
     toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
@@ -93,7 +93,7 @@ class Drill:
         self.report.stage(f"{name}: apply and roll back")
         self._flip(run_id, name)
 
-    def cover_all(self) -> list[Protocol]:
+    def cover_all(self) -> list[ProtocolDocument]:
         """Run to each version once more: only what came since is missing, and is made."""
         self.report.stage("a second run to each version")
         protocols = []

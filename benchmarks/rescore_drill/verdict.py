@@ -13,7 +13,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.invariants import unfinished, violations
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -32,7 +32,7 @@ def demand(is_so: bool, sentence: str) -> None:
 
 
 def demand_end_state(
-    database: Database, n_submissions: int, covered: list[Protocol], reader: Reader
+    database: Database, n_submissions: int, covered: list[ProtocolDocument], reader: Reader
 ) -> list[tuple[str, str]]:
     """Demand that nothing was lost, doubled, mixed or torn.
 
@@ -75,7 +75,7 @@ def demand_end_state(
     ]
 
 
-def _demand_coverage(session: Session, ids: set[str], covered: list[Protocol]) -> int:
+def _demand_coverage(session: Session, ids: set[str], covered: list[ProtocolDocument]) -> int:
     """Each submission has one sheet and one job under each protocol; no pair has two."""
     for protocol in covered:
         query = select(ScoreSheetRow.submission_id)

@@ -11,7 +11,7 @@ from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check_bytes
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import (
-    Protocol,
+    ProtocolDocument,
     ProtocolError,
     packaged_protocol,
     parse_protocol,
@@ -23,7 +23,7 @@ def check_file(
     file: str | os.PathLike[str],
     *,
     manifest: Manifest | None = None,
-    protocol: Protocol | None = None,
+    protocol: ProtocolDocument | None = None,
     challenge: ChallengeId | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
 ) -> CheckReport:
@@ -51,7 +51,7 @@ def check_file(
     )
 
 
-def manifest_of(split: Split, protocol: Protocol) -> Manifest:
+def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
     """Return what a participant may know of a split, for a split that is at hand."""
     return Manifest(
         schema_="exceptiondrive.manifest/1",
@@ -113,8 +113,8 @@ def write_file(path: Path, text: str) -> int:
     return size_bytes
 
 
-def chosen_protocol(choice: str | Path | None) -> Protocol:
-    """Return a protocol by the path of a TOML file, or a version that ships; else the one that ships.
+def chosen_protocol(choice: str | Path | None) -> ProtocolDocument:
+    """Return a protocol by its TOML file or a version that ships; by default the one that ships.
 
     Raises:
         InvalidArgumentError: Neither a file nor a version, or a file that is no protocol.
@@ -135,6 +135,7 @@ def chosen_protocol(choice: str | Path | None) -> Protocol:
     except OSError:
         raise InvalidArgumentError(
             "wrong_protocol",
-            f"{str(choice)!r} is neither a protocol file nor a version that ships with this client.",
+            f"{str(choice)!r} is neither a protocol file nor a version that ships with this "
+            "client.",
             "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml.",
         ) from None

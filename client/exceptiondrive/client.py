@@ -1,4 +1,4 @@
-"""The SDK: what speaks for a team to one server, the submissions that it follows, and its tokens."""
+"""The SDK: what speaks for a team to one server, its submissions and its tokens."""
 
 import os
 import time
@@ -21,7 +21,7 @@ from exceptiondrive.transport import Connection, Progress, Record, UploadBody, q
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_schemas.submission import (
@@ -203,9 +203,9 @@ class Client(Connection):
         """Return the sample ids of a phase's split."""
         return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
 
-    def protocol(self, version: str) -> Protocol:
+    def protocol(self, version: str) -> ProtocolDocument:
         """Return a protocol by its version."""
-        return self._get(Protocol, f"/protocols/{quoted(version)}")
+        return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
 
     def split(self, name: str) -> Split:
         """Return a development split with its hazard regions; hidden splits are not found."""
@@ -393,7 +393,7 @@ class Client(Connection):
         """Address of the page of a submission, from upload to rank, for members of its team."""
         return f"{self.server}/submissions/{quoted(submission_id)}"
 
-    def protocol_of(self, phase: PhaseView) -> Protocol:
+    def protocol_of(self, phase: PhaseView) -> ProtocolDocument:
         """Return the phase's protocol, from this package where it is the same."""
         try:
             shipped = packaged_protocol(phase.protocol)

@@ -13,7 +13,7 @@ from exceptiondrive.checking import manifest_of, read_file
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive_schemas.check import CheckedDocument, check, inflate
 from exceptiondrive_schemas.check.inflate import UnreadableFileError
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitRef
 
@@ -24,7 +24,7 @@ def evaluate_file(
     file: str | os.PathLike[str],
     *,
     split: str | os.PathLike[str] | Split,
-    protocol: Protocol | None = None,
+    protocol: ProtocolDocument | None = None,
 ) -> ScoreSheet:
     """Score a submission file against a split that is at hand.
 
@@ -46,8 +46,8 @@ def evaluate_file(
 def sound_document(
     file: str | os.PathLike[str],
     split: str | os.PathLike[str] | Split,
-    protocol: Protocol | None,
-) -> tuple[CheckedDocument, Split, Protocol]:
+    protocol: ProtocolDocument | None,
+) -> tuple[CheckedDocument, Split, ProtocolDocument]:
     """Read a file that can be scored, the split and the protocol that it is scored under.
 
     Raises:
@@ -86,8 +86,8 @@ def read_split(path: str | os.PathLike[str]) -> Split:
     )
 
 
-def score(document: CheckedDocument, split: Split, protocol: Protocol) -> ScoreSheet:
-    """Score what a sound file says: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
+def score(document: CheckedDocument, split: Split, protocol: ProtocolDocument) -> ScoreSheet:
+    """Score a sound file: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
     from exceptiondrive_scoring.arrays import split_arrays
     from exceptiondrive_scoring.challenge import SCORING, document_columns, exact_sheet
 

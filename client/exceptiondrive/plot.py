@@ -13,7 +13,7 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.evaluation import sound_document
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 
 PAD, GAP, HEAD, LEGEND, WORDS = 24, 24, 62, 34, 58
@@ -29,7 +29,8 @@ DARK = {
 FONT = "Inter,system-ui,-apple-system,'Segoe UI',Helvetica,Arial,'DejaVu Sans',sans-serif"
 SHAPES = (
     f"text{{font-family:{FONT}}}.h{{font-size:19px;font-weight:600}}.name{{font-size:14px;"
-    "font-weight:600}.words{font-size:12.5px}.tick{font-size:10px;paint-order:stroke;stroke-width:3px}.gap-text{font-size:13px;"
+    "font-weight:600}.words{font-size:12.5px}.tick{font-size:10px;paint-order:stroke;"
+    "stroke-width:3px}.gap-text{font-size:13px;"
     "font-weight:600;text-anchor:middle;paint-order:stroke;stroke-width:4px;stroke-linejoin:round}"
     ".grid{stroke-width:1;fill:none}.safe{opacity:.12;stroke-linejoin:round}"
     ".region{fill-opacity:.35;stroke-width:1.5}.source,.edited{fill:none;stroke-width:2.2}"
@@ -52,7 +53,7 @@ PNG_ZOOM = 2
 class Scenes:
     """Draws samples with the scoring code itself (`exceptiondrive_scoring.drawing`)."""
 
-    def __init__(self, document: CheckedDocument, split: Split, protocol: Protocol) -> None:
+    def __init__(self, document: CheckedDocument, split: Split, protocol: ProtocolDocument) -> None:
         from exceptiondrive_scoring.arrays import TrajectoryPairs, split_arrays
         from exceptiondrive_scoring.challenge import document_columns
         from exceptiondrive_scoring.drawing import Drawer
@@ -71,7 +72,7 @@ class Scenes:
         self._drawer = Drawer(self.sample_ids, pairs, measured, arrays, protocol)
 
     def worst(self, count: int) -> list[str]:
-        """Return the samples with the least HCC, then the least clearance; without answer: left out."""
+        """Return the samples with the least HCC, then the least clearance, of those answered."""
         return [self.sample_ids[i] for i in self._drawer.from_worst_to_best()[:count]]
 
     def scene(self, sample_id: str) -> SampleDrawing:
@@ -191,7 +192,7 @@ def plot_file(
     split: str | os.PathLike[str] | Split,
     sample_ids: list[str] | None = None,
     worst: int = 6,
-    protocol: Protocol | None = None,
+    protocol: ProtocolDocument | None = None,
 ) -> tuple[str, ...]:
     """Draw samples of a planning file and write the picture.
 

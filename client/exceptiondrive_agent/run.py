@@ -34,7 +34,7 @@ from exceptiondrive_agent.questions import (
     remind_question,
 )
 from exceptiondrive_agent.report import Prices, RunReport, run_report
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import (
     ReminderRecord,
@@ -184,7 +184,7 @@ class _Watch:
 class RunSettings:
     """What both questions share."""
 
-    protocol: Protocol
+    protocol: ProtocolDocument
     endpoint: EndpointSettings
     model: ModelSettings
     concurrency: int = 4

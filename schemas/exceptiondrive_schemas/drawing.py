@@ -18,7 +18,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_schemas.taxonomy import Strategy, Task
 
@@ -99,13 +99,13 @@ class ProtocolDrawing(Document):
 PACKAGED = "1.0.drawing.json"
 
 
-def pictured_task(protocol: Protocol) -> Task:
+def pictured_task(protocol: ProtocolDocument) -> Task:
     """Return the first task in which a bypass is acceptable; else the first task."""
     fitting = (task for task in protocol.tasks if Strategy.E in task.acceptable)
     return next(fitting, protocol.tasks[0])
 
 
-def pictured_digest(protocol: Protocol) -> str:
+def pictured_digest(protocol: ProtocolDocument) -> str:
     """Return the digest of all that the drawing of a protocol depends on."""
     task = pictured_task(protocol)
     return content_digest(

@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, RankKey
-from exceptiondrive_schemas.protocol_problems import problems_of, unkeepable
+from exceptiondrive_schemas.protocol_faults import faults_of, unkeepable
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
 PositiveMetres = Annotated[float, Field(gt=0, le=1000)]
@@ -139,7 +139,7 @@ class PublicationSection(Document):
     compared_entries: Annotated[int, Field(ge=0, le=50)] = 0
 
 
-class Protocol(Document):
+class ProtocolDocument(Document):
     """A complete, versioned protocol."""
 
     schema_: Literal["exceptiondrive.protocol/1"] = Field(alias="schema")
@@ -228,7 +228,7 @@ def _stated(value: Any) -> Any:
 
 _MODELS: Mapping[str, type[Document]] = MappingProxyType(
     {
-        "": Protocol,
+        "": ProtocolDocument,
         "geometry": GeometrySection,
         "grading": GradingSection,
         "ranking": RankingSection,
@@ -247,29 +247,29 @@ def _listed(strategies: Collection[Strategy]) -> str:
 class ProtocolError(ValueError):
     """The protocol document cannot be used; each line says where and why."""
 
-    def __init__(self, problems: list[str]) -> None:
-        self.problems = problems
-        super().__init__("the protocol document is not valid:\n" + "\n".join(problems))
+    def __init__(self, faults: list[str]) -> None:
+        self.faults = faults
+        super().__init__("the protocol document is not valid:\n" + "\n".join(faults))
 
 
-def parse_protocol(toml: str) -> Protocol:
+def parse_protocol(toml: str) -> ProtocolDocument:
     """Read a protocol from TOML.
 
     Raises:
-        ProtocolError: Not TOML, or the document breaks the schema; every problem is listed.
+        ProtocolError: Not TOML, or the document breaks the schema; every fault is listed.
     """
     try:
         document = tomllib.loads(toml)
         unkept = list(unkeepable(document))
         if unkept:
             raise ProtocolError(unkept)
-        return Protocol.model_validate_json(json.dumps(document))
+        return ProtocolDocument.model_validate_json(json.dumps(document))
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError([f"not TOML: {error}"]) from None
     except RecursionError:
         raise ProtocolError(["not a protocol: nested too deeply"]) from None
     except ValidationError as error:
-        raise ProtocolError(problems_of(error, document, _MODELS)) from None
+        raise ProtocolError(faults_of(error, document, _MODELS)) from None
     except ProtocolError:
         raise
     except ValueError:
@@ -286,6 +286,6 @@ def packaged_protocol_toml(version: str = "1.0") -> str:
     return (folder / f"{version}.toml").read_text(encoding="utf-8")
 
 
-def packaged_protocol(version: str = "1.0") -> Protocol:
+def packaged_protocol(version: str = "1.0") -> ProtocolDocument:
     """Return a protocol that ships with this package."""
     return parse_protocol(packaged_protocol_toml(version))

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
 
@@ -80,7 +80,7 @@ class Difference(Document):
 
 
 def protocol_difference(
-    old: Protocol, new: Protocol, n_sheets: int, *, split: tuple[Change, ...] = ()
+    old: ProtocolDocument, new: ProtocolDocument, n_sheets: int, *, split: tuple[Change, ...] = ()
 ) -> Difference:
     """Return every change from `old` to `new` in plain words.
 
@@ -104,7 +104,7 @@ def protocol_difference(
     )
 
 
-def _remarks(old: Protocol, new: Protocol) -> Iterator[str]:
+def _remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[str]:
     if _version_key(new.version) < _version_key(old.version):
         yield f"{new.version} is an earlier version than {old.version}"
     if new.changes == old.changes and new.digest != old.digest:
@@ -134,7 +134,7 @@ def split_changes(old: Manifest, new: Manifest) -> tuple[Change, ...]:
     return tuple(Change(sentence=text, stage=Stage.MEASURE) for text in sentences)
 
 
-def _protocol_changes(old: Protocol, new: Protocol) -> Iterator[Change]:
+def _protocol_changes(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[Change]:
     before, after = _document(old), _document(new)
     for section, stage in _STAGE_OF_SECTION.items():
         if section in ("families", "tasks"):
@@ -188,7 +188,7 @@ def _item_changes(
         yield Change(sentence=f"the order of the {section} changes", stage=stage)
 
 
-def _document(protocol: Protocol) -> dict[str, Any]:
+def _document(protocol: ProtocolDocument) -> dict[str, Any]:
     document = protocol.model_dump(mode="json", by_alias=True)
     for name in _SELF_DESCRIPTION:
         del document[name]

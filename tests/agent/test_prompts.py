@@ -9,7 +9,7 @@ from exceptiondrive_agent.questions import (
     reminder_instructions,
     reminder_text,
 )
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import RegionKind, Strategy, Taxonomy
 
@@ -17,7 +17,7 @@ IMAGES = (CleanImage("image/png", b"one"), CleanImage("image/png", b"two"))
 
 
 @pytest.fixture(scope="module")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return packaged_protocol()
 
 
@@ -39,7 +39,7 @@ def with_other_secrets(taxonomy: Taxonomy) -> Taxonomy:
 
 
 def test_the_reminder_agent_is_told_every_task_with_its_hazard_and_family(
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> None:
     text = reminder_instructions(protocol.taxonomy)
     for task in protocol.tasks:
@@ -51,7 +51,7 @@ def test_the_reminder_agent_is_told_every_task_with_its_hazard_and_family(
 
 
 def test_acceptable_sets_clearances_and_region_kinds_change_nothing_that_is_told(
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> None:
     other = with_other_secrets(protocol.taxonomy)
     record = ReminderRecord(hazard_present=True, hazard_type="IC2")
@@ -60,7 +60,7 @@ def test_acceptable_sets_clearances_and_region_kinds_change_nothing_that_is_told
     assert reminder_text(record, other) == reminder_text(record, protocol.taxonomy)
 
 
-def test_the_base_instructions_of_the_decision_name_no_task(protocol: Protocol) -> None:
+def test_the_base_instructions_of_the_decision_name_no_task(protocol: ProtocolDocument) -> None:
     assert all(task.name not in DECISION_INSTRUCTIONS for task in protocol.tasks)
     assert all(f"{s.value}: {s.action}" in DECISION_INSTRUCTIONS for s in Strategy)
 
@@ -79,14 +79,14 @@ def test_images_are_numbered_and_named_by_their_public_views() -> None:
     assert texts == ["Image 1 of 2 (front left):", "Image 2 of 2 (front):"]
 
 
-def test_a_reminder_spells_out_the_hazard_and_the_strategy(protocol: Protocol) -> None:
+def test_a_reminder_spells_out_the_hazard_and_the_strategy(protocol: ProtocolDocument) -> None:
     record = ReminderRecord(hazard_type="LB1", recommended_strategy=Strategy.C)
     text = reminder_text(record, protocol.taxonomy)
     assert '"stalled_vehicle: a broken-down vehicle fills the ego lane' in text
     assert '"recommended_strategy": "C: stop"' in text
 
 
-def test_the_answer_schemas_are_valid_and_closed(protocol: Protocol) -> None:
+def test_the_answer_schemas_are_valid_and_closed(protocol: ProtocolDocument) -> None:
     for schema in (reminder_schema(protocol.taxonomy), decision_schema()):
         Draft202012Validator.check_schema(schema)
         assert schema["additionalProperties"] is False
@@ -94,7 +94,7 @@ def test_the_answer_schemas_are_valid_and_closed(protocol: Protocol) -> None:
 
 
 def test_the_reminder_schema_takes_task_ids_of_the_taxonomy_and_null_alone(
-    protocol: Protocol, record: dict[str, object]
+    protocol: ProtocolDocument, record: dict[str, object]
 ) -> None:
     validator = Draft202012Validator(reminder_schema(protocol.taxonomy))
     assert validator.is_valid(record)

@@ -21,7 +21,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.phase_settings import PhasePolicy
-from exceptiondrive_schemas.protocol import Protocol, ProtocolError
+from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -83,7 +83,7 @@ def _entries(board: Board, due: set[str]) -> Iterator[Violation]:
             yield Violation("must not stand on the board", submission_id, text)
 
 
-def _order(board: Board, protocol: Protocol) -> Iterator[Violation]:
+def _order(board: Board, protocol: ProtocolDocument) -> Iterator[Violation]:
     """A better value never has a worse rank, and equal ones share theirs."""
     keys = protocol.ranking.order[board.challenge]
 

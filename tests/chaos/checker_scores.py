@@ -24,7 +24,7 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.check import check
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.rounding import Rounding
@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[2]
 class Rescorer:
     """Scores every file once more, apart from any worker; remembers what it has found right."""
 
-    def __init__(self, split: Split, protocol: Protocol) -> None:
+    def __init__(self, split: Split, protocol: ProtocolDocument) -> None:
         self.split = split
         self._protocol = protocol
         self._manifest = manifest_of(split, protocol)

@@ -25,12 +25,12 @@ from exceptiondrive_schemas.challenges import (
     UnknownChallengeError,
 )
 from exceptiondrive_schemas.check import CheckedDocument
-from exceptiondrive_schemas.check.findings import Findings
-from exceptiondrive_schemas.check.findings import Path as Place
+from exceptiondrive_schemas.check.fault_list import FaultList
+from exceptiondrive_schemas.check.fault_list import Path as Place
 from exceptiondrive_schemas.check.rules import RULES
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
 from exceptiondrive_scoring import challenge as scoring
 from exceptiondrive_scoring.aliases import Columns
@@ -92,13 +92,13 @@ class GapRules:
     required_keys: ClassVar[frozenset[str]] = frozenset({"sample_id", "gap_m"})
     optional_keys: ClassVar[frozenset[str]] = frozenset()
 
-    def __init__(self, protocol: Protocol, findings: Findings) -> None:
-        self._findings = findings
+    def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
+        self._faults = faults
 
     def answer(self, prediction: dict[str, Any], path: Place, sample_id: str | None) -> Any:
         gap = prediction.get("gap_m")
         if not isinstance(gap, float) or gap < 0:
-            self._findings.add(
+            self._faults.add(
                 FaultCode.WRONG_TYPE, (*path, "gap_m"), expected="metres", got=str(gap)
             )
         return gap
@@ -127,7 +127,9 @@ class GapScoring:
     ) -> dict[str, NDArray[Any]]:
         return dict(answers)
 
-    def grade(self, measurements: Columns, split: SplitArrays, protocol: Protocol) -> SampleScores:
+    def grade(
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+    ) -> SampleScores:
         gap_m = measurements["gap_m"]
         by_key = {"wide": gap_m >= split.d_safe_m, "closed": gap_m == 0}
         return sample_scores(GAPS.metrics, by_key | {"least_gap": gap_m, "median_gap": gap_m})
@@ -136,12 +138,12 @@ class GapScoring:
         return {"edited": 1.0}
 
     def plausibility(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
         return Plausibility(shares={})
 
     def extra(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         return {}
 
@@ -149,7 +151,9 @@ class GapScoring:
         return None
 
 
-def read_fast(text: bytes, manifest: Any, protocol: Protocol) -> dict[str, NDArray[Any]] | None:
+def read_fast(
+    text: bytes, manifest: Any, protocol: ProtocolDocument
+) -> dict[str, NDArray[Any]] | None:
     """A fast reader that is sure of whatever the standard decoder reads in order."""
     predictions = json.loads(text)["predictions"]
     if [each["sample_id"] for each in predictions] != list(manifest.sample_ids):

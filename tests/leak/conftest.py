@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tests.leak.cells import PublishedCells
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_worker.rounding import Rounding
@@ -24,7 +24,7 @@ class Oracle:
     """Answers a submission with its published sheet; the attacker sees nothing else."""
 
     split: LoadedSplit
-    protocol: Protocol
+    protocol: ProtocolDocument
     n_asked: int = 0
     is_rounded: bool = field(default=True)
 
@@ -62,15 +62,15 @@ class Oracle:
 
 
 @pytest.fixture(scope="session")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return packaged_protocol()
 
 
 @pytest.fixture(scope="session")
-def sample_split(protocol: Protocol) -> LoadedSplit:
+def sample_split(protocol: ProtocolDocument) -> LoadedSplit:
     return load_split(read_split(SAMPLE), protocol)
 
 
 @pytest.fixture
-def oracle(sample_split: LoadedSplit, protocol: Protocol) -> Oracle:
+def oracle(sample_split: LoadedSplit, protocol: ProtocolDocument) -> Oracle:
     return Oracle(sample_split, protocol)

@@ -18,7 +18,7 @@ from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
@@ -72,7 +72,9 @@ class Participant:
 
 
 @pytest.fixture
-def participant(tmp_path: Path, sqlite_url: str, protocol: Protocol) -> Iterator[Participant]:
+def participant(
+    tmp_path: Path, sqlite_url: str, protocol: ProtocolDocument
+) -> Iterator[Participant]:
     places: dict[str, Any] = {
         "database_url": sqlite_url,
         "file_store_url": (tmp_path / "uploads").as_uri(),

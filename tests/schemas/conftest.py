@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Manifest
 
 STRAIGHT = [[1.5 * t, 0.0] for t in range(1, 7)]
@@ -12,7 +12,7 @@ SAMPLE_IDS = ("s-001", "s-002", "s-003")
 
 
 @pytest.fixture(scope="session")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return packaged_protocol("1.0")
 
 

@@ -11,14 +11,14 @@ import pytest
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import PlanningDocument, StrategyDocument, check, check_bytes
 from exceptiondrive_schemas.faults import FaultCode, FaultGroup
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
 Encode = Callable[[Any], bytes]
 
 
 @pytest.fixture
-def faults(protocol: Protocol, manifest: Manifest, encoded: Encode) -> Callable[[Any], Any]:
+def faults(protocol: ProtocolDocument, manifest: Manifest, encoded: Encode) -> Callable[[Any], Any]:
     def check_object(document: Any) -> dict[FaultCode, FaultGroup]:
         data = document if isinstance(document, bytes) else encoded(document)
         report = check_bytes(data, protocol=protocol, manifest=manifest)
@@ -28,7 +28,7 @@ def faults(protocol: Protocol, manifest: Manifest, encoded: Encode) -> Callable[
 
 
 def test_a_sound_planning_file_gives_its_trajectories(
-    planning: dict[str, Any], protocol: Protocol, manifest: Manifest, encoded: Encode
+    planning: dict[str, Any], protocol: ProtocolDocument, manifest: Manifest, encoded: Encode
 ) -> None:
     planning["predictions"][1]["edited"] = None
     checked = check(encoded(planning), protocol=protocol, manifest=manifest)
@@ -43,7 +43,7 @@ def test_a_sound_planning_file_gives_its_trajectories(
 
 
 def test_a_sound_strategy_file_gives_its_answers(
-    strategy: dict[str, Any], protocol: Protocol, manifest: Manifest, encoded: Encode
+    strategy: dict[str, Any], protocol: ProtocolDocument, manifest: Manifest, encoded: Encode
 ) -> None:
     strategy["predictions"][0]["strategy"] = None
     strategy["predictions"][1]["reminder"] = {
@@ -68,7 +68,7 @@ def test_a_sound_strategy_file_gives_its_answers(
 
 
 def test_gzip_is_recognised_by_its_first_bytes(
-    planning: dict[str, Any], protocol: Protocol, manifest: Manifest, encoded: Encode
+    planning: dict[str, Any], protocol: ProtocolDocument, manifest: Manifest, encoded: Encode
 ) -> None:
     data = gzip.compress(encoded(planning))
     report = check_bytes(data, protocol=protocol, manifest=manifest)
@@ -77,7 +77,7 @@ def test_gzip_is_recognised_by_its_first_bytes(
 
 
 def test_keys_may_stand_in_any_order(
-    planning: dict[str, Any], protocol: Protocol, manifest: Manifest, encoded: Encode
+    planning: dict[str, Any], protocol: ProtocolDocument, manifest: Manifest, encoded: Encode
 ) -> None:
     turned = dict(reversed(planning.items()))
     checked = check(encoded(turned), protocol=protocol, manifest=manifest)
@@ -94,7 +94,7 @@ def test_the_schema_may_follow_the_predictions_of_a_strategy_file(
 
 
 def test_a_file_of_the_other_challenge_is_refused(
-    strategy: dict[str, Any], protocol: Protocol, encoded: Encode
+    strategy: dict[str, Any], protocol: ProtocolDocument, encoded: Encode
 ) -> None:
     report = check_bytes(encoded(strategy), protocol=protocol, challenge=PLANNING.id)
     assert [group.code for group in report.faults] == [FaultCode.WRONG_SCHEMA]

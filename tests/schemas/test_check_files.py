@@ -17,20 +17,20 @@ from exceptiondrive_schemas.check import (
     UnreadableFileError,
     check,
     check_bytes,
-    findings,
+    fault_list,
     inflate,
     json_stream,
 )
 from exceptiondrive_schemas.check.json_stream import CHUNK_BYTES, MAX_VALUE_CHARACTERS
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
 Check = Callable[[bytes], CheckReport]
 
 
 @pytest.fixture
-def checked(protocol: Protocol, manifest: Manifest) -> Check:
+def checked(protocol: ProtocolDocument, manifest: Manifest) -> Check:
     return lambda data: check_bytes(data, protocol=protocol, manifest=manifest)
 
 
@@ -144,7 +144,7 @@ def test_faults_before_a_break_are_still_reported(planning: dict[str, Any], chec
 
 @pytest.mark.parametrize("shift", range(-3, 4))
 def test_what_lies_across_a_chunk_is_read_whole(
-    shift: int, planning: dict[str, Any], protocol: Protocol, manifest: Manifest
+    shift: int, planning: dict[str, Any], protocol: ProtocolDocument, manifest: Manifest
 ) -> None:
     text = json.dumps(planning).encode()
     middle = text.index(b"s-002") + 2
@@ -171,7 +171,7 @@ def test_a_value_may_be_as_long_as_the_limit_and_no_longer(
 
 @pytest.mark.parametrize("text", ["\\u0000", "\\ud800", "\\u202e", "\\u200b", "<script>", "é"])
 def test_a_report_shows_texts_escaped_and_can_be_sent(
-    text: str, planning: dict[str, Any], protocol: Protocol
+    text: str, planning: dict[str, Any], protocol: ProtocolDocument
 ) -> None:
     data = json.dumps(planning).replace('"example"', f'"{text}"').encode()
     report = check_bytes(data, protocol=protocol)
@@ -183,7 +183,7 @@ def test_a_report_shows_texts_escaped_and_can_be_sent(
 
 @pytest.mark.parametrize("text", ["\\u0000", "\\ud800", "\\u0007", "x" * 129])
 def test_an_id_that_cannot_be_kept_is_refused_without_a_manifest(
-    text: str, planning: dict[str, Any], protocol: Protocol
+    text: str, planning: dict[str, Any], protocol: ProtocolDocument
 ) -> None:
     data = json.dumps(planning).replace('"s-001"', f'"{text}"').encode()
     found = codes(check_bytes(data, protocol=protocol))
@@ -193,7 +193,7 @@ def test_an_id_that_cannot_be_kept_is_refused_without_a_manifest(
 def test_reading_stops_after_so_many_faults(
     monkeypatch: pytest.MonkeyPatch, checked: Check
 ) -> None:
-    monkeypatch.setattr(findings, "MAX_FAULTS", 1000)
+    monkeypatch.setattr(fault_list, "MAX_FAULTS", 1000)
     report = checked(b'{"predictions":[' + b"0," * 5000)
     assert codes(report) == [FaultCode.WRONG_TYPE]
     assert report.faults[0].count == 1000

@@ -7,13 +7,13 @@ import pytest
 
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import Fault, FaultCode
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 
 Ends = list[tuple[float, float]]
 
 
 @pytest.fixture
-def frame_fault(protocol: Protocol) -> Callable[[Ends], Fault | None]:
+def frame_fault(protocol: ProtocolDocument) -> Callable[[Ends], Fault | None]:
     def find(ends_m: Ends) -> Fault | None:
         predictions = [
             {

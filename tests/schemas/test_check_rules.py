@@ -7,17 +7,17 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.check import check_bytes
-from exceptiondrive_schemas.check.findings import json_path, shown
+from exceptiondrive_schemas.check.fault_list import json_path, shown
 from exceptiondrive_schemas.check.sample_ids import NearestId
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, CheckReport, Fault, FaultCode
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
 Check = Callable[[Any], CheckReport]
 
 
 @pytest.fixture
-def checked(protocol: Protocol, manifest: Manifest) -> Check:
+def checked(protocol: ProtocolDocument, manifest: Manifest) -> Check:
     return lambda document: check_bytes(
         json.dumps(document).encode(), protocol=protocol, manifest=manifest
     )
@@ -129,7 +129,7 @@ def test_a_wrong_answer_is_refused(
 
 
 def test_a_duplicate_key_is_found_wherever_it_stands(
-    planning: dict[str, Any], protocol: Protocol
+    planning: dict[str, Any], protocol: ProtocolDocument
 ) -> None:
     planning["note"] = [{"deep": 0}]
     text = json.dumps(planning).replace('{"deep": 0}', '{"a": 0, "\\u0061": 1}')

@@ -78,14 +78,17 @@ def test_the_tables_here_are_the_tables_of_the_paper() -> None:
 
 def test_per_cent_become_fractions_and_metres_stay(planning: tuple[BoardEntry, ...]) -> None:
     first = planning[0]
-    assert first.metrics == {
-        "hcc": 0.1964,
-        "ur": 0.7892,
-        "hpr": 0.1887,
-        "cts": 2.2,
-        "cts_x": 1.86,
-        "cts_y": 0.7,
-    }
+    assert (
+        first.metrics.items()
+        >= {
+            "hcc": 0.1964,
+            "ur": 0.7892,
+            "hpr": 0.1887,
+            "cts": 2.2,
+            "cts_x": 1.86,
+            "cts_y": 0.7,
+        }.items()
+    )
     assert first.families["intersection_conflict"].metrics == {"hcc": 0.1786}
     assert first.families["intersection_conflict"].n is None
 

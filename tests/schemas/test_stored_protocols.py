@@ -11,7 +11,7 @@ from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.protocol import (
     GradingSection,
-    Protocol,
+    ProtocolDocument,
     ProtocolError,
     packaged_protocol,
     packaged_protocol_toml,
@@ -28,7 +28,7 @@ DIGESTS = {
 DEFAULTS = r"(?m)^(d_safe_scale|sensitivity_factors|compared_entries) = .*$"
 
 
-def digests(protocol: Protocol) -> dict[str, str]:
+def digests(protocol: ProtocolDocument) -> dict[str, str]:
     return {name: getattr(protocol, name) for name in DIGESTS}
 
 
@@ -54,7 +54,7 @@ class LaterTask(Task):
     weather: str | None = None
 
 
-class LaterProtocol(Protocol):
+class LaterProtocol(ProtocolDocument):
     """A protocol of a later version."""
 
     grading: LaterGrading

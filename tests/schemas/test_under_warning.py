@@ -7,7 +7,7 @@ import pytest
 from exceptiondrive_schemas.board import BoardEntry, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import (
-    Protocol,
+    ProtocolDocument,
     ProtocolError,
     packaged_protocol_toml,
     parse_protocol,
@@ -19,7 +19,7 @@ SWAPPED = ("E = 2, D = 3", "E = 3, D = 2")
 
 
 @pytest.fixture
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return parse_protocol(packaged_protocol_toml())
 
 
@@ -32,7 +32,7 @@ def test_every_task_of_the_document_names_the_answers_that_warn_too_little() -> 
     assert tasks["RS1"]["under_warning"] == ["A", "B"]
 
 
-def test_acceptable_answers_never_warn_too_little(protocol: Protocol) -> None:
+def test_acceptable_answers_never_warn_too_little(protocol: ProtocolDocument) -> None:
     for task in protocol.tasks:
         assert not set(task.acceptable) & set(task.under_warning)
 
@@ -54,13 +54,15 @@ def test_a_hand_written_set_that_does_not_follow_is_refused() -> None:
 
 
 def test_strategies_of_the_same_caution_do_not_warn_less_than_each_other(
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> None:
     flat = protocol.grading.model_copy(update={"caution": dict.fromkeys("ABCDE", 1)})
     assert flat.under_warning((Strategy.C,)) == ()
 
 
-def test_the_sets_are_part_of_the_grading_digest_and_of_no_other(protocol: Protocol) -> None:
+def test_the_sets_are_part_of_the_grading_digest_and_of_no_other(
+    protocol: ProtocolDocument,
+) -> None:
     tasks = tuple(task.model_copy(update={"under_warning": ()}) for task in protocol.tasks)
     other = protocol.model_copy(update={"tasks": tasks})
     assert other.grading_digest != protocol.grading_digest

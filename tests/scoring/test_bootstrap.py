@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.support.metrics import SIX_METRICS
 
-from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol, RankingSection
+from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import GRID, SceneSums, Uncertainty, bootstrap, scene_sums
@@ -34,12 +34,12 @@ def _scores(seed: int, *, safe: float = 0.3, missing_source: float = 0.0) -> Sam
     hcc, hpr = is_safe * rng.random(N), is_safe * rng.random(N)
     cts = rng.gamma(2.0, 1.0, (N, 3))
     cts[rng.random(N) < missing_source] = NAN
-    return SampleScores(PLANNING.metrics, np.column_stack([hcc, ~is_safe, hpr, cts]))
+    return SampleScores(SIX_METRICS.metrics, np.column_stack([hcc, ~is_safe, hpr, cts]))
 
 
-def _one(scores: SampleScores, split: SplitArrays, protocol: Protocol) -> Uncertainty:
+def _one(scores: SampleScores, split: SplitArrays, protocol: ProtocolDocument) -> Uncertainty:
     sums = scene_sums(scores, split, protocol.taxonomy)
-    (result,) = bootstrap([sums], PLANNING, protocol.ranking, protocol.grading.headline)
+    (result,) = bootstrap([sums], SIX_METRICS, protocol.ranking, protocol.grading.headline)
     return result
 
 
@@ -69,7 +69,7 @@ def _mean(values: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("missing_source", [0.0, 0.3])
 def test_intervals_agree_with_gathering_samples_draw_by_draw(
-    missing_source: float, split: SplitArrays, protocol: Protocol
+    missing_source: float, split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     scores = _scores(1, missing_source=missing_source)
     result = _one(scores, split, protocol)
@@ -85,20 +85,20 @@ def test_intervals_agree_with_gathering_samples_draw_by_draw(
 
 
 def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     entries = [
         scene_sums(_scores(seed, missing_source=0.1 * (seed % 3)), split, protocol.taxonomy)
         for seed in range(20)
     ]
-    together = bootstrap(entries, PLANNING, protocol.ranking, "micro")
+    together = bootstrap(entries, SIX_METRICS, protocol.ranking, "micro")
     for entry, among_others in zip(entries, together, strict=True):
-        (alone,) = bootstrap([entry], PLANNING, protocol.ranking, "micro")
+        (alone,) = bootstrap([entry], SIX_METRICS, protocol.ranking, "micro")
         for name in ("micro", "macro_family", "families", "primary_draws"):
             np.testing.assert_array_equal(getattr(alone, name), getattr(among_others, name))
 
 
-def test_another_seed_gives_other_draws(split: SplitArrays, protocol: Protocol) -> None:
+def test_another_seed_gives_other_draws(split: SplitArrays, protocol: ProtocolDocument) -> None:
     ranking = protocol.ranking.model_copy(update={"bootstrap_seed": 1})
     other = protocol.model_copy(update={"ranking": ranking})
     scores = _scores(1)
@@ -107,7 +107,7 @@ def test_another_seed_gives_other_draws(split: SplitArrays, protocol: Protocol) 
 
 
 def test_a_fraction_of_zero_or_one_has_wilsons_interval(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     result = _one(_scores(1, safe=0.0), split, protocol)
     hcc, ur = result.micro[:2]
@@ -118,28 +118,32 @@ def test_a_fraction_of_zero_or_one_has_wilsons_interval(
 
 
 def test_a_shift_of_zero_everywhere_is_known_exactly(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     scores = _scores(1)
     scores.values[:, 3:] = 0.0
     assert _one(scores, split, protocol).micro[3].tolist() == [0.0, 0.0]
 
 
-def test_one_scene_says_nothing_about_another(make_split: MakeSplit, protocol: Protocol) -> None:
+def test_one_scene_says_nothing_about_another(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
     split = make_split(np.zeros((N, 4, 2)), scenes=[0] * N)
     result = _one(_scores(1), split, protocol)
     for intervals in (result.micro, result.macro_family, result.families):
         assert np.isnan(intervals).all()
 
 
-def test_an_undefined_metric_has_no_interval(split: SplitArrays, protocol: Protocol) -> None:
+def test_an_undefined_metric_has_no_interval(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
     result = _one(_scores(1, missing_source=1.1), split, protocol)
     assert np.isnan(result.micro[3:]).all()
     assert not np.isnan(result.micro[:3]).any()
 
 
 def test_scene_sums_lie_on_a_grid_finer_than_a_billionth(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     scores = _scores(1)
     sums = scene_sums(scores, split, protocol.taxonomy)
@@ -170,13 +174,13 @@ def test_rank_intervals_of_an_empty_board() -> None:
 
 
 def test_rank_intervals_agree_with_the_interval_of_every_paired_difference(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     entries = [
         scene_sums(_scores(seed, safe=0.2 + 0.03 * seed), split, protocol.taxonomy)
         for seed in range(12)
     ]
-    uncertain = bootstrap(entries, PLANNING, protocol.ranking, "micro")
+    uncertain = bootstrap(entries, SIX_METRICS, protocol.ranking, "micro")
     found = rank_intervals(uncertain, "descending")
     for i, entry in enumerate(uncertain):
         best, worst = 1, len(uncertain)
@@ -216,10 +220,10 @@ def _simulated_boards(
 
 
 def test_95_per_cent_intervals_cover_the_truth_in_93_to_97_per_cent_of_boards(
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> None:
     boards, true_micro, true_families = _simulated_boards(n_boards=600, n_scenes=500)
-    results = bootstrap(boards, PLANNING, protocol.ranking, "macro_family")
+    results = bootstrap(boards, SIX_METRICS, protocol.ranking, "macro_family")
 
     def coverage(intervals: FloatArray, truth: FloatArray) -> FloatArray:
         inside = (intervals[..., 0] <= truth) & (truth <= intervals[..., 1])

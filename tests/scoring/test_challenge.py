@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tests.support.strategies import answers_alone
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, ChallengeId
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.sheet import aggregate
@@ -36,7 +36,7 @@ def split(make_split: MakeSplit) -> SplitArrays:
 
 @pytest.mark.parametrize("challenge_id", list(CHALLENGES))
 def test_every_challenge_goes_the_same_way_to_a_sheet(
-    challenge_id: ChallengeId, split: SplitArrays, protocol: Protocol
+    challenge_id: ChallengeId, split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     scoring = SCORING[challenge_id]
     assert scoring.challenge == CHALLENGES[challenge_id]
@@ -54,7 +54,7 @@ def test_every_challenge_goes_the_same_way_to_a_sheet(
 
 @pytest.mark.parametrize("challenge_id", list(CHALLENGES))
 def test_measuring_changes_none_of_its_inputs(
-    challenge_id: ChallengeId, split: SplitArrays, protocol: Protocol
+    challenge_id: ChallengeId, split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     answers = _answers(challenge_id)
     before = {key: column.copy() for key, column in answers.items()}
@@ -70,7 +70,7 @@ def test_measuring_changes_none_of_its_inputs(
 
 
 def test_the_strategy_sheet_carries_confusion_and_reminder_rows(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     scoring = SCORING[STRATEGY.id]
     answers = _answers(STRATEGY.id)

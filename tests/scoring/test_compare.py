@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.support.metrics import SIX_METRICS
 from tests.support.strategies import answers_alone
 
-from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.challenges import STRATEGY
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import bootstrap, scene_sums
 from exceptiondrive_scoring.compare import compare
@@ -31,14 +32,16 @@ def split(make_split: MakeSplit) -> SplitArrays:
 
 def _scores(unsafe: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]") -> SampleScores:
     hcc = 0.5 * ~unsafe
-    return SampleScores(PLANNING.metrics, np.column_stack([hcc, unsafe, hcc, *([np.ones(N)] * 3)]))
+    return SampleScores(
+        SIX_METRICS.metrics, np.column_stack([hcc, unsafe, hcc, *([np.ones(N)] * 3)])
+    )
 
 
 def test_an_entry_compared_with_itself_is_not_separable(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     scores = _scores(np.random.default_rng(1).random(N) < 0.8)
-    comparison = compare(scores, scores, split, protocol, PLANNING)
+    comparison = compare(scores, scores, split, protocol, SIX_METRICS)
     for difference in comparison.overall.values():
         assert difference.difference == 0
         assert difference.interval == (0, 0)
@@ -47,41 +50,43 @@ def test_an_entry_compared_with_itself_is_not_separable(
 
 
 def test_paired_samples_separate_what_single_intervals_do_not(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     rng = np.random.default_rng(1)
     b_unsafe = rng.random(N) < 0.8
     a_unsafe = b_unsafe & (rng.random(N) >= 0.05)  # A is safe wherever B is, and a little more
     a, b = _scores(a_unsafe), _scores(b_unsafe)
-    comparison = compare(a, b, split, protocol, PLANNING)
+    comparison = compare(a, b, split, protocol, SIX_METRICS)
     ur = comparison.overall["ur"]
     assert ur.discordant == np.mean(a_unsafe != b_unsafe)
     assert ur.interval is not None
     assert ur.interval[0] < (ur.difference or 0) < ur.interval[1] < 0
     assert ur.verdict == "A is better"
     assert comparison.overall["hcc"].verdict == "A is better"
-    assert compare(b, a, split, protocol, PLANNING).overall["ur"].verdict == "B is better"
+    assert compare(b, a, split, protocol, SIX_METRICS).overall["ur"].verdict == "B is better"
     sums = [scene_sums(scores, split, protocol.taxonomy) for scores in (a, b)]
-    first, second = bootstrap(sums, PLANNING, protocol.ranking, protocol.grading.headline)
+    first, second = bootstrap(sums, SIX_METRICS, protocol.ranking, protocol.grading.headline)
     assert first.macro_family[1, 1] > second.macro_family[1, 0]  # single intervals overlap
     assert rank_intervals([first, second], "descending").tolist() == [[1, 1], [2, 2]]
 
 
-def test_a_diagnostic_is_higher_and_never_better(split: SplitArrays, protocol: Protocol) -> None:
+def test_a_diagnostic_is_higher_and_never_better(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
     unsafe = np.random.default_rng(1).random(N) < 0.8
     a, b = _scores(unsafe), _scores(unsafe)
     a.values[:, 3] += 1.0
-    difference = compare(a, b, split, protocol, PLANNING).overall["cts"]
+    difference = compare(a, b, split, protocol, SIX_METRICS).overall["cts"]
     assert difference.difference == pytest.approx(1.0)
     assert difference.verdict == "A is higher"
 
 
 def test_families_are_compared_where_they_have_samples(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split(np.zeros((N, 4, 2)), tasks=[0, 4] * (N // 2))
     unsafe = np.arange(N) % 4 < 2
-    comparison = compare(_scores(unsafe), _scores(~unsafe), split, protocol, PLANNING)
+    comparison = compare(_scores(unsafe), _scores(~unsafe), split, protocol, SIX_METRICS)
     assert list(comparison.families) == ["sudden_emergence", "lane_blockage"]
     ur = comparison.families["lane_blockage"]["ur"]
     assert (ur.difference, ur.discordant) == (0.0, 1.0)
@@ -89,14 +94,14 @@ def test_families_are_compared_where_they_have_samples(
 
 
 def test_tasks_are_compared_by_the_first_metric_on_the_draws_of_everything_else(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     """One task in a family: the task is the family, to the last bit."""
     scenes = (np.arange(N) % SCENES).tolist()
     split = make_split(np.zeros((N, 4, 2)), tasks=[0, 4] * (N // 2), scenes=scenes)
     rng = np.random.default_rng(3)
     a, b = _scores(rng.random(N) < 0.4), _scores(rng.random(N) < 0.6)
-    comparison = compare(a, b, split, protocol, PLANNING)
+    comparison = compare(a, b, split, protocol, SIX_METRICS)
     tasks = [protocol.tasks[index] for index in (0, 4)]
     assert list(comparison.tasks) == [task.id for task in tasks]
     for task in tasks:
@@ -105,19 +110,19 @@ def test_tasks_are_compared_by_the_first_metric_on_the_draws_of_everything_else(
 
 
 def test_samples_that_either_leaves_undefined_are_left_out(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     unsafe = np.random.default_rng(1).random(N) < 0.8
     a, b = _scores(unsafe), _scores(unsafe)
     a.values[: N // 2, 3] = np.nan
     b.values[N // 2 :, 3] = np.nan
-    difference = compare(a, b, split, protocol, PLANNING).overall["cts"]
+    difference = compare(a, b, split, protocol, SIX_METRICS).overall["cts"]
     assert (difference.difference, difference.interval, difference.discordant) == (None, None, None)
     assert difference.verdict == "not separable on this split"
 
 
 def test_the_reminder_effect_is_the_paired_difference_of_two_submissions(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     rng = np.random.default_rng(2)
     without = rng.integers(0, 5, N)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import clearance_compliance, grade, proximity_response
@@ -46,7 +46,7 @@ def _standing(n: int, *, source: bool = True, edited: bool = True) -> Trajectory
 
 
 def test_required_clearance_comes_from_task_or_sample_and_is_scaled(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     doubled = protocol.model_copy(
         update={"grading": protocol.grading.model_copy(update={"d_safe_scale": 2.0})}
@@ -60,28 +60,28 @@ def test_required_clearance_comes_from_task_or_sample_and_is_scaled(
 
 
 def test_a_missing_source_leaves_only_the_shift_undefined(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split(np.array([_wall_ahead(1.0)]), tasks=[0])
     measurements = measure(_standing(1, source=False), split.regions_m, protocol.geometry)
     (values,) = grade(measurements, split, protocol).values
     np.testing.assert_allclose(values[:3], [0.5, 0.0, 2 / 3])
-    assert np.isnan(values[3:]).all()
+    assert np.isnan(values[3:6]).all()
 
 
 def test_a_missing_edited_trajectory_is_an_intrusion(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split(np.array([_wall_ahead(50.0)]), tasks=[0])
     measurements = measure(_standing(1, edited=False), split.regions_m, protocol.geometry)
     (values,) = grade(measurements, split, protocol).values
     np.testing.assert_array_equal(values[:3], [0.0, 1.0, 0.0])
-    assert np.isnan(values[3:]).all()
+    assert np.isnan(values[3:6]).all()
 
 
 @pytest.mark.parametrize(("gap_m", "intrusion"), [(0.5e-6, True), (2e-6, False), (-0.1, True)])
 def test_contact_has_the_tolerance_of_the_protocol(
-    gap_m: float, intrusion: bool, make_split: MakeSplit, protocol: Protocol
+    gap_m: float, intrusion: bool, make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split(np.array([_wall_ahead(gap_m)]))
     measurements = measure(_standing(1), split.regions_m, protocol.geometry)
@@ -89,11 +89,11 @@ def test_contact_has_the_tolerance_of_the_protocol(
 
 
 def test_the_shift_is_the_mean_over_all_points_with_the_origin(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     source = np.zeros((1, 6, 2))
     edited: FloatArray = np.tile([3.0, -4.0], (1, 6, 1))
     split = make_split(np.array([_wall_ahead(50.0)]))
     pairs = TrajectoryPairs.from_columns({"source": source, "edited": edited})
     (values,) = grade(measure(pairs, split.regions_m, protocol.geometry), split, protocol).values
-    np.testing.assert_allclose(values[3:], np.array([5.0, 3.0, 4.0]) * 6 / 7)
+    np.testing.assert_allclose(values[3:6], np.array([5.0, 3.0, 4.0]) * 6 / 7)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import SampleScores, grade
@@ -71,7 +71,7 @@ def board(draw: st.DrawFn) -> Board:
 
 
 @pytest.fixture(scope="module")
-def score(protocol: Protocol, make_split: MakeSplit) -> Callable[..., SampleScores]:
+def score(protocol: ProtocolDocument, make_split: MakeSplit) -> Callable[..., SampleScores]:
     def score(case: Board, *, d_safe_scale: float = 1.0) -> SampleScores:
         grading = protocol.grading.model_copy(update={"d_safe_scale": d_safe_scale})
         chosen = protocol.model_copy(update={"grading": grading})
@@ -99,7 +99,7 @@ def test_fractions_lie_between_zero_and_one(case: Board, score: Score) -> None:
 @laws
 @given(case=board())
 def test_hcc_and_hpr_are_bounded_by_what_is_safe(
-    case: Board, score: Score, protocol: Protocol, make_split: MakeSplit
+    case: Board, score: Score, protocol: ProtocolDocument, make_split: MakeSplit
 ) -> None:
     scores = score(case)
     split = make_split(case.regions, tasks=case.tasks)
@@ -114,7 +114,7 @@ def test_hcc_and_hpr_are_bounded_by_what_is_safe(
 @laws
 @given(case=board())
 def test_the_shift_lies_between_its_components(case: Board, score: Score) -> None:
-    cts, cts_x, cts_y = score(case).values[:, 3:].T
+    cts, cts_x, cts_y = score(case).values[:, 3:6].T
     defined = ~np.isnan(cts)
     assert (np.hypot(cts_x, cts_y) <= cts + TOLERANCE)[defined].all()
     assert (cts <= cts_x + cts_y + TOLERANCE)[defined].all()
@@ -158,7 +158,7 @@ def test_mirroring_y_changes_nothing(case: Board, score: Score) -> None:
 @given(case=board())
 def test_edited_equal_to_source_has_no_shift(case: Board, score: Score) -> None:
     same = Board(case.edited, case.edited, case.regions, case.centres, case.tasks)
-    shift = score(same).values[:, 3:]
+    shift = score(same).values[:, 3:6]
     given_rows = np.array([t is not None for t in case.edited])
     assert (shift[given_rows] == 0).all()
     assert np.isnan(shift[~given_rows]).all()
@@ -167,7 +167,7 @@ def test_edited_equal_to_source_has_no_shift(case: Board, score: Score) -> None:
 @laws
 @given(case=board(), growth=st.floats(1.0, 3.0))
 def test_a_larger_region_never_raises_the_clearance(
-    case: Board, growth: float, protocol: Protocol
+    case: Board, growth: float, protocol: ProtocolDocument
 ) -> None:
     centres = case.centres[:, None]
     larger = centres + growth * (case.regions - centres)

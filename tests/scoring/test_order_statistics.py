@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from exceptiondrive_schemas.challenges import PLANNING, Challenge, Metric
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import (
@@ -67,7 +67,7 @@ def least(values: FloatArray, level: float) -> float:
 
 @pytest.mark.parametrize(("key", "level"), [("minimum", 0.0), ("quantile", 0.1)])
 def test_a_sheet_takes_it_from_the_samples_of_each_group(
-    split: SplitArrays, protocol: Protocol, key: str, level: float
+    split: SplitArrays, protocol: ProtocolDocument, key: str, level: float
 ) -> None:
     graded = scores(1)
     column = graded.values[:, graded.metric_keys.index(key)]
@@ -82,7 +82,9 @@ def test_a_sheet_takes_it_from_the_samples_of_each_group(
     assert sheet.macro_family[key] == pytest.approx(np.mean(values))
 
 
-def test_means_beside_it_stay_to_the_last_bit(split: SplitArrays, protocol: Protocol) -> None:
+def test_means_beside_it_stay_to_the_last_bit(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
     whole, (alone,) = scores(1), METRICS[:1]
     sheet = aggregate(whole, split, protocol.taxonomy)
     of_one = aggregate(SampleScores((alone,), whole.values[:, :1]), split, protocol.taxonomy)
@@ -96,7 +98,7 @@ def test_means_beside_it_stay_to_the_last_bit(split: SplitArrays, protocol: Prot
     assert (few.families[:, 0] == all_.families[:, 0]).all()
 
 
-def test_nothing_defined_is_undefined(split: SplitArrays, protocol: Protocol) -> None:
+def test_nothing_defined_is_undefined(split: SplitArrays, protocol: ProtocolDocument) -> None:
     sheet = aggregate(scores(1, missing=1.0), split, protocol.taxonomy)
     assert sheet.micro["minimum"] is sheet.macro_family["quantile"] is None
 
@@ -112,7 +114,9 @@ def test_draws_are_the_statistic_of_the_drawn_samples(level: float) -> None:
         assert found[draw] == least(np.repeat(values, weights[:, draw]), level)
 
 
-def test_intervals_come_from_draws_of_scenes(split: SplitArrays, protocol: Protocol) -> None:
+def test_intervals_come_from_draws_of_scenes(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
     graded = scores(2)
     sums = scene_sums(graded, split, protocol.taxonomy)
     ((_, draws),) = resample([sums], protocol.ranking, METRICS)
@@ -128,7 +132,7 @@ def test_intervals_come_from_draws_of_scenes(split: SplitArrays, protocol: Proto
 
 
 def test_the_difference_of_two_minima_is_no_minimum_of_differences(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     a, b = scores(3, more=0.5), scores(4)
     both = ~np.isnan(a.values[:, 1] - b.values[:, 1])
@@ -146,7 +150,7 @@ def test_the_difference_of_two_minima_is_no_minimum_of_differences(
 
 
 def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     toy = Challenge.model_construct(**{**dict(PLANNING), "metrics": METRICS[1:]})
     a, b = (SampleScores(METRICS[1:], scores(seed).values[:, 1:]) for seed in (5, 6))
@@ -158,7 +162,7 @@ def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
     assert kept.keys() == {"sums", "counts", "values", "scene_index", "group_index"}
 
 
-def test_means_alone_keep_sums_alone(split: SplitArrays, protocol: Protocol) -> None:
+def test_means_alone_keep_sums_alone(split: SplitArrays, protocol: ProtocolDocument) -> None:
     alone = SampleScores((HCC,), scores(1).values[:, :1])
     assert scene_sums(alone, split, protocol.taxonomy).columns().keys() == {"sums", "counts"}
 

@@ -3,12 +3,12 @@
 import pytest
 
 from exceptiondrive_schemas.challenges import RankKey
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.rank import ranks
 
 
 @pytest.fixture
-def order(protocol: Protocol) -> tuple[RankKey, ...]:
+def order(protocol: ProtocolDocument) -> tuple[RankKey, ...]:
     return protocol.ranking.order["planning"]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_scoring.aliases import FloatArray
@@ -53,7 +53,9 @@ def _sample(sample_id: str, scene_id: str, task: str, **overrides: object) -> Sp
     )
 
 
-def test_a_split_is_sorted_by_sample_and_takes_defaults_from_its_tasks(protocol: Protocol) -> None:
+def test_a_split_is_sorted_by_sample_and_takes_defaults_from_its_tasks(
+    protocol: ProtocolDocument,
+) -> None:
     split = split_arrays(
         [
             _sample("b", "scene-2", "LB1"),
@@ -72,6 +74,6 @@ def test_a_split_is_sorted_by_sample_and_takes_defaults_from_its_tasks(protocol:
     assert letters == ["CD", "C", "D"]
 
 
-def test_a_task_that_the_protocol_does_not_list_is_named(protocol: Protocol) -> None:
+def test_a_task_that_the_protocol_does_not_list_is_named(protocol: ProtocolDocument) -> None:
     with pytest.raises(ValueError, match="does not list these tasks: ZZ9"):
         split_arrays([_sample("a", "s", "ZZ9")], protocol.taxonomy)

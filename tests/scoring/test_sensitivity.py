@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exceptiondrive_schemas.protocol import (
-    Protocol,
+    ProtocolDocument,
     ProtocolError,
     packaged_protocol_toml,
     parse_protocol,
@@ -33,14 +33,14 @@ def split(make_split: MakeSplit) -> SplitArrays:
     return make_split(_walls_ahead([1.0, 1.0, 0.2]), tasks=[SE1, LB4, LB4])
 
 
-def _standing(split: SplitArrays, protocol: Protocol) -> Measurements:
+def _standing(split: SplitArrays, protocol: ProtocolDocument) -> Measurements:
     still = np.zeros((split.n_samples, 6, 2))
     pairs = TrajectoryPairs.from_columns({"source": still, "edited": still})
     return measure(pairs, split.regions_m, protocol.geometry)
 
 
 def test_half_and_twice_the_required_clearance_by_hand(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     rows = clearance_sensitivity(_standing(split, protocol), split, protocol)
     assert list(rows) == ["d_safe_x0.5", "d_safe_x2"]
@@ -52,7 +52,7 @@ def test_half_and_twice_the_required_clearance_by_hand(
 
 
 def test_a_row_says_what_a_protocol_with_that_scale_would_rank_by(
-    split: SplitArrays, protocol: Protocol
+    split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     measured = _standing(split, protocol)
     for factor in protocol.grading.sensitivity_factors:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.sheet import aggregate
@@ -21,7 +21,7 @@ def _split(make_split: MakeSplit, tasks: list[int]) -> SplitArrays:
 
 
 def test_micro_weighs_samples_and_macro_weighs_families(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     # three samples of Sudden Emergence (tasks SE1 SE1 SE2), one of Lane Blockage (LB1)
     scores = SampleScores(METRICS, np.array([[0.0, 1.0], [0.3, 2.0], [0.6, 3.0], [0.9, 4.0]]))
@@ -35,7 +35,9 @@ def test_micro_weighs_samples_and_macro_weighs_families(
     assert sheet.headline("macro_family") == sheet.macro_family
 
 
-def test_a_family_without_samples_is_absent(make_split: MakeSplit, protocol: Protocol) -> None:
+def test_a_family_without_samples_is_absent(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
     scores = SampleScores(METRICS, np.array([[0.5, 1.0]]))
     sheet = aggregate(scores, _split(make_split, [4]), protocol.taxonomy)
     assert list(sheet.families) == ["lane_blockage"]
@@ -43,7 +45,7 @@ def test_a_family_without_samples_is_absent(make_split: MakeSplit, protocol: Pro
 
 
 def test_an_undefined_value_is_left_out_and_an_undefined_mean_is_none(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     scores = SampleScores(METRICS, np.array([[0.5, NAN], [0.5, NAN], [0.7, 2.0]]))
     sheet = aggregate(scores, _split(make_split, [0, 1, 4]), protocol.taxonomy)

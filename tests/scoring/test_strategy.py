@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.support.strategies import answers_alone
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
 from exceptiondrive_scoring.strategy import (
     StrategyAnswers,
@@ -47,7 +47,7 @@ SplitOf = Callable[[list[int]], SplitArrays]
     ],
 )
 def test_wrong_answers_are_under_warning_below_the_least_cautious_acceptable_one(
-    task: int, under: str, over: str, split: SplitOf, protocol: Protocol
+    task: int, under: str, over: str, split: SplitOf, protocol: ProtocolDocument
 ) -> None:
     split_of_five = split([task] * 5)
     values = grade_strategies(_answers(LETTERS), split_of_five, protocol).values
@@ -60,7 +60,7 @@ def test_wrong_answers_are_under_warning_below_the_least_cautious_acceptable_one
 
 
 def test_a_missing_answer_is_wrong_and_under_warning_and_counted_apart(
-    split: SplitOf, protocol: Protocol
+    split: SplitOf, protocol: ProtocolDocument
 ) -> None:
     scores = grade_strategies(_answers("?C"), split([LB1, LB1]), protocol)
     assert scores.metric_keys == ("accuracy", "under_warning", "over_warning", "missing")
@@ -68,7 +68,7 @@ def test_a_missing_answer_is_wrong_and_under_warning_and_counted_apart(
 
 
 def test_another_order_of_caution_changes_what_is_under_warning(
-    split: SplitOf, protocol: Protocol
+    split: SplitOf, protocol: ProtocolDocument
 ) -> None:
     caution = protocol.grading.caution | {"D": 2, "E": 3}
     grading = protocol.grading.model_copy(update={"caution": caution})
@@ -101,7 +101,7 @@ def _with_reminders(
 
 
 def test_reminders_are_scored_over_the_samples_that_carry_one(
-    split: SplitOf, protocol: Protocol
+    split: SplitOf, protocol: ProtocolDocument
 ) -> None:
     answers = _with_reminders(
         [True, True, True, False],
@@ -122,7 +122,9 @@ def test_reminders_are_scored_over_the_samples_that_carry_one(
     )
 
 
-def test_a_false_alarm_lowers_the_precision_of_presence(split: SplitOf, protocol: Protocol) -> None:
+def test_a_false_alarm_lowers_the_precision_of_presence(
+    split: SplitOf, protocol: ProtocolDocument
+) -> None:
     answers = _with_reminders([True, True], [1, 1], ["SE1", "no_such_task"], "CC")
     truth = np.array([True, False])
     scores = reminder_scores(answers, split([SE1, SE1]), protocol.taxonomy, truth)
@@ -131,14 +133,14 @@ def test_a_false_alarm_lowers_the_precision_of_presence(split: SplitOf, protocol
 
 
 def test_without_reminders_nothing_about_them_is_defined(
-    split: SplitOf, protocol: Protocol
+    split: SplitOf, protocol: ProtocolDocument
 ) -> None:
     scores = reminder_scores(_answers("CC"), split([SE1, SE1]), protocol.taxonomy)
     assert scores.pop("given") == 0.0
     assert set(scores.values()) == {None}
 
 
-def test_scoring_agrees_with_the_sets_that_the_protocol_stores(protocol: Protocol) -> None:
+def test_scoring_agrees_with_the_sets_that_the_protocol_stores(protocol: ProtocolDocument) -> None:
     sets = [
         [strategy for strategy, taken in zip(STRATEGIES, bits, strict=True) if taken]
         for bits in product((False, True), repeat=len(STRATEGIES))

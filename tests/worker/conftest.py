@@ -30,7 +30,11 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import (
+    ProtocolDocument,
+    packaged_protocol,
+    packaged_protocol_toml,
+)
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
@@ -39,7 +43,7 @@ from exceptiondrive_worker.splits_admin import register_all_splits
 
 
 @pytest.fixture(scope="session")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     return packaged_protocol()
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.challenges import STRATEGY
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_scoring.challenge import SCORING
@@ -23,7 +23,7 @@ D_BELOW_E = {"A": 0, "B": 1, "D": 2, "E": 3, "C": 4}
 
 
 @pytest.fixture
-def update() -> Protocol:
+def update() -> ProtocolDocument:
     """Protocol 1.1: yielding is less cautious than preparing to bypass; the sets follow."""
     toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
     toml = toml.replace("E = 2, D = 3", "D = 2, E = 3")
@@ -79,7 +79,11 @@ def stages(tmp_path: Path, tiny: Split, done: Counter[str]) -> Stages:
 
 
 def test_a_new_order_of_caution_regrades_and_repeats_nothing_else(
-    stages: Stages, done: Counter[str], tiny: Split, protocol: Protocol, update: Protocol
+    stages: Stages,
+    done: Counter[str],
+    tiny: Split,
+    protocol: ProtocolDocument,
+    update: ProtocolDocument,
 ) -> None:
     target = Target("sha256:upload", STRATEGY, load_split(tiny, protocol), protocol)
     before = stages.score(target).sheet
@@ -96,7 +100,11 @@ def test_a_new_order_of_caution_regrades_and_repeats_nothing_else(
 
 
 def test_the_first_sheet_comes_back_unchanged_after_the_update(
-    stages: Stages, done: Counter[str], tiny: Split, protocol: Protocol, update: Protocol
+    stages: Stages,
+    done: Counter[str],
+    tiny: Split,
+    protocol: ProtocolDocument,
+    update: ProtocolDocument,
 ) -> None:
     target = Target("sha256:upload", STRATEGY, load_split(tiny, protocol), protocol)
     digest = stages.score(target).digest

@@ -27,7 +27,7 @@ from exceptiondrive_records.splits.tables import EntryDrawingsRow, ProtocolDrawi
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.drawing import EntryDrawings, packaged_drawing, pictured_digest
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import Split, SplitRef
 from exceptiondrive_scoring.clearance import clearance_m
 from exceptiondrive_scoring.drawing import protocol_drawing as draw_made_up
@@ -58,11 +58,13 @@ def build(world: World) -> None:
     build_board_of(world.context, "dev", digest)
 
 
-def publish(world: World, protocol: Protocol) -> None:
+def publish(world: World, protocol: ProtocolDocument) -> None:
     publish_split_file(world.database, world.files, world.context.splits, "tiny", protocol)
 
 
-def kept(world: World, submission_id: str, split: Split, protocol: Protocol) -> EntryDrawings:
+def kept(
+    world: World, submission_id: str, split: Split, protocol: ProtocolDocument
+) -> EntryDrawings:
     with world.database.read() as session:
         found = entry_drawings(session, submission_id, protocol.digest, split.revision)
     assert found is not None
@@ -84,7 +86,7 @@ def n_rows(world: World, table: type[Base]) -> int:
 
 
 def test_entries_of_a_public_split_are_drawn_once_with_the_board(
-    world: World, tiny: Split, planning_file: MakeFile, protocol: Protocol
+    world: World, tiny: Split, planning_file: MakeFile, protocol: ProtocolDocument
 ) -> None:
     world.add_phase(tiny)
     publish(world, protocol)
@@ -108,7 +110,7 @@ def test_the_worst_and_the_middle_of_a_family_are_those_of_the_stated_order(
     world: World,
     make_split: Callable[..., Split],
     planning_file: MakeFile,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> None:
     split = make_split({key: {} for key in "abcde"})
     ends = {"a": 1.0, "b": 1.5, "c": 4.0, "d": 2.0, "e": None}
@@ -130,7 +132,10 @@ def test_the_worst_and_the_middle_of_a_family_are_those_of_the_stated_order(
 
 
 def test_among_equally_compliant_samples_the_nearest_is_the_worst(
-    world: World, make_split: Callable[..., Split], planning_file: MakeFile, protocol: Protocol
+    world: World,
+    make_split: Callable[..., Split],
+    planning_file: MakeFile,
+    protocol: ProtocolDocument,
 ) -> None:
     split = make_split({key: {} for key in "abc"})
     ends = {"a": 0.5, "b": 0.9, "c": 0.7}
@@ -149,7 +154,7 @@ def test_among_equally_compliant_samples_the_nearest_is_the_worst(
 
 
 def test_a_drawing_says_what_the_scorer_measured(
-    world: World, tiny: Split, planning_file: MakeFile, protocol: Protocol
+    world: World, tiny: Split, planning_file: MakeFile, protocol: ProtocolDocument
 ) -> None:
     world.add_phase(tiny)
     publish(world, protocol)
@@ -176,7 +181,7 @@ def test_nothing_of_a_withheld_split_is_drawn(
 
 
 def test_the_search_finds_the_canary_once_the_split_is_public(
-    world: World, canary_split: Split, planning_file: MakeFile, protocol: Protocol
+    world: World, canary_split: Split, planning_file: MakeFile, protocol: ProtocolDocument
 ) -> None:
     world.add_phase(canary_split)
     world.score(planning_file(canary_split))
@@ -186,7 +191,7 @@ def test_the_search_finds_the_canary_once_the_split_is_public(
 
 
 def test_the_worker_refuses_to_draw_a_split_that_is_not_the_public_one(
-    world: World, canary_split: Split, planning_file: MakeFile, protocol: Protocol
+    world: World, canary_split: Split, planning_file: MakeFile, protocol: ProtocolDocument
 ) -> None:
     world.add_phase(canary_split)
     submission_id = world.score(planning_file(canary_split))
@@ -203,7 +208,7 @@ def test_the_database_refuses_drawings_of_a_withheld_split(
     database_url: str,
     canary_split: Split,
     planning_file: MakeFile,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> None:
     world = make_world(database_url)
     world.add_phase(canary_split)
@@ -227,7 +232,7 @@ def test_the_database_refuses_drawings_of_a_withheld_split(
 
 
 def test_a_drawing_whose_split_is_withheld_again_by_hand_is_reported(
-    world: World, tiny: Split, planning_file: MakeFile, protocol: Protocol
+    world: World, tiny: Split, planning_file: MakeFile, protocol: ProtocolDocument
 ) -> None:
     world.add_phase(tiny)
     publish(world, protocol)
@@ -246,7 +251,9 @@ def test_a_drawing_whose_split_is_withheld_again_by_hand_is_reported(
     assert (found.rule, found.subject) == ("drawing of a withheld split", submission_id)
 
 
-def test_strategies_have_nothing_to_draw(world: World, tiny: Split, protocol: Protocol) -> None:
+def test_strategies_have_nothing_to_draw(
+    world: World, tiny: Split, protocol: ProtocolDocument
+) -> None:
     world.add_phase(tiny, challenge="strategy")
     publish(world, protocol)
     answers = [{"sample_id": sample.sample_id, "strategy": "C"} for sample in tiny.samples]
@@ -260,7 +267,7 @@ def test_what_is_left_over_is_drawn_with_the_next_board(
     world: World,
     tiny: Split,
     planning_file: MakeFile,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("exceptiondrive_worker.board_run.DRAWN_AT_ONCE", 1)
@@ -289,7 +296,7 @@ def flat(value: Any, path: str = "") -> dict[str, Any]:
 
 
 def test_the_made_up_sample_passes_at_sixty_per_cent_of_the_required_clearance(
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> None:
     sample = draw_made_up(protocol).sample
     assert (sample.task, sample.d_safe_m) == ("BG1", 0.8)
@@ -299,7 +306,7 @@ def test_the_made_up_sample_passes_at_sixty_per_cent_of_the_required_clearance(
     assert sample.metrics["ur"] == 0.0
 
 
-def test_the_made_up_sample_follows_the_document(protocol: Protocol) -> None:
+def test_the_made_up_sample_follows_the_document(protocol: ProtocolDocument) -> None:
     wider = {"footprint_width_m": 2.4, "waypoints": 8, "collision_tube": "footprints"}
     changed = protocol.model_copy(
         update={

@@ -17,7 +17,7 @@ from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off
@@ -68,7 +68,7 @@ def file_of(split: Split, strategies: dict[str, str]) -> bytes:
 
 
 def naive_effect(
-    split: Split, with_it: dict[str, str], without: dict[str, str], protocol: Protocol
+    split: Split, with_it: dict[str, str], without: dict[str, str], protocol: ProtocolDocument
 ) -> dict[str, tuple[float, tuple[float, float], float]]:
     """Sample by sample, draw by draw, in plain Python."""
     hits: dict[str, Callable[[str, str], bool]] = {
@@ -144,7 +144,7 @@ def pair(world: World, scenes: Split) -> tuple[World, str, str]:
 
 
 def test_the_effect_is_what_a_naive_paired_bootstrap_finds(
-    pair: tuple[World, str, str], scenes: Split, protocol: Protocol
+    pair: tuple[World, str, str], scenes: Split, protocol: ProtocolDocument
 ) -> None:
     world, plain, _ = pair
     effect = effect_of(build(world), "reminded")

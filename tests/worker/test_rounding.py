@@ -3,7 +3,7 @@ import math
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Coverage,
@@ -27,7 +27,7 @@ ROUNDED = {"hcc": 0.1235, "ur": 1.0, "hpr": None, "cts": 1.01, "cts_x": 0.0, "ct
 
 
 @pytest.fixture
-def rounding(protocol: Protocol) -> Rounding:
+def rounding(protocol: ProtocolDocument) -> Rounding:
     return Rounding(PLANNING, protocol.publication)
 
 
@@ -76,14 +76,16 @@ def test_no_value_is_a_negative_zero(rounding: Rounding, sheet: ScoreSheet) -> N
     assert math.copysign(1, tiny) == 1
 
 
-def test_fewer_decimals_publish_fewer_digits(protocol: Protocol, sheet: ScoreSheet) -> None:
+def test_fewer_decimals_publish_fewer_digits(protocol: ProtocolDocument, sheet: ScoreSheet) -> None:
     coarse = protocol.publication.model_copy(update={"percent_decimals": 0, "metre_decimals": 1})
     published = Rounding(PLANNING, coarse).sheet(sheet)
     assert published.micro["hcc"] == 0.12
     assert published.micro["cts"] == 1.0
 
 
-def test_small_cells_are_withheld_and_still_counted(protocol: Protocol, sheet: ScoreSheet) -> None:
+def test_small_cells_are_withheld_and_still_counted(
+    protocol: ProtocolDocument, sheet: ScoreSheet
+) -> None:
     strict = protocol.publication.model_copy(update={"min_samples_per_cell": 2})
     published = Rounding(PLANNING, strict).sheet(sheet)
     assert published.tasks["LB2"].n == 1

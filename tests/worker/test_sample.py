@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.submission_files import PlanningPrediction, PlanningSubmission
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.region import prepare_regions
@@ -31,7 +31,7 @@ def samples() -> tuple[SampleScene, ...]:
 
 
 @pytest.fixture(scope="module")
-def loaded(protocol: Protocol) -> LoadedSplit:
+def loaded(protocol: ProtocolDocument) -> LoadedSplit:
     return load_split(read_split(COMMITTED), protocol)
 
 
@@ -50,7 +50,7 @@ def test_the_committed_split_is_what_the_generator_writes(tmp_path: Path) -> Non
     assert again[4:8] == committed[4:8] == bytes(4), "the gzip header must carry no date"
 
 
-def test_the_committed_split_can_be_scored(loaded: LoadedSplit, protocol: Protocol) -> None:
+def test_the_committed_split_can_be_scored(loaded: LoadedSplit, protocol: ProtocolDocument) -> None:
     assert loaded.arrays.n_samples == 420
     assert loaded.arrays.n_scenes == 120
     assert np.bincount(loaded.arrays.task_index).tolist() == [20] * len(protocol.tasks)
@@ -61,7 +61,7 @@ def test_some_regions_are_concave(loaded: LoadedSplit) -> None:
     assert len(pieces.sample) > pieces.n_samples
 
 
-def test_every_task_of_the_protocol_has_a_placement(protocol: Protocol) -> None:
+def test_every_task_of_the_protocol_has_a_placement(protocol: ProtocolDocument) -> None:
     assert list(PLACEMENTS) == [task.id for task in protocol.tasks]
 
 
@@ -104,7 +104,10 @@ def test_a_planner_repeats_itself(planner: Planner, samples: tuple[SampleScene, 
 
 @by_file_name
 def test_every_motion_is_one_a_car_can_make(
-    planner: Planner, samples: tuple[SampleScene, ...], loaded: LoadedSplit, protocol: Protocol
+    planner: Planner,
+    samples: tuple[SampleScene, ...],
+    loaded: LoadedSplit,
+    protocol: ProtocolDocument,
 ) -> None:
     scoring = SCORING[PLANNING.id]
     columns = columns_of(predictions(planner, samples, SEED))
@@ -114,7 +117,7 @@ def test_every_motion_is_one_a_car_can_make(
 
 
 @pytest.fixture(scope="module")
-def breakdowns(loaded: LoadedSplit, protocol: Protocol) -> dict[str, Breakdown]:
+def breakdowns(loaded: LoadedSplit, protocol: ProtocolDocument) -> dict[str, Breakdown]:
     scoring, found = SCORING[PLANNING.id], {}
     for planner in PLANNERS:
         columns = columns_of(predictions(planner, sample_scenes(), SEED))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from exceptiondrive_schemas.challenges import STRATEGY
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
@@ -25,12 +25,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def loaded(protocol: Protocol) -> LoadedSplit:
+def loaded(protocol: ProtocolDocument) -> LoadedSplit:
     return load_split(sample_split(), protocol)
 
 
 @pytest.fixture(scope="module")
-def sheets(folder: Path, loaded: LoadedSplit, protocol: Protocol) -> dict[str, ScoreSheet]:
+def sheets(folder: Path, loaded: LoadedSplit, protocol: ProtocolDocument) -> dict[str, ScoreSheet]:
     """The exact sheet of each agent's file, read as an upload."""
     scoring, found = SCORING[STRATEGY.id], {}
     for agent in AGENTS:
@@ -73,7 +73,7 @@ def test_reminder_records_travel_with_one_agent_and_are_scored(
 
 
 @pytest.mark.parametrize("agent", AGENTS, ids=lambda agent: agent.file_name)
-def test_an_agent_repeats_itself(agent: Agent, protocol: Protocol) -> None:
+def test_an_agent_repeats_itself(agent: Agent, protocol: ProtocolDocument) -> None:
     samples = sample_scenes()
     first = agent_predictions(agent, samples, protocol, SEED)
     assert agent_predictions(agent, samples, protocol, SEED) == first

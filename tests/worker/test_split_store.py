@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_store import (
@@ -35,14 +35,14 @@ def put(folder: Path, split: Split, file_name: str = "split.json") -> Path:
     return path
 
 
-def faults_of(split: Split, protocol: Protocol) -> dict[str, tuple[str, ...]]:
+def faults_of(split: Split, protocol: ProtocolDocument) -> dict[str, tuple[str, ...]]:
     with pytest.raises(SplitRefusedError) as caught:
         load_split(split, protocol)
     return {fault.what: fault.sample_ids for fault in caught.value.faults}
 
 
 def test_samples_are_sorted_by_id_and_arrays_follow(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split({"b": {"task": "LB1", "scene_id": "scene-2"}, "a": {"region": ROTATED}})
     loaded = load_split(split, protocol)
@@ -60,7 +60,7 @@ def test_samples_are_sorted_by_id_and_arrays_follow(
 
 
 def test_a_sample_overrides_clearance_and_strategies_of_its_task(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split({"a": {"d_safe_m": 0.25, "acceptable": ("A",)}})
     arrays = load_split(split, protocol).arrays
@@ -69,7 +69,7 @@ def test_a_sample_overrides_clearance_and_strategies_of_its_task(
 
 
 def test_the_order_of_samples_changes_neither_revision_nor_arrays(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     one = load_split(make_split({"a": {}, "b": {"task": "RS1"}}), protocol)
     other = load_split(make_split({"b": {"task": "RS1"}, "a": {}}), protocol)
@@ -79,7 +79,7 @@ def test_the_order_of_samples_changes_neither_revision_nor_arrays(
 
 
 def test_the_manifest_carries_no_region_task_or_scene(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     manifest = load_split(make_split({"a": {"scene_id": "scene-canary"}}), protocol).manifest
     assert set(manifest.model_dump(by_alias=True)) == {
@@ -131,7 +131,10 @@ def test_the_manifest_carries_no_region_task_or_scene(
     ],
 )
 def test_an_unusable_region_is_refused(
-    make_split: MakeSplit, protocol: Protocol, region: tuple[tuple[float, float], ...], what: str
+    make_split: MakeSplit,
+    protocol: ProtocolDocument,
+    region: tuple[tuple[float, float], ...],
+    what: str,
 ) -> None:
     corners = tuple((float(x), float(y)) for x, y in region)
     assert faults_of(make_split({"good": {}, "bad": {"region": corners}}), protocol) == {
@@ -148,13 +151,13 @@ def test_an_unusable_region_is_refused(
     ],
 )
 def test_an_unusual_but_sound_region_is_taken(
-    make_split: MakeSplit, protocol: Protocol, region: tuple[tuple[float, float], ...]
+    make_split: MakeSplit, protocol: ProtocolDocument, region: tuple[tuple[float, float], ...]
 ) -> None:
     assert load_split(make_split({"a": {"region": region}}), protocol).arrays.n_samples == 1
 
 
 def test_every_offending_sample_is_listed_at_once(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     inf = float("inf")
     good = make_split({"a": {}, "b": {}, "c": {}, "d": {}, "e": {}})
@@ -180,7 +183,7 @@ def test_every_offending_sample_is_listed_at_once(
 
 
 def test_a_wider_footprint_refuses_what_a_narrow_one_takes(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     beside = ((0.0, 1.0), (2.0, 1.0), (2.0, 2.0), (0.0, 2.0))
     split = make_split({"a": {"region": beside}})
@@ -191,7 +194,7 @@ def test_a_wider_footprint_refuses_what_a_narrow_one_takes(
 
 
 def test_family_counts_leave_out_families_without_samples(
-    make_split: MakeSplit, protocol: Protocol
+    make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split({"a": {"task": "RS1"}, "b": {"task": "SE4"}, "c": {"task": "RS2"}})
     assert family_counts(split, protocol) == {"sudden_emergence": 1, "road_surface_hazard": 2}
@@ -199,7 +202,7 @@ def test_family_counts_leave_out_families_without_samples(
 
 @pytest.mark.parametrize("file_name", ["split.json", "split.json.gz", "split-2025.json.gz"])
 def test_the_store_finds_a_split_by_name_and_revision(
-    tmp_path: Path, make_split: MakeSplit, protocol: Protocol, file_name: str
+    tmp_path: Path, make_split: MakeSplit, protocol: ProtocolDocument, file_name: str
 ) -> None:
     split = make_split({"a": {}})
     put(tmp_path, split, file_name)
@@ -210,7 +213,7 @@ def test_the_store_finds_a_split_by_name_and_revision(
 
 
 def test_an_older_revision_is_still_found_beside_the_current_one(
-    tmp_path: Path, make_split: MakeSplit, protocol: Protocol
+    tmp_path: Path, make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     new, old = make_split({"a": {}}), make_split({"a": {}, "b": {}})
     put(tmp_path, new)
@@ -222,7 +225,7 @@ def test_an_older_revision_is_still_found_beside_the_current_one(
 
 
 def test_a_file_with_another_revision_is_unavailable_until_it_comes_back(
-    tmp_path: Path, make_split: MakeSplit, protocol: Protocol
+    tmp_path: Path, make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     registered, changed = make_split({"a": {}}), make_split({"a": {}, "b": {}})
     store = SplitStore(tmp_path)
@@ -236,7 +239,7 @@ def test_a_file_with_another_revision_is_unavailable_until_it_comes_back(
 
 
 def test_another_protocol_gets_arrays_of_its_own(
-    tmp_path: Path, make_split: MakeSplit, protocol: Protocol
+    tmp_path: Path, make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:
     split = make_split({"a": {"task": "LB1"}})
     put(tmp_path, split)
@@ -281,7 +284,7 @@ def test_problems_name_samples_and_no_values(tmp_path: Path, make_split: MakeSpl
     assert "77.125" not in message
 
 
-def test_corners_keep_their_bits(make_split: MakeSplit, protocol: Protocol) -> None:
+def test_corners_keep_their_bits(make_split: MakeSplit, protocol: ProtocolDocument) -> None:
     third = 10 + 1 / 3
     split = make_split({"a": {"region": ((third, 0.0), (12.0, 0.0), (12.0, 1.0), (third, 1.0))}})
     again = Split.model_validate_json(text_of(split))

@@ -10,7 +10,7 @@ import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING, Challenge
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_worker.private_store import PrivateStore, Shelf
@@ -67,7 +67,7 @@ EVERYTHING = {"load": 1, "read": 1, "measure": 1, "grade": 1}
 
 
 @pytest.fixture
-def target(tiny: Split, protocol: Protocol) -> Target:
+def target(tiny: Split, protocol: ProtocolDocument) -> Target:
     return Target("sha256:upload", PLANNING, load_split(tiny, protocol), protocol)
 
 

@@ -6,4 +6,5 @@ Every constant comes from the protocol document; every formula names its place i
 """
 
 SCORER_VERSION = "1"
-"""Raised when the same input may come to another number. Every score sheet names it."""
+"""Raised when the same input may come to another number, and when a sheet gains a metric or another
+field: what is kept under the old one is then worked out anew. Every score sheet names it."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import Challenge, Registry
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Coverage,
@@ -54,19 +54,21 @@ class ChallengeScoring(typing.Protocol):
     ) -> dict[str, NDArray[Any]]:
         """Columns that depend on answers, regions and geometry alone: kept by content."""
 
-    def grade(self, measurements: Columns, split: SplitArrays, protocol: Protocol) -> SampleScores:
+    def grade(
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+    ) -> SampleScores:
         """Metric values of each sample, (N, M)."""
 
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of samples answered: `edited`, and `source` where there is one."""
 
     def plausibility(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
         """Shares and flags."""
 
     def extra(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         """Further named rows of the score sheet."""
 
@@ -76,7 +78,7 @@ class ChallengeScoring(typing.Protocol):
         measurements: Columns,
         sample_ids: Sequence[str],
         split: SplitArrays,
-        protocol: Protocol,
+        protocol: ProtocolDocument,
     ) -> EntryDrawings | None:
         """Pictures of some samples, regions and all; None where there is nothing to draw."""
 
@@ -113,7 +115,7 @@ def exact_sheet(
     measured: Columns,
     split: SplitArrays,
     split_ref: SplitRef,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> ScoreSheet:
     """Grade and aggregate measurements (docs/protocol.md section 3); nothing is rounded."""
     scores = scoring.grade(measured, split, protocol)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
@@ -60,7 +60,11 @@ class Comparison:
 
 
 def compare(
-    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: Protocol, challenge: Challenge
+    a: SampleScores,
+    b: SampleScores,
+    split: SplitArrays,
+    protocol: ProtocolDocument,
+    challenge: Challenge,
 ) -> Comparison:
     """Compare entry A with entry B, paired by sample.
 
@@ -118,7 +122,11 @@ class _Paired:
 
 
 def _paired(
-    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: Protocol, sums_of: SumsOf
+    a: SampleScores,
+    b: SampleScores,
+    split: SplitArrays,
+    protocol: ProtocolDocument,
+    sums_of: SumsOf,
 ) -> _Paired:
     """Differences over the samples that both define.
 
@@ -181,7 +189,7 @@ def _alone(scores: SampleScores, metric: Metric) -> SampleScores:
 
 
 def _by_task(
-    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: Protocol
+    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: ProtocolDocument
 ) -> dict[str, dict[str, Difference]]:
     """Differences by task; the same draws of scenes as everything else."""
     paired = _paired(a, b, split, protocol, scene_sums_by_task)

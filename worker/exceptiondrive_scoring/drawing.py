@@ -25,7 +25,7 @@ from exceptiondrive_schemas.drawing import (
     pictured_digest,
     pictured_task,
 )
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
@@ -55,7 +55,7 @@ class Drawer:
     pairs: TrajectoryPairs
     measured: Measurements
     split: SplitArrays
-    protocol: Protocol
+    protocol: ProtocolDocument
 
     @cached_property
     def scores(self) -> SampleScores:
@@ -232,7 +232,7 @@ FURTHEST_ASIDE_M = 30.0
 N_HALVINGS = 40
 
 
-def protocol_drawing(protocol: Protocol) -> ProtocolDrawing:
+def protocol_drawing(protocol: ProtocolDocument) -> ProtocolDrawing:
     """Draw the made-up sample under a protocol."""
     task, geometry = pictured_task(protocol), protocol.geometry
     edited, source = _waypoints(geometry)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exceptiondrive_schemas.challenges import PLANNING, Metric
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.measure import Measurements
@@ -49,7 +49,9 @@ def proximity_response(
     return np.where(intrusion, 0.0, d_safe_m / (np.abs(clearance_m - d_safe_m) + d_safe_m))
 
 
-def grade(measurements: Measurements, split: SplitArrays, protocol: Protocol) -> SampleScores:
+def grade(
+    measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
+) -> SampleScores:
     """Grade measurements of the planning challenge (docs/protocol.md section 3).
 
     A missing edited trajectory is an intrusion; a missing source leaves the shift undefined.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
 from exceptiondrive_scoring.aliases import Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
@@ -50,7 +50,9 @@ class PlanningScoring:
         pairs = TrajectoryPairs.from_columns(answers)
         return measure(pairs, split.prepared_regions, geometry).columns()
 
-    def grade(self, measurements: Columns, split: SplitArrays, protocol: Protocol) -> SampleScores:
+    def grade(
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+    ) -> SampleScores:
         """HCC, UR, HPR and the CTS of each sample."""
         return grade(Measurements.from_columns(measurements), split, protocol)
 
@@ -62,13 +64,13 @@ class PlanningScoring:
         }
 
     def plausibility(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
         """Shares of docs/protocol.md section 5."""
         return plausibility(Measurements.from_columns(measurements), protocol.plausibility)
 
     def extra(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         """HCC with other required clearances."""
         return clearance_sensitivity(Measurements.from_columns(measurements), split, protocol)
@@ -79,7 +81,7 @@ class PlanningScoring:
         measurements: Columns,
         sample_ids: Sequence[str],
         split: SplitArrays,
-        protocol: Protocol,
+        protocol: ProtocolDocument,
     ) -> EntryDrawings | None:
         """The worst and the middle sample of each family."""
         pairs = TrajectoryPairs.from_columns(answers)
@@ -88,7 +90,7 @@ class PlanningScoring:
 
 
 def clearance_sensitivity(
-    measurements: Measurements, split: SplitArrays, protocol: Protocol
+    measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
 ) -> dict[str, dict[str, float | None]]:
     """Score HCC with every required clearance multiplied (docs/protocol.md section 3).
 
@@ -107,7 +109,7 @@ def clearance_sensitivity(
 
 
 def _hcc_at(
-    factor: float, measurements: Measurements, split: SplitArrays, protocol: Protocol
+    factor: float, measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
 ) -> SampleScores:
     required_m = split.d_safe_m * protocol.grading.d_safe_scale * factor
     hcc = clearance_compliance(measurements.clearance_m, measurements.intrusion, required_m)

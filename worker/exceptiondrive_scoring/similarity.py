@@ -1,8 +1,8 @@
 """How alike two submissions are: from what was submitted alone, no region, no score.
 
-A fingerprint is what some samples were answered with. Which samples those are follows from a seed that
-participants do not know, so nobody can change just them. Fingerprints find candidates among a thousand
-submissions at once; only candidates are compared sample by sample.
+A fingerprint is what some samples were answered with. Which samples those are follows from a seed
+that participants do not know, so nobody can change just them. Fingerprints find candidates among a
+thousand submissions at once; only candidates are compared sample by sample.
 """
 
 import hashlib

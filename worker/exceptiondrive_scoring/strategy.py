@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, StrategyDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
@@ -76,7 +76,7 @@ def under_warning_sets(acceptable: BoolArray, grading: GradingSection) -> BoolAr
 
 
 def grade_strategies(
-    answers: StrategyAnswers, split: SplitArrays, protocol: Protocol
+    answers: StrategyAnswers, split: SplitArrays, protocol: ProtocolDocument
 ) -> SampleScores:
     """Accuracy, under-warning, over-warning and missing of every sample.
 
@@ -214,7 +214,9 @@ class StrategyScoring:
         """Answers need no geometry: they are their own measurements."""
         return StrategyAnswers.from_columns(answers).columns()
 
-    def grade(self, measurements: Columns, split: SplitArrays, protocol: Protocol) -> SampleScores:
+    def grade(
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+    ) -> SampleScores:
         """Accuracy, under-warning, over-warning and missing of each sample."""
         return grade_strategies(StrategyAnswers.from_columns(measurements), split, protocol)
 
@@ -223,13 +225,13 @@ class StrategyScoring:
         return {"edited": float(np.mean(measurements["strategy"] != NO_ANSWER)), "source": None}
 
     def plausibility(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
         """Strategies have no motion to look at."""
         return Plausibility(shares={})
 
     def extra(
-        self, measurements: Columns, split: SplitArrays, protocol: Protocol
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         """Confusion by acceptable set, and the reminder's scores where records were given."""
         answers = StrategyAnswers.from_columns(measurements)
@@ -244,7 +246,7 @@ class StrategyScoring:
         measurements: Columns,
         sample_ids: Sequence[str],
         split: SplitArrays,
-        protocol: Protocol,
+        protocol: ProtocolDocument,
     ) -> EntryDrawings | None:
         """Strategies have no trajectories to draw."""
         return None

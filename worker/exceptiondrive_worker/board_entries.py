@@ -8,7 +8,7 @@ import numpy as np
 from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
@@ -27,7 +27,7 @@ class ScoredEntry:
 
 
 def board_entries(
-    entries: Sequence[ScoredEntry], challenge: Challenge, protocol: Protocol
+    entries: Sequence[ScoredEntry], challenge: Challenge, protocol: ProtocolDocument
 ) -> tuple[BoardEntry, ...]:
     """Return the rows of scored and reference entries: ranked ones first, references last."""
     rows = _Rows(challenge, protocol)
@@ -46,7 +46,7 @@ def board_entries(
     return (*scored, *(rows.reference(entry) for entry in references))
 
 
-def family_heads(split: LoadedSplit, protocol: Protocol) -> tuple[FamilyHead, ...]:
+def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[FamilyHead, ...]:
     """Families that have samples on this split, in taxonomy order."""
     sizes = np.bincount(split.arrays.family_index, minlength=len(protocol.families))
     return tuple(
@@ -59,7 +59,7 @@ def family_heads(split: LoadedSplit, protocol: Protocol) -> tuple[FamilyHead, ..
 class _Rows:
     """Makes rows of one board; everything in them is rounded."""
 
-    def __init__(self, challenge: Challenge, protocol: Protocol) -> None:
+    def __init__(self, challenge: Challenge, protocol: ProtocolDocument) -> None:
         self._challenge = challenge
         self._protocol = protocol
         self._ranking = protocol.ranking

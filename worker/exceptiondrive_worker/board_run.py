@@ -18,7 +18,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.phase_settings import BoardView
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
@@ -154,7 +154,7 @@ def _document(
     phase: Phase,
     challenge: Challenge,
     split: LoadedSplit,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
     entries: tuple[BoardEntry, ...],
 ) -> Board:
     """The board; number and date are given when it is published."""

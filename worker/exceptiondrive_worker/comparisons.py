@@ -19,7 +19,7 @@ from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import BoardEntry, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
@@ -36,7 +36,7 @@ def comparisons(
     stages: Stages,
     standings: Sequence[Standing],
     entries: Sequence[BoardEntry],
-    protocol: Protocol,
+    protocol: ProtocolDocument,
 ) -> tuple[PairedComparison, ...]:
     """Compare each of the best ranked entries with each, the better ranked first; rounded.
 
@@ -80,7 +80,7 @@ def exact_comparison(
 def published_comparison(
     exact: PairedComparison,
     challenge: Challenge,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
     sheets: tuple[ScoreSheet, ScoreSheet],
 ) -> PairedComparison:
     """Round a comparison, metrics in column order; only this may leave the worker.
@@ -121,12 +121,12 @@ def published_comparison(
     )
 
 
-def _headline(sheet: ScoreSheet, protocol: Protocol) -> MetricRow:
+def _headline(sheet: ScoreSheet, protocol: ProtocolDocument) -> MetricRow:
     return sheet.micro if protocol.grading.headline == "micro" else sheet.macro_family
 
 
 def _is_shown(
-    sheets: tuple[ScoreSheet, ScoreSheet], group: str, key: str, protocol: Protocol
+    sheets: tuple[ScoreSheet, ScoreSheet], group: str, key: str, protocol: ProtocolDocument
 ) -> bool:
     rows = [getattr(sheet, group).get(key) for sheet in sheets]
     least = protocol.publication.min_samples_per_cell

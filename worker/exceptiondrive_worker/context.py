@@ -9,7 +9,7 @@ from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_worker.private_store import PrivateStore
@@ -64,7 +64,7 @@ def stages_over(settings: WorkerSettings, files: FileStore, private: PrivateStor
         return files.read(digest, limit_bytes=settings.max_upload_bytes)
 
     def read_answers(
-        data: bytes, challenge: Challenge, manifest: Manifest, protocol: Protocol
+        data: bytes, challenge: Challenge, manifest: Manifest, protocol: ProtocolDocument
     ) -> Columns | CheckReport:
         return read_upload(
             data,

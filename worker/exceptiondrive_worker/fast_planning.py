@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection, ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_worker.fast_decode import (
@@ -46,7 +46,7 @@ DECODER = submission_decoder(
 
 
 def read_planning(
-    text: bytes, manifest: Manifest, protocol: Protocol
+    text: bytes, manifest: Manifest, protocol: ProtocolDocument
 ) -> dict[str, NDArray[Any]] | None:
     """Return the columns `source` and `edited`, (N, T, 2) metres, NaN where missing.
 

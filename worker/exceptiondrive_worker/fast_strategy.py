@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import StrategyAnswer
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
@@ -53,7 +53,7 @@ MAX_TEXTS_PER_PREDICTION = 5 + 2 * len(REMINDER_KEYS)
 
 
 def read_strategy(
-    text: bytes, manifest: Manifest, protocol: Protocol
+    text: bytes, manifest: Manifest, protocol: ProtocolDocument
 ) -> dict[str, NDArray[Any]] | None:
     """Return the columns of `StrategyAnswers` in canonical order.
 

@@ -15,7 +15,7 @@ from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import (
-    Protocol,
+    ProtocolDocument,
     ProtocolError,
     packaged_protocol,
     parse_protocol,
@@ -163,5 +163,5 @@ def _lanes(text: str) -> list[Lane]:
     return [Lane(name) for name in dict.fromkeys(names)]
 
 
-def _protocol(path: Path | None) -> Protocol:
+def _protocol(path: Path | None) -> ProtocolDocument:
     return packaged_protocol() if path is None else parse_protocol(path.read_text("utf-8"))

@@ -19,7 +19,7 @@ from exceptiondrive_records.work.jobs import (
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
@@ -71,7 +71,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
 
 def _splits_wanted(
     session: Session, lane: Lane, *which: ColumnElement[bool]
-) -> list[tuple[str, str, Protocol]]:
+) -> list[tuple[str, str, ProtocolDocument]]:
     """Name, revision and protocol of every split that waiting jobs are scored against."""
     query = (
         select(Phase.split_name, Job.split_revision, Job.protocol_digest)
@@ -86,7 +86,7 @@ def _splits_wanted(
     ]
 
 
-def _is_here(context: WorkerContext, name: str, revision: str, protocol: Protocol) -> bool:
+def _is_here(context: WorkerContext, name: str, revision: str, protocol: ProtocolDocument) -> bool:
     ids = {"split": name, "revision": revision}
     try:
         context.splits.find(name, revision, protocol)

@@ -110,7 +110,7 @@ class _Comparing:
         self._seed = content_key("fingerprint", like.split.regions_digest)
 
     def fingerprint(self, file: ScoredFile) -> Fingerprint | None:
-        """Return the fingerprinted answers (S, P, C) of a file; None where it cannot be read any more."""
+        """Return the answers (S, P, C) of a file that are compared; None where it cannot be read."""
         private = self._context.private
         key = content_key("fingerprint", file.file_digest, self._like.challenge.id, self._seed)
         kept = private.read_columns(Shelf.FINGERPRINTS, key)

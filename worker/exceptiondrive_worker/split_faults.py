@@ -1,6 +1,6 @@
 """What makes a split unusable (docs/protocol.md section 2), found for all samples in one pass.
 
-The findings name sample ids and say nothing else that is withheld; they are for the operator's
+The faults name sample ids and say nothing else that is withheld; they are for the operator's
 terminal and the worker's own log.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
@@ -45,7 +45,7 @@ def regions_of(split: Split) -> FloatArray:
     return np.array([sample.region for sample in split.samples], dtype=np.float64)
 
 
-def split_faults(split: Split, protocol: Protocol) -> tuple[SplitFault, ...]:
+def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, ...]:
     """Every fault of a split under a protocol; none means that it can be scored."""
     ids = [sample.sample_id for sample in split.samples]
     repeated = [sample_id for sample_id, count in Counter(ids).items() if count > 1]

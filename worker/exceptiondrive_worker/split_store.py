@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.phase_settings import SplitPart
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
 from exceptiondrive_scoring.aliases import IntArray
 from exceptiondrive_scoring.arrays import SplitArrays, split_arrays
@@ -106,7 +106,9 @@ def _place(location: tuple[int | str, ...], document: Any) -> str:
     return ".".join(parts)
 
 
-def load_split(split: Split, protocol: Protocol, part: SplitPart | None = None) -> LoadedSplit:
+def load_split(
+    split: Split, protocol: ProtocolDocument, part: SplitPart | None = None
+) -> LoadedSplit:
     """Return manifest and arrays of a split or a part of it, in the canonical order of sample ids.
 
     Raises:
@@ -132,7 +134,7 @@ def load_split(split: Split, protocol: Protocol, part: SplitPart | None = None) 
     )
 
 
-def family_counts(split: Split, protocol: Protocol) -> dict[str, int]:
+def family_counts(split: Split, protocol: ProtocolDocument) -> dict[str, int]:
     """How many samples each family has, in taxonomy order; families without samples are absent."""
     family_of = {task.id: task.family for task in protocol.tasks}
     counts = Counter(family_of[sample.task] for sample in split.samples)
@@ -156,7 +158,7 @@ class SplitStore:
         ]
         return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
 
-    def find(self, name: str, revision: str, protocol: Protocol) -> LoadedSplit:
+    def find(self, name: str, revision: str, protocol: ProtocolDocument) -> LoadedSplit:
         """Return a split at exactly this revision.
 
         Raises:
@@ -202,7 +204,7 @@ def parts_of(split: Split) -> tuple[SplitPart | None, ...]:
 
 
 def _manifest(
-    split: Split, samples: list[SplitSample], protocol: Protocol, revision: str
+    split: Split, samples: list[SplitSample], protocol: ProtocolDocument, revision: str
 ) -> Manifest:
     return Manifest(
         schema_="exceptiondrive.manifest/1",

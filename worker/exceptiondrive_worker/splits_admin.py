@@ -6,7 +6,7 @@ from pathlib import Path
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.splits import publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_worker.split_store import (
     MAX_SPLIT_BYTES,
@@ -30,7 +30,7 @@ class RegisteredSplit:
 
 
 def register_all_splits(
-    database: Database, splits: SplitStore, protocol: Protocol
+    database: Database, splits: SplitStore, protocol: ProtocolDocument
 ) -> list[RegisteredSplit]:
     """Register the manifest of every split file; what is registered already stays as it is.
 
@@ -42,7 +42,7 @@ def register_all_splits(
 
 
 def publish_split_file(
-    database: Database, files: FileStore, splits: SplitStore, name: str, protocol: Protocol
+    database: Database, files: FileStore, splits: SplitStore, name: str, protocol: ProtocolDocument
 ) -> RegisteredSplit:
     """Make the current file of a split public, regions and all: for development splits only.
 
@@ -59,7 +59,7 @@ def publish_split_file(
     return registered
 
 
-def _register(database: Database, path: Path, protocol: Protocol) -> RegisteredSplit:
+def _register(database: Database, path: Path, protocol: ProtocolDocument) -> RegisteredSplit:
     """Record the whole split and, where it has parts, each part; return the whole."""
     split = read_split(path)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}

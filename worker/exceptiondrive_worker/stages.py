@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from exceptiondrive_schemas.base import canonical_json, content_digest
 from exceptiondrive_schemas.challenges import Challenge, ChallengeId
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring import SCORER_VERSION
@@ -28,7 +28,7 @@ from exceptiondrive_worker.split_store import LoadedSplit
 
 LoadUpload = Callable[[str], bytes]
 """File digest -> the bytes, proven to be those."""
-ReadAnswers = Callable[[bytes, Challenge, Manifest, Protocol], Columns | CheckReport]
+ReadAnswers = Callable[[bytes, Challenge, Manifest, ProtocolDocument], Columns | CheckReport]
 """Upload -> answers as columns in the split's order, or the report of all faults."""
 
 
@@ -39,8 +39,8 @@ class Target:
     file_digest: str
     challenge: Challenge
     split: LoadedSplit
-    protocol: Protocol
-    read_under: Protocol | None = None
+    protocol: ProtocolDocument
+    read_under: ProtocolDocument | None = None
     """Whose bounds the upload passed; by default those of `protocol`."""
 
 

@@ -19,14 +19,14 @@ from exceptiondrive_schemas.check import (
     inflate,
 )
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.fast_planning import read_planning
 from exceptiondrive_worker.fast_strategy import read_strategy
 
-FastReader = Callable[[bytes, Manifest, Protocol], dict[str, NDArray[Any]] | None]
+FastReader = Callable[[bytes, Manifest, ProtocolDocument], dict[str, NDArray[Any]] | None]
 
 FAST_READERS: dict[ChallengeId, FastReader] = {
     PLANNING.id: read_planning,
@@ -40,7 +40,7 @@ def read_upload(
     *,
     challenge: Challenge,
     manifest: Manifest,
-    protocol: Protocol,
+    protocol: ProtocolDocument,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
     max_inflated_bytes: int = MAX_INFLATED_BYTES,
 ) -> Columns | CheckReport:

@@ -1,19 +1,27 @@
-"""Protocol updates from the command line: draft, score, preview, apply, roll back, verify."""
+"""Protocol updates from the command line: draft, score, preview, apply, roll back, verify.
+
+Runs, previews and verifications are shown as a person reads them in a terminal.
+"""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Self
 
 import typer
+from rich.console import RenderableType
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import say, show, show_json
+from exceptiondrive.cli.output import console, has_terminal, say, show_result
+from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.tables import plain_table
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError
-
-if TYPE_CHECKING:
-    from exceptiondrive.organizer import Rescoring
+from exceptiondrive.organizer import Rescoring
+from exceptiondrive.transport import Record
+from exceptiondrive_schemas.challenges import CHALLENGES
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Id of the run.")]
 ReasonOption = Annotated[
@@ -28,6 +36,7 @@ WatchOption = Annotated[
 _SCORING = ("scoring",)
 _LOOK_EVERY_S = 1.0
 MAX_SAMPLE = 100_000
+_ENDED = ("closed", "rolled_back", "cancelled")
 
 
 def start(
@@ -61,15 +70,10 @@ def status(
     json: options.Json = False,
 ) -> None:
     """Show runs, or one run with its progress and what stands in the way."""
-    from exceptiondrive.cli.rescore_table import runs_table
-
     with _rescoring(server) as rescoring:
         if run_id is None:
             runs = rescoring.runs(phase)
-            if json:
-                show_json(runs)
-            else:
-                show(runs_table(runs))
+            show_result(runs, json, runs_table(runs))
             return
         run = _watched(rescoring, run_id) if watch else rescoring.run(run_id)
     _show_run(run, json)
@@ -89,16 +93,11 @@ def preview(
     json: options.Json = False,
 ) -> None:
     """Compare every entry before and after; exit code 1 if the preview is stale."""
-    from exceptiondrive.cli.rescore_table import preview_lines
-
     with _rescoring(server) as rescoring:
         found = rescoring.preview(run_id, seen)
         if csv is not None:
             csv.write_text(rescoring.preview_csv(run_id), encoding="utf-8")
-    if json:
-        show_json(found)
-    else:
-        show(*preview_lines(found))
+    show_result(found, json, *preview_lines(found))
     if found["is_stale"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
@@ -134,7 +133,8 @@ def verify(
     """Recompute sheets from the uploads and demand every bit again; exit code 1 if one differs."""
     with _rescoring(server) as rescoring:
         found = rescoring.start_verification(phase, _sample_size(sample), reason)
-        say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {_version(found)}")
+        version = found["protocol"]["version"]
+        say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {version}")
         found = _verified(rescoring, found)
     _show_verification(found, json)
     if found["n_equal"] != found["n_sheets"]:
@@ -142,11 +142,9 @@ def verify(
 
 
 @contextmanager
-def _rescoring(server: str | None) -> "Iterator[Rescoring]":
-    from exceptiondrive.cli.session import prepare
-    from exceptiondrive.organizer import Organizer
+def _rescoring(server: str | None) -> Iterator[Rescoring]:
 
-    with Organizer(prepare(server)) as organizer:
+    with open_organizer(server) as organizer:
         yield organizer.rescoring
 
 
@@ -167,19 +165,13 @@ def _step(step: str, words: str) -> Callable[..., None]:
     return take
 
 
-def _show_run(run: dict[str, Any], json: bool) -> None:
-    from exceptiondrive.cli.rescore_table import run_lines
+def _show_run(run: Record, json: bool) -> None:
 
-    if json:
-        show_json(run)
-    else:
-        show(*run_lines(run))
+    show_result(run, json, *run_lines(run))
 
 
-def _watched(rescoring: "Rescoring", run_id: str) -> dict[str, Any]:
+def _watched(rescoring: Rescoring, run_id: str) -> Record:
     """Follow a run until scoring has ended: ready, paused, failed or cancelled."""
-    from exceptiondrive.cli.rescore_table import Bar, progress_line
-
     with Bar("scoring") as bar:
         while True:
             run = rescoring.run(run_id)
@@ -192,8 +184,7 @@ def _watched(rescoring: "Rescoring", run_id: str) -> dict[str, Any]:
             time.sleep(_LOOK_EVERY_S)
 
 
-def _verified(rescoring: "Rescoring", found: dict[str, Any]) -> dict[str, Any]:
-    from exceptiondrive.cli.rescore_table import Bar, verification_line
+def _verified(rescoring: Rescoring, found: Record) -> Record:
 
     with Bar("recomputing") as bar:
         while found["finished_at"] is None:
@@ -204,19 +195,13 @@ def _verified(rescoring: "Rescoring", found: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _show_verification(found: dict[str, Any], json: bool) -> None:
-    from exceptiondrive.cli.rescore_table import verification_line
+def _show_verification(found: Record, json: bool) -> None:
 
-    if json:
-        show_json(found)
-        return
-    show(verification_line(found))
-    for problem in found["problems"]:
-        show(f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}")
-
-
-def _version(found: dict[str, Any]) -> str:
-    return str(found["protocol"]["version"])
+    problems = (
+        f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
+        for problem in found["problems"]
+    )
+    show_result(found, json, verification_line(found), *problems)
 
 
 def _sample_size(sample: str) -> int | None:
@@ -228,6 +213,185 @@ def _sample_size(sample: str) -> int | None:
     raise InvalidArgumentError(
         "wrong_sample", f"--sample is `all` or a number from 1 to {MAX_SAMPLE:,}, not {sample!r}."
     )
+
+
+def run_lines(run: Record) -> list[RenderableType]:
+    """Return state, progress, changes and blockers of a run."""
+    head = (
+        f"run {run['id']}  {run['state']}  phase {run['phase']}  "
+        f"{run['from_protocol']['version']} -> {run['to_protocol']['version']}"
+    )
+    lines: list[RenderableType] = [
+        head,
+        f"  {progress_line(run)}",
+        f"  {run['difference']['sentence']}",
+    ]
+    lines += [f"  - {change['sentence']}" for change in run["difference"]["changes"]]
+    if run["difference"].get("remark"):
+        lines.append(f"  note: {run['difference']['remark']}")
+    if run["state"] not in _ENDED:
+        lines += [f"  ! {blocker}" for blocker in run["blockers"]]
+    return lines
+
+
+def progress_line(run: Record) -> str:
+    """Return how far a run is, in one line."""
+    progress = run["progress"]
+    words = f"{progress['done']} of {progress['total']} sheets"
+    if progress["failed"]:
+        words += f", {progress['failed']} failed"
+    if progress["sheets_per_s"]:
+        words += f", {progress['sheets_per_s']:g} a second"
+    if progress["remaining_s"]:
+        words += f", about {_duration(progress['remaining_s'])} left"
+    return words
+
+
+def _duration(seconds: float) -> str:
+    """Write a length of time in its largest unit."""
+    for unit, length_s in (("days", 86_400), ("hours", 3_600), ("minutes", 60)):
+        if seconds >= 1.5 * length_s:
+            return f"{seconds / length_s:.0f} {unit}"
+    return f"{max(1, round(seconds))} s"
+
+
+def runs_table(runs: list[Record]) -> Table:
+    """Return a line per run."""
+    table = plain_table("run", "phase", "state", "from", "to", "sheets", "created", "reason")
+    for run in runs:
+        progress = run["progress"]
+        table.add_row(
+            run["id"],
+            run["phase"],
+            run["state"],
+            run["from_protocol"]["version"],
+            run["to_protocol"]["version"],
+            f"{progress['done']}/{progress['total']}",
+            run["created_at"][:16],
+            run["reason"],
+        )
+    return table
+
+
+def preview_lines(preview: Record) -> list[RenderableType]:
+    """Return the headline of a comparison and its entries, worst movers first."""
+    comparison = preview["comparison"]
+    stale = "  STALE: something has changed since" if preview["is_stale"] else ""
+    head = (
+        f"{comparison['from_protocol']['version']} -> {comparison['to_protocol']['version']}, "
+        f"board {comparison['old_board']} -> {comparison['new_board']}: "
+        f"{comparison['n_entries']} entries, {comparison['n_numbers_changed']} with new numbers, "
+        f"{comparison['n_ranks_changed']} with a new rank, "
+        f"{comparison['n_newly_failing']} newly failing{stale}"
+    )
+    lines: list[RenderableType] = [head, _entries_table(comparison)]
+    lines += _effect_lines(comparison)
+    lines += [f"! {blocker}" for blocker in preview["blockers"]]
+    lines.append(f"preview {preview['digest']}")
+    return lines
+
+
+def _entries_table(comparison: Record) -> Table:
+    entries = {entry["submission_id"]: entry for entry in comparison["entries"]}
+    movers = [entries[key] for key in comparison["worst_movers"]]
+    rest = [entry for entry in comparison["entries"] if entry not in movers]
+    challenge = CHALLENGES[comparison["challenge"]]
+    metrics = [metric.key for metric in challenge.metrics if metric.role == "primary"]
+    table = plain_table("method")
+    table.add_column("rank")
+    table.add_column("interval")
+    for metric in metrics:
+        table.add_column(metric, justify="right")
+    table.add_column("")
+    for entry in movers + rest:
+        old, new = entry["old"], entry["new"]
+        table.add_row(
+            entry["method"],
+            f"{_of(old, 'rank')} -> {_of(new, 'rank')}",
+            f"{_interval(old)} -> {_interval(new)}",
+            *(f"{_metric(old, key)} -> {_metric(new, key)}" for key in metrics),
+            "newly failing" if entry["newly_failing"] else entry["change"].replace("_", " "),
+        )
+    return table
+
+
+def _effect_lines(comparison: Record) -> list[str]:
+    """Return a line per linked entry: what its reminder changes, before and after."""
+    metrics = CHALLENGES[comparison["challenge"]].metrics
+    lines = []
+    for entry in comparison["entries"]:
+        sides = [_effect(entry[side]) for side in ("old", "new")]
+        if any(sides):
+            words = (
+                f"{metric.key} {_signed(sides[0], metric.key)} -> {_signed(sides[1], metric.key)}"
+                for metric in metrics
+                if metric.role == "primary"
+            )
+            lines.append(f"reminder's effect on {entry['method']}: {', '.join(words)}")
+    return lines
+
+
+def _effect(standing: Record | None) -> Record:
+    effect = None if standing is None else standing.get("reminder_effect")
+    return {} if effect is None else dict(effect["differences"])
+
+
+def _signed(effect: Record, key: str) -> str:
+    value = effect[key]["difference"] if key in effect else None
+    return "-" if value is None else f"{value:+.4f}"
+
+
+def verification_line(found: Record) -> str:
+    """Return what a verification has come to."""
+    made = found["n_equal"] + found["n_different"] + found["n_failed"]
+    words = f"{made} of {found['n_sheets']} sheets recomputed: {found['n_equal']} equal bit for bit"
+    if found["n_different"]:
+        words += f", {found['n_different']} DIFFER"
+    if found["n_failed"]:
+        words += f", {found['n_failed']} could not be recomputed"
+    return words
+
+
+class Bar:
+    """A bar on a terminal; elsewhere nothing moves."""
+
+    def __init__(self, what: str) -> None:
+
+        self._bar = Progress(
+            TextColumn(what),
+            BarColumn(),
+            TextColumn("{task.description}"),
+            console=console(stderr=True),
+            transient=True,
+            disable=not has_terminal(),
+        )
+        self._task = self._bar.add_task("", total=None)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def show(self, done: int, total: int, words: str) -> None:
+        """Move the bar."""
+        self._bar.update(self._task, completed=done, total=total, description=words)
+
+
+def _of(standing: Record | None, key: str) -> str:
+    value = None if standing is None else standing[key]
+    return "-" if value is None else str(value)
+
+
+def _interval(standing: Record | None) -> str:
+    span = None if standing is None else standing["rank_interval"]
+    return "-" if span is None else f"{span[0]}..{span[1]}"
+
+
+def _metric(standing: Record | None, key: str) -> str:
+    value = None if standing is None else standing["metrics"].get(key)
+    return "-" if value is None else f"{value:.4f}"
 
 
 COMMANDS: dict[str, Callable[..., None]] = {

@@ -11,7 +11,7 @@ from exceptiondrive.errors import utc_text
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
-from exceptiondrive_schemas.protocol import Protocol, PublicationSection, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
 
@@ -137,7 +137,7 @@ def _examples(group: FaultGroup) -> Table:
 
 
 def sheet_view(
-    sheet: ScoreSheet, protocol: Protocol | None = None, with_tasks: bool = True
+    sheet: ScoreSheet, protocol: ProtocolDocument | None = None, with_tasks: bool = True
 ) -> Iterator[RenderableType]:
     """Yield what to print for a score sheet.
 
@@ -162,7 +162,7 @@ def sheet_view(
     yield from _extra(sheet)
 
 
-def _shipped(wanted: ProtocolRef) -> Protocol | None:
+def _shipped(wanted: ProtocolRef) -> ProtocolDocument | None:
     try:
         shipped = packaged_protocol(wanted.version)
     except FileNotFoundError:
@@ -170,7 +170,7 @@ def _shipped(wanted: ProtocolRef) -> Protocol | None:
     return shipped if shipped.digest == wanted.digest else None
 
 
-def _sheet_table(sheet: ScoreSheet, protocol: Protocol | None, with_tasks: bool) -> Table:
+def _sheet_table(sheet: ScoreSheet, protocol: ProtocolDocument | None, with_tasks: bool) -> Table:
     challenge = challenge_of(sheet.challenge)
     table = plain_table("")
     table.add_column("n", justify="right")
@@ -196,7 +196,7 @@ def _add_rows(
     challenge: Challenge,
     rows: Mapping[str, BreakdownRow],
     titles: Mapping[str, str],
-    protocol: Protocol | None,
+    protocol: ProtocolDocument | None,
 ) -> None:
     in_order = [key for key in titles if key in rows]  # kept sheets come sorted by key
     for key in [*in_order, *(key for key in rows if key not in titles)]:
@@ -205,12 +205,12 @@ def _add_rows(
         table.add_row(titles.get(key, key), n, *_cells(challenge, row.metrics, protocol))
 
 
-def _cells(challenge: Challenge, row: MetricRow, protocol: Protocol | None) -> list[str]:
+def _cells(challenge: Challenge, row: MetricRow, protocol: ProtocolDocument | None) -> list[str]:
     digits = protocol.publication if protocol else None
     return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.metrics]
 
 
-def _sensitivity(sheet: ScoreSheet, protocol: Protocol | None) -> Iterator[Text]:
+def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterator[Text]:
     """One line for each other required clearance that the protocol asks about."""
     hcc = next((m for m in challenge_of(sheet.challenge).metrics if m.key == "hcc"), None)
     digits = protocol.publication if protocol else None

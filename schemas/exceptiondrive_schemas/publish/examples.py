@@ -10,7 +10,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.problems import Problem, ProblemCode
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.publish.broken_files import file_bytes, report_of
 from exceptiondrive_schemas.publish.example_split import (
     example_manifest,
@@ -41,8 +41,9 @@ FAMILY_OF_TASK = {
 }
 
 
-def _row(hcc: float, ur: float, hpr: float, *shift_m: float | None) -> MetricRow:
-    return dict(zip(PLANNING.metric_keys, (hcc, ur, hpr, *shift_m), strict=True))
+def _row(*values: float | None) -> MetricRow:
+    """The paper's metrics; an example need not hold one that came later."""
+    return dict(zip(("hcc", "ur", "hpr", "cts", "cts_x", "cts_y"), values, strict=True))
 
 
 TOTAL = _row(0.3333, 0.6667, 0.169, 2.34, 2.0, 0.34)
@@ -60,7 +61,7 @@ FREEZE_BY_TASK = {
 }
 
 
-def protocol_ref(protocol: Protocol) -> ProtocolRef:
+def protocol_ref(protocol: ProtocolDocument) -> ProtocolRef:
     """Version and digest."""
     return ProtocolRef(version=protocol.version, digest=protocol.digest)
 

@@ -11,7 +11,7 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.form_fields import FormField, fields_of
 from exceptiondrive_schemas.phase_settings import PhaseSettings
 from exceptiondrive_schemas.problems import Problem
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.publish.broken_files import errors_page
 from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -25,7 +25,7 @@ MODELS: Mapping[str, type[Document]] = MappingProxyType(
         "strategy": StrategySubmission,
         "split": Split,
         "manifest": Manifest,
-        "protocol": Protocol,
+        "protocol": ProtocolDocument,
         "score-sheet": ScoreSheet,
         "board": Board,
         "submission": SubmissionView,

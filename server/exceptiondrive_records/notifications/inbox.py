@@ -78,7 +78,7 @@ def notify_teams(
 
 
 def _changed(comparison: Comparison) -> list[EntryChange]:
-    """Return the entries whose published numbers or ranks change."""
+    """Return the entries whose published numbers change."""
     return [entry for entry in comparison.entries if entry.change != "none"]
 
 

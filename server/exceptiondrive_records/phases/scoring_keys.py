@@ -10,7 +10,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.rescoring import RunKind, RunState
 
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
@@ -86,7 +86,7 @@ def list_runs(
 # Under which protocol an upload was accepted: what was accepted once is read the same for ever.
 
 
-def accepted_under(session: Session, submission_id: str) -> Protocol | None:
+def accepted_under(session: Session, submission_id: str) -> ProtocolDocument | None:
     """Return the protocol of the first sheet of a submission; None while it has none."""
     query = (
         select(ScoreSheetRow.protocol_digest)

@@ -10,14 +10,14 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_schemas.protocol import (
-    Protocol,
+    ProtocolDocument,
     ProtocolError,
     packaged_protocol,
     parse_protocol,
 )
 
 
-def add_protocol(session: Session, toml: str, actor: str) -> Protocol:
+def add_protocol(session: Session, toml: str, actor: str) -> ProtocolDocument:
     """Add a protocol; adding the same content again does nothing.
 
     Raises:
@@ -40,7 +40,7 @@ def add_protocol(session: Session, toml: str, actor: str) -> Protocol:
     return protocol
 
 
-def checked_protocol(session: Session, toml: str) -> Protocol:
+def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
     """Return a protocol document that could be added, or is there already.
 
     Raises:
@@ -77,7 +77,7 @@ def find_protocol_row(session: Session, version_or_digest: str) -> ProtocolRow:
     return row
 
 
-def find_protocol(session: Session, version_or_digest: str) -> Protocol:
+def find_protocol(session: Session, version_or_digest: str) -> ProtocolDocument:
     """Return a protocol, by version or digest.
 
     Raises:
@@ -91,7 +91,7 @@ def find_protocol(session: Session, version_or_digest: str) -> Protocol:
     return protocol
 
 
-def list_protocols(session: Session) -> list[Protocol]:
+def list_protocols(session: Session) -> list[ProtocolDocument]:
     """Return all protocols, oldest first."""
     return [find_protocol(session, row.digest) for row in list_protocol_rows(session)]
 
@@ -103,11 +103,11 @@ def list_protocol_rows(session: Session) -> list[ProtocolRow]:
 
 
 @lru_cache(maxsize=32)
-def _parsed(toml: str) -> Protocol:
+def _parsed(toml: str) -> ProtocolDocument:
     return parse_protocol(toml)
 
 
-def latest_protocol(session: Session) -> Protocol:
+def latest_protocol(session: Session) -> ProtocolDocument:
     """Return the protocol added last; before any was added, the packaged one."""
     query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
     digest = session.scalar(query)

@@ -16,7 +16,7 @@ from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import OPEN_STATES, Job
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.rescoring import Progress, RunState
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -160,7 +160,7 @@ _ADVICE = "Open a new phase for it instead."
 
 
 def require_readable(
-    challenge: str, old: tuple[Protocol, SplitRow], new: tuple[Protocol, SplitRow]
+    challenge: str, old: tuple[ProtocolDocument, SplitRow], new: tuple[ProtocolDocument, SplitRow]
 ) -> None:
     """Refuse a protocol or split revision under which accepted files cannot be scored.
 

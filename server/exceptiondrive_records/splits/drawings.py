@@ -20,7 +20,7 @@ from exceptiondrive_schemas.drawing import (
     packaged_drawing,
     pictured_digest,
 )
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
 
 
@@ -113,12 +113,12 @@ def keep_protocol_drawing(session: Session, drawing: ProtocolDrawing) -> None:
     )
 
 
-def has_protocol_drawing(session: Session, protocol: Protocol) -> bool:
+def has_protocol_drawing(session: Session, protocol: ProtocolDocument) -> bool:
     """Whether this protocol's own drawing is at hand."""
     return protocol_drawing(session, protocol).pictured == pictured_digest(protocol)
 
 
-def protocol_drawing(session: Session, protocol: Protocol) -> ProtocolDrawing:
+def protocol_drawing(session: Session, protocol: ProtocolDocument) -> ProtocolDrawing:
     """Return the drawing of a protocol; until a worker has made it, that of protocol 1.0."""
     pictured = pictured_digest(protocol)
     if packaged_drawing().pictured == pictured:

@@ -12,13 +12,13 @@ from exceptiondrive_schemas.board import (
     PairedDifference,
 )
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key
 from exceptiondrive_server.boards.table import short_title
 from exceptiondrive_server.web.numbers import MINUS, Digits, listed, unit_of
-from exceptiondrive_server.web.responses import template_filter
 from exceptiondrive_server.web.scales import Scale, nice_scale
+from exceptiondrive_server.web.templating import template_filter
 
 LINE_HEIGHT = 40
 WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16
@@ -304,7 +304,7 @@ class DifferenceTable:
 
 
 def difference_table(
-    both: Comparison, protocol: Protocol, sheets: Sheets
+    both: Comparison, protocol: ProtocolDocument, sheets: Sheets
 ) -> DifferenceTable | None:
     """Return the differences in the metric that ranks first; None where nothing is known.
 
@@ -322,7 +322,9 @@ def difference_table(
     return DifferenceTable(lines, max(0.05, -(-max(reach) // 0.05) * 0.05))  # to whole 5 points
 
 
-def _differences(both: Comparison, protocol: Protocol, sheets: Sheets) -> Iterator[Difference]:
+def _differences(
+    both: Comparison, protocol: ProtocolDocument, sheets: Sheets
+) -> Iterator[Difference]:
     key = both.first.key
     families, tasks = (both.paired.families, both.paired.tasks) if both.paired else ({}, {})
     for head in both.board.families:

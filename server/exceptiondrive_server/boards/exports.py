@@ -8,7 +8,7 @@ from xml.etree import ElementTree as Xml
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.printable import one_line, spreadsheet_text
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.query import SOURCES
 from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
@@ -48,7 +48,7 @@ class Export:
     """A kind of file: its media type and its writer (board, protocol, address of the site)."""
 
     media_type: str
-    write: Callable[[Board, Protocol, str], str]
+    write: Callable[[Board, ProtocolDocument, str], str]
 
 
 def permalink(board: Board, site_url: str) -> str:
@@ -67,7 +67,7 @@ def in_blocks(board: Board) -> list[list[BoardEntry]]:
     return [block for block in blocks if block]
 
 
-def latex(board: Board, protocol: Protocol, site_url: str) -> str:
+def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
     """Write a booktabs table; scored, reference and reported rows are set apart by rules."""
     challenge, digits = challenge_of(board), Digits.of(protocol.publication)
     arrows = {"higher": r" $\uparrow$", "lower": r" $\downarrow$", None: ""}
@@ -103,7 +103,7 @@ def _tex_label(label: str) -> str:
     return f"CTS$_{label[3]}$" if len(label) == 4 and label.startswith("CTS") else label
 
 
-def bibtex(board: Board, protocol: Protocol, site_url: str) -> str:
+def bibtex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
     """Write a citation of the paper and one of this very board."""
     at = board.published_at
     return (
@@ -123,7 +123,7 @@ def bibtex(board: Board, protocol: Protocol, site_url: str) -> str:
     )
 
 
-def comma_separated(board: Board, protocol: Protocol, site_url: str) -> str:
+def comma_separated(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
     """Write one line per entry: fractions and metres as published, intervals, families."""
     import pandas as pd  # takes most of a second, which nobody else shall wait for
 

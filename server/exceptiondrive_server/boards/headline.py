@@ -11,7 +11,6 @@ from functools import partial
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.rescoring import BoardHistoryLine
 from exceptiondrive_server.boards.entry_facts import entry_url, primary_metrics
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.numbers import (
@@ -20,7 +19,6 @@ from exceptiondrive_server.web.numbers import (
     day,
     grouped,
     listed,
-    minute,
     with_unit,
 )
 
@@ -231,36 +229,6 @@ def _steps_up(entry: BoardEntry) -> int:
     if entry.rank is None or entry.previous_rank is None:
         return 0
     return entry.previous_rank - entry.rank
-
-
-@dataclass(frozen=True)
-class HistoryLine:
-    """One stretch of time in which one board was shown."""
-
-    board: int
-    url: str
-    protocol: str
-    shown: str
-    is_current: bool
-    what_changed: tuple[str, ...]
-    comparison: str | None
-
-
-def history_lines(phase: str, lines: list[BoardHistoryLine]) -> tuple[HistoryLine, ...]:
-    """Set the boards that were ever public, newest first."""
-    return tuple(
-        HistoryLine(
-            board=line.board,
-            url=f"/?phase={phase}&board={line.board}#board",
-            protocol=line.protocol.version,
-            shown=f"{minute(line.shown_from)} to "
-            + (minute(line.shown_until) if line.shown_until else "now"),
-            is_current=line.shown_until is None,
-            what_changed=line.what_changed,
-            comparison=line.comparison,
-        )
-        for line in lines
-    )
 
 
 @dataclass(frozen=True)

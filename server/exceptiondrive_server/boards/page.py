@@ -15,7 +15,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.phase_settings import PhaseNow
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import ceiling_chart, effect_lines
 from exceptiondrive_server.boards.comparison import Comparison, default_pair
 from exceptiondrive_server.boards.entry_facts import board_fields, entry_key
@@ -30,8 +30,8 @@ from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.numbers import Digits, minute
-from exceptiondrive_server.web.page_parts import Choice, MetricCard, Notice, PhaseLink, metric_cards
-from exceptiondrive_server.web.responses import macro
+from exceptiondrive_server.web.page_parts import Choice, Notice, PhaseLink
+from exceptiondrive_server.web.templating import macro
 
 MAX_CHOICES = 25
 NARROW_PX = (350, 400)
@@ -70,7 +70,7 @@ class ShownBoard(NamedTuple):
 @lru_cache(maxsize=64)
 def _shown(
     same_board: _Same[Board],
-    same_protocol: _Same[Protocol],
+    same_protocol: _Same[ProtocolDocument],
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
@@ -103,7 +103,7 @@ def _shown(
 
 @lru_cache(maxsize=16)
 def _scene(
-    drawing: _Same[ProtocolDrawing], protocol: _Same[Protocol], challenge: _Same[Challenge]
+    drawing: _Same[ProtocolDrawing], protocol: _Same[ProtocolDocument], challenge: _Same[Challenge]
 ) -> Markup:
     scene = scene_drawing(drawing.value, protocol.value)
     caption = challenge.value.words.scene_caption.format(
@@ -130,7 +130,7 @@ class BoardPage:
     phases: tuple[PhaseLink, ...]
     phase: PhaseLink | None
     board: Board | None
-    protocol: Protocol
+    protocol: ProtocolDocument
     protocol_versions: tuple[str, ...]
     current_protocol: str
     is_current: bool = True
@@ -168,11 +168,6 @@ class BoardPage:
     def scene(self) -> Markup:
         """The drawing of what the protocol measures."""
         return _scene(_Same(self.drawing), _Same(self.protocol), _Same(self.challenge))
-
-    @property
-    def metric_cards(self) -> tuple[MetricCard, ...]:
-        """Every metric, explained."""
-        return metric_cards(self.challenge)
 
     @cached_property
     def phase_title(self) -> str:
@@ -254,7 +249,7 @@ class BoardPage:
         return Notice(words, f"/?phase={board.phase}#board", "Show the current board")
 
     @property
-    def standing(self) -> tuple[Notice, ...]:
+    def banners(self) -> tuple[Notice, ...]:
         """What the phase keeps back now, or shows apart."""
         if self.board is None or self.now is None or not self.is_current:
             return ()

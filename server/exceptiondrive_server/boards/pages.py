@@ -12,7 +12,7 @@ from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_server.accounts.browser_session import principal_of_browser
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
-from exceptiondrive_server.boards.headline import history_lines, own_entries
+from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.queries import chosen_board, read_board, read_history, read_phases
 from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.table import sorted_board
@@ -59,7 +59,7 @@ def show_history(request: Request, services: ServicesOf, query: AskedBoard) -> R
         "board",
         phase=phase,
         phases=phases,
-        lines=history_lines(phase.id, lines[:MAX_HISTORY]),
+        lines=lines[:MAX_HISTORY],
         n_more=max(0, len(lines) - MAX_HISTORY),
         has_late_view=has_late_view,
     )

@@ -25,7 +25,7 @@ from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.exports import BoardNote, History
 from exceptiondrive_server.boards.headline import BoardBefore
 from exceptiondrive_server.boards.page import BoardPage
@@ -68,7 +68,7 @@ _OWN_DRAWINGS: dict[str, ProtocolDrawing] = {}
 """By digest of the protocol: once made, a drawing never changes."""
 
 
-def _drawing_of(session: Session, protocol: Protocol) -> ProtocolDrawing:
+def _drawing_of(session: Session, protocol: ProtocolDocument) -> ProtocolDrawing:
     kept = _OWN_DRAWINGS.get(protocol.digest)
     if kept is None:
         kept = protocol_drawing(session, protocol)

@@ -11,7 +11,7 @@ from typing import Literal
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.entry_facts import (
     BADGES,
     Badge,
@@ -638,7 +638,7 @@ def _optional(challenge: Challenge) -> list[tuple[str, str]]:
 
 
 def board_table(
-    board: Board, protocol: Protocol, query: BoardQuery, is_current: bool = True
+    board: Board, protocol: ProtocolDocument, query: BoardQuery, is_current: bool = True
 ) -> BoardTable:
     """Filter, sort and cut a board, and build the rows that are shown.
 

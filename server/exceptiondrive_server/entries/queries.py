@@ -16,7 +16,7 @@ from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.comparison import default_pair
@@ -45,7 +45,7 @@ class EntryData:
 
     board: Board
     entry: BoardEntry
-    protocol: Protocol
+    protocol: ProtocolDocument
     phase_title: str
     is_current: bool
     """Whether the board is the present one; else it is how the entry stood there."""

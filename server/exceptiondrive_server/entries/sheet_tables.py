@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, primary_metrics
 from exceptiondrive_server.web.numbers import Digits, fixed, unit_of
@@ -53,7 +53,9 @@ def effect_table(board: Board, entry: BoardEntry, digits: Digits) -> SheetTable:
     )
 
 
-def sheet_tables(sheet: ScoreSheet, protocol: Protocol, digits: Digits) -> tuple[SheetTable, ...]:
+def sheet_tables(
+    sheet: ScoreSheet, protocol: ProtocolDocument, digits: Digits
+) -> tuple[SheetTable, ...]:
     """Return a table of each kind of further row that a score sheet has."""
     kinds = (CONFUSION, SENSITIVITY, REMINDER)
     others = {key: row for key, row in sheet.extra.items() if not key.startswith(kinds)}
@@ -70,7 +72,7 @@ def _of_kind(sheet: ScoreSheet, kind: str) -> dict[str, MetricRow]:
     return {k.removeprefix(kind): row for k, row in sheet.extra.items() if k.startswith(kind)}
 
 
-def _sensitivity(sheet: ScoreSheet, protocol: Protocol, digits: Digits) -> SheetTable:
+def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument, digits: Digits) -> SheetTable:
     """HCC with other required clearances, the one that ranks among them, from small to large."""
     by_factor = {float(factor): row for factor, row in _of_kind(sheet, SENSITIVITY).items()}
     if by_factor:

@@ -13,7 +13,7 @@ from exceptiondrive_records.protocols.protocols import (
     list_protocols,
 )
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
@@ -33,7 +33,7 @@ class ProtocolHead(BaseModel):
     changes: str
 
 
-def protocol_head(protocol: Protocol) -> ProtocolHead:
+def protocol_head(protocol: ProtocolDocument) -> ProtocolHead:
     """Return a protocol as it stands in a list."""
     return ProtocolHead(
         version=protocol.version,
@@ -56,7 +56,7 @@ def get_protocols(services: ServicesOf) -> list[ProtocolHead]:
     response_class=Response,
     responses={
         200: {
-            "model": Protocol,
+            "model": ProtocolDocument,
             "content": {TOML: {"schema": {"type": "string"}}},
             "description": "The protocol, as JSON or as its TOML document.",
         },

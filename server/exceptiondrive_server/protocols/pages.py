@@ -13,7 +13,7 @@ from exceptiondrive_records.protocols.protocols import (
 )
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.auth import ServicesOf
@@ -65,7 +65,7 @@ class Change(NamedTuple):
     after: str | None
 
 
-def protocol_changes(before: Protocol, after: Protocol) -> tuple[Change, ...]:
+def protocol_changes(before: ProtocolDocument, after: ProtocolDocument) -> tuple[Change, ...]:
     """Return every value that differs, by its dotted path, in the order of the newer document."""
     old, new = dict(_values(_document(before))), dict(_values(_document(after)))
     paths = [*new, *(path for path in old if path not in new)]
@@ -76,7 +76,7 @@ def protocol_changes(before: Protocol, after: Protocol) -> tuple[Change, ...]:
     )
 
 
-def _document(protocol: Protocol) -> dict[str, Any]:
+def _document(protocol: ProtocolDocument) -> dict[str, Any]:
     document = protocol.model_dump(mode="json", by_alias=True)
     for name in _SELF_DESCRIPTION:
         document.pop(name)

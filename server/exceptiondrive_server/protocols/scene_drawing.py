@@ -7,7 +7,7 @@ made. Here it is only set: a road, a car, smooth lines and labels.
 from dataclasses import dataclass
 
 from exceptiondrive_schemas.drawing import Outline, Position, ProtocolDrawing, pictured_digest
-from exceptiondrive_schemas.protocol import GeometrySection, Protocol
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_server.web.scales import px
 
 WIDTH, HEIGHT = 600, 330
@@ -72,7 +72,7 @@ class _View:
         return " ".join(",".join(self.at(position)) for position in outline)
 
 
-def scene_drawing(drawing: ProtocolDrawing, protocol: Protocol) -> SceneDrawing:
+def scene_drawing(drawing: ProtocolDrawing, protocol: ProtocolDocument) -> SceneDrawing:
     """Set the drawing of a protocol."""
     sample, geometry = drawing.sample, protocol.geometry
     assert sample.segment is not None  # made up so that it passes at a distance

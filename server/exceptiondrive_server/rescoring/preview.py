@@ -6,7 +6,7 @@ from functools import cached_property
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.scales import px
@@ -63,7 +63,7 @@ class Shift:
 class Shifts:
     """Sets the numbers of entries; `protocol` is the one to come, whose digits are published."""
 
-    protocol: Protocol
+    protocol: ProtocolDocument
     comparison: Comparison
 
     @property

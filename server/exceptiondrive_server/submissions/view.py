@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 from exceptiondrive_server.web.numbers import Digits, minute, unit_of
@@ -171,7 +171,7 @@ def left_words(quota: Quota) -> str:
     return words
 
 
-def scores_of(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]:
+def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLine, ...]:
     """Return a line per metric of its sheet; none without one."""
     if seen.sheet is None:
         return ()
@@ -191,7 +191,7 @@ def scores_of(seen: SubmissionView, protocol: Protocol) -> tuple[ScoreLine, ...]
 
 
 def _averages(
-    sheet: ScoreSheet, protocol: Protocol
+    sheet: ScoreSheet, protocol: ProtocolDocument
 ) -> tuple[dict[str, float | None], dict[str, float | None]]:
     if protocol.grading.headline == "micro":
         return sheet.micro, sheet.macro_family

@@ -1,32 +1,10 @@
-"""What every page carries besides its subject: theme, place in the navigation, choices."""
+"""What pages of several nouns carry: phases to switch to, options of a field, notices."""
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal
-
-from markupsafe import Markup
 
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_server.web.numbers import day, minute
-
-Theme = Literal["auto", "light", "dark"]
-THEMES: tuple[Theme, ...] = ("auto", "light", "dark")
-_DIRECTIONS = {"higher": "higher is better", "lower": "lower is better", None: "diagnostic"}
-
-
-@dataclass(frozen=True)
-class Site:
-    """The frame around a page."""
-
-    theme: Theme
-    path: str
-    current: str
-    has_session: bool = False
-    """Whether the browser sent a session, valid or not: only words depend on it."""
-    origin: str = ""
-    """What people type before the path, for the addresses that other sites follow."""
-    is_organizer: bool = False
-    """Whether it once signed in as an organizer: only a link depends on it, never a right."""
 
 
 @dataclass(frozen=True)
@@ -90,24 +68,3 @@ class Notice:
     words: str
     url: str
     link_words: str
-
-
-@dataclass(frozen=True)
-class MetricCard:
-    """A metric explained."""
-
-    key: str
-    label: str
-    title: str
-    direction: str
-    meaning: str
-    formula: Markup
-
-
-def metric_cards(challenge: Challenge) -> tuple[MetricCard, ...]:
-    """Return a card per metric; components of a metric (CTSx, CTSy) share its card."""
-    return tuple(
-        MetricCard(m.key, m.label, m.title, _DIRECTIONS[m.better], m.meaning, Markup(m.formula))
-        for m in challenge.metrics
-        if not m.part_of
-    )

@@ -29,7 +29,7 @@ from exceptiondrive_schemas.board import (
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import (
-    Protocol,
+    ProtocolDocument,
 )
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import (
@@ -38,7 +38,7 @@ from exceptiondrive_schemas.score_sheet import (
 
 
 @pytest.fixture(scope="session")
-def protocol() -> Protocol:
+def protocol() -> ProtocolDocument:
     """The packaged protocol."""
     return PROTOCOL
 

@@ -4,23 +4,25 @@ from typing import Any
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
 
 
-def view(board: Board, protocol: Protocol, **query: Any) -> BoardTable:
+def view(board: Board, protocol: ProtocolDocument, **query: Any) -> BoardTable:
     return board_table(board, protocol, BoardQuery(**query))
 
 
-def test_outcome_bars_add_up_to_the_whole(lively_board: Board, protocol: Protocol) -> None:
+def test_outcome_bars_add_up_to_the_whole(lively_board: Board, protocol: ProtocolDocument) -> None:
     for block in view(lively_board, protocol).blocks:
         for row in block.rows:
             if row.outcome:
                 assert abs(row.outcome.kept + row.outcome.lost + row.outcome.hit - 100) < 1e-6
 
 
-def test_the_papers_rows_are_shown_digit_for_digit(paper_board: Board, protocol: Protocol) -> None:
+def test_the_papers_rows_are_shown_digit_for_digit(
+    paper_board: Board, protocol: ProtocolDocument
+) -> None:
     rows = {row.entry.method: row for row in view(paper_board, protocol).blocks[0].rows}
     printed = [cell.text for cell in rows["ST-P3"].cells]
     assert printed == ["21.03", "78.11", "18.59", "1.57", "1.55", "0.24"]
@@ -30,7 +32,7 @@ def test_the_papers_rows_are_shown_digit_for_digit(paper_board: Board, protocol:
 
 
 def test_only_scored_rows_carry_a_rank_and_a_best_mark(
-    lively_board: Board, protocol: Protocol
+    lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     for block in view(lively_board, protocol).blocks:
         for row in block.rows:
@@ -39,7 +41,7 @@ def test_only_scored_rows_carry_a_rank_and_a_best_mark(
 
 
 def test_a_row_without_a_score_says_why_it_is_not_ranked(
-    lively_board: Board, protocol: Protocol
+    lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     row = view(lively_board, protocol).blocks[0].rows[-1]
     assert row.rank is None
@@ -47,7 +49,7 @@ def test_a_row_without_a_score_says_why_it_is_not_ranked(
     assert all(cell.text is None for cell in row.cells)
 
 
-def test_movement_is_told_in_words(lively_board: Board, protocol: Protocol) -> None:
+def test_movement_is_told_in_words(lively_board: Board, protocol: ProtocolDocument) -> None:
     rows = view(lively_board, protocol).blocks[0].rows
     words = [row.movement.words if row.movement else None for row in rows]
     assert words[:4] == [
@@ -58,7 +60,9 @@ def test_movement_is_told_in_words(lively_board: Board, protocol: Protocol) -> N
     ]
 
 
-def test_the_leaders_nearer_end_is_the_dotted_line(lively_board: Board, protocol: Protocol) -> None:
+def test_the_leaders_nearer_end_is_the_dotted_line(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
     seen = view(lively_board, protocol)
     leader = seen.blocks[0].rows[0]
     hcc, ur = leader.cells[0].whisker, leader.cells[1].whisker
@@ -73,7 +77,7 @@ def test_the_leaders_nearer_end_is_the_dotted_line(lively_board: Board, protocol
 
 
 def test_the_other_average_shows_its_values_without_intervals(
-    lively_board: Board, protocol: Protocol
+    lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     seen = view(lively_board, protocol, average="micro")
     first = seen.blocks[0].rows[0]
@@ -85,7 +89,7 @@ def test_the_other_average_shows_its_values_without_intervals(
     assert reported.cells[0].text is None
 
 
-def test_primary_columns_cannot_be_hidden(lively_board: Board, protocol: Protocol) -> None:
+def test_primary_columns_cannot_be_hidden(lively_board: Board, protocol: ProtocolDocument) -> None:
     seen = view(lively_board, protocol, hidden=frozenset({"hcc", "hpr"}))
     assert [column.key for column in seen.columns] == ["hcc", "ur", "cts", "cts_x", "cts_y"]
 
@@ -103,7 +107,9 @@ def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks() -> No
     assert [(c.key, c.aria_sort) for c in columns if c.aria_sort] == [("hcc", "descending")]
 
 
-def test_small_families_are_marked_with_their_size(lively_board: Board, protocol: Protocol) -> None:
+def test_small_families_are_marked_with_their_size(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
     tiles = view(lively_board, protocol).blocks[0].rows[0].tiles
     assert [tile.is_small for tile in tiles] == [False, False, False, True, True, False]
     assert "n = 14" in tiles[3].words

@@ -10,14 +10,14 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.exports import bibtex, comma_separated, latex, tex_escape
 
 SITE = "https://board.test"
 
 
 def test_latex_is_a_booktabs_table_with_the_published_digits(
-    lively_board: Board, protocol: Protocol
+    lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     text = latex(lively_board, protocol, SITE)
     assert r"\toprule" in text
@@ -34,7 +34,7 @@ COMMANDS = re.compile(
 
 
 def test_every_latex_row_has_the_columns_of_the_head_whatever_the_names_are(
-    lively_board: Board, protocol: Protocol
+    lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     nasty = lively_board.entries[0].model_copy(
         update={"method": 'a&b \\ 5% of $x_1^2$ {#1} ~ <"|">\n\\end{tabular}'}
@@ -51,7 +51,9 @@ def test_every_latex_row_has_the_columns_of_the_head_whatever_the_names_are(
 
 @pytest.mark.parametrize("write", [latex, bibtex, comma_separated])
 def test_every_file_says_which_board_it_is(
-    lively_board: Board, protocol: Protocol, write: Callable[[Board, Protocol, str], str]
+    lively_board: Board,
+    protocol: ProtocolDocument,
+    write: Callable[[Board, ProtocolDocument, str], str],
 ) -> None:
     text = write(lively_board, protocol, SITE)
     assert f"{SITE}/?phase=sample&board=7" in text
@@ -66,7 +68,7 @@ def test_names_cannot_break_out_of_latex() -> None:
 
 
 def test_bibtex_cites_the_paper_and_this_very_board(
-    lively_board: Board, protocol: Protocol
+    lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     text = bibtex(lively_board, protocol, SITE)
     assert text.count("@misc{") == 2
@@ -75,7 +77,9 @@ def test_bibtex_cites_the_paper_and_this_very_board(
     assert r"\url{https://board.test/?phase=sample&board=7}" in text
 
 
-def test_csv_holds_every_entry_with_stable_columns(lively_board: Board, protocol: Protocol) -> None:
+def test_csv_holds_every_entry_with_stable_columns(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
     rows = list(csv.DictReader(io.StringIO(comma_separated(lively_board, protocol, SITE))))
     assert len(rows) == len(lively_board.entries)
     assert (rows[0]["rank"], rows[0]["hcc"], rows[0]["hcc_low"]) == ("1", "0.614", "0.573")
@@ -85,7 +89,7 @@ def test_csv_holds_every_entry_with_stable_columns(lively_board: Board, protocol
 
 @pytest.mark.parametrize("method", ["=1+1", "+A1", "-A1", "@SUM(A1)"])
 def test_a_spreadsheet_never_runs_a_name(
-    lively_board: Board, protocol: Protocol, method: str
+    lively_board: Board, protocol: ProtocolDocument, method: str
 ) -> None:
     entry = lively_board.entries[0].model_copy(update={"method": method})
     board = lively_board.model_copy(update={"entries": (entry,)})

@@ -11,7 +11,7 @@ from exceptiondrive import check_file, recorder
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_server.protocols.pages import protocol_changes
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
@@ -33,7 +33,7 @@ async def test_protocols_lead_to_the_newest_version(site: Any) -> None:
 
 
 async def test_the_protocol_page_says_every_task_and_the_values_of_the_document(
-    lively_site: Any, protocol: Protocol
+    lively_site: Any, protocol: ProtocolDocument
 ) -> None:
     text = (await lively_site.get("/protocols/1.0")).text
     for task in protocol.tasks:
@@ -48,7 +48,7 @@ async def test_an_unknown_protocol_is_not_found(lively_site: Any) -> None:
     assert (await lively_site.get("/protocols/9.9")).status_code == 404
 
 
-def test_changes_between_protocols_name_every_value(protocol: Protocol) -> None:
+def test_changes_between_protocols_name_every_value(protocol: ProtocolDocument) -> None:
     first = protocol.tasks[0].model_copy(update={"d_safe_m": 2.5})
     geometry = protocol.geometry.model_copy(update={"collision_tube": "footprints"})
     newer = protocol.model_copy(

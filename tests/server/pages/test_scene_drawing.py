@@ -9,14 +9,14 @@ import exceptiondrive_server
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.drawings import keep_protocol_drawing
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing, pictured_digest
-from exceptiondrive_schemas.protocol import Protocol, packaged_protocol_toml, parse_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 
 WIDER = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
 WIDER = WIDER.replace("footprint_width_m = 1.85", "footprint_width_m = 2.40")
 
 
-def test_it_shows_the_values_of_the_drawn_sample(protocol: Protocol) -> None:
+def test_it_shows_the_values_of_the_drawn_sample(protocol: ProtocolDocument) -> None:
     sample, scene = packaged_drawing().sample, scene_drawing(packaged_drawing(), protocol)
     assert scene.is_own
     assert scene.task_id == sample.task == "BG1"
@@ -27,7 +27,7 @@ def test_it_shows_the_values_of_the_drawn_sample(protocol: Protocol) -> None:
     assert (len(scene.tube), len(scene.footprints), len(scene.waypoints)) == (6, 7, 6)
 
 
-def test_footprints_are_set_to_scale(protocol: Protocol) -> None:
+def test_footprints_are_set_to_scale(protocol: ProtocolDocument) -> None:
     scene = scene_drawing(packaged_drawing(), protocol)
     (ax, ay), (bx, by) = (
         tuple(map(float, corner.split(","))) for corner in scene.footprints[0].split()[:2]

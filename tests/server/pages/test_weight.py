@@ -6,12 +6,12 @@ import pytest
 from benchmarks.page import big_board, calls_in
 from starlette.requests import Request
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
 from exceptiondrive_server.boards.pages import show_board
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web.page_parts import Site
-from exceptiondrive_server.web.responses import render
+from exceptiondrive_server.web.responses import Site
+from exceptiondrive_server.web.templating import render
 
 MAX_BYTES = 150_000
 MAX_CALLS, MAX_CALLS_AGAIN = 9_000, 1_000
@@ -20,7 +20,7 @@ MAX_FILES, MAX_FILES_AGAIN = 36, 25
 
 @pytest.mark.parametrize("query", [[], [("q", "planner 1"), ("sort", "ur"), ("page", "3")]])
 def test_the_board_of_a_thousand_weighs_less_than_150_kilobytes(
-    protocol: Protocol, query: list[tuple[str, str]]
+    protocol: ProtocolDocument, query: list[tuple[str, str]]
 ) -> None:
     board = big_board(protocol)
     page = BoardPage(BoardQuery.parse(query), (), None, board, protocol, ("1.0",), "1.0")

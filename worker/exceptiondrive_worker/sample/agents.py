@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
-from exceptiondrive_schemas.protocol import Protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.submission_files import ReminderRecord, RiskLevel, StrategyPrediction
 from exceptiondrive_schemas.taxonomy import Strategy, Task
 from exceptiondrive_worker.sample.scenes import SampleScene
@@ -23,7 +23,7 @@ TOO_BOLD = 0.95
 NAMED_TASK, NAMED_FAMILY, SEEN = 0.66, 0.82, 0.97
 STOP_WITHIN_S, SLOW_WITHIN_S = 1.0, 1.6
 
-Answer = Callable[[SampleScene, Protocol, str], StrategyPrediction]
+Answer = Callable[[SampleScene, ProtocolDocument, str], StrategyPrediction]
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,14 @@ class Agent:
     without_reminder: str = ""
 
 
-def looking(sample: SampleScene, protocol: Protocol, seed: str) -> StrategyPrediction:
+def looking(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
     """Decide from what can be seen: right a little more often than not."""
     task = protocol.taxonomy.task(sample.task_id)
     strategy = _answer(task, LOOKS_RIGHT, Random(f"{seed}/look/{sample.sample_id}"))
     return StrategyPrediction(sample_id=sample.sample_id, strategy=strategy)
 
 
-def reminded(sample: SampleScene, protocol: Protocol, seed: str) -> StrategyPrediction:
+def reminded(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
     """The same agent, who mostly heeds a reminder that knows better."""
     reminder = _reminder(sample, protocol, Random(f"{seed}/remind/{sample.sample_id}"))
     own = looking(sample, protocol, seed)
@@ -59,7 +59,7 @@ def reminded(sample: SampleScene, protocol: Protocol, seed: str) -> StrategyPred
     )
 
 
-def time_gap_rule(sample: SampleScene, protocol: Protocol, seed: str) -> StrategyPrediction:
+def time_gap_rule(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
     """Stop, slow down or go on by the time to the hazard alone, whatever the hazard is."""
     time_s = sample.hazard.ahead_m / sample.speed_mps
     strategy = Strategy.A
@@ -68,7 +68,7 @@ def time_gap_rule(sample: SampleScene, protocol: Protocol, seed: str) -> Strateg
     return StrategyPrediction(sample_id=sample.sample_id, strategy=strategy)
 
 
-def always_stop(sample: SampleScene, protocol: Protocol, seed: str) -> StrategyPrediction:
+def always_stop(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
     """Answer C, always: acceptable in every task of protocol 1.0."""
     return StrategyPrediction(sample_id=sample.sample_id, strategy=Strategy.C)
 
@@ -104,7 +104,7 @@ AGENTS = (
 
 
 def agent_predictions(
-    agent: Agent, samples: tuple[SampleScene, ...], protocol: Protocol, seed: int
+    agent: Agent, samples: tuple[SampleScene, ...], protocol: ProtocolDocument, seed: int
 ) -> tuple[StrategyPrediction, ...]:
     """Let one agent answer all samples; the same seed gives the same answers."""
     return tuple(agent.answer(sample, protocol, str(seed)) for sample in samples)
@@ -120,7 +120,7 @@ def _answer(task: Task, right: float, rng: Random) -> Strategy:
     return rng.choice(task.under_warning)
 
 
-def _reminder(sample: SampleScene, protocol: Protocol, rng: Random) -> ReminderRecord:
+def _reminder(sample: SampleScene, protocol: ProtocolDocument, rng: Random) -> ReminderRecord:
     task = protocol.taxonomy.task(sample.task_id)
     if rng.random() >= SEEN:
         return ReminderRecord(hazard_present=False, risk_level="none")
@@ -140,7 +140,7 @@ def _reminder(sample: SampleScene, protocol: Protocol, rng: Random) -> ReminderR
     )
 
 
-def _named(task: Task, protocol: Protocol, draw: float, rng: Random) -> Task:
+def _named(task: Task, protocol: ProtocolDocument, draw: float, rng: Random) -> Task:
     """The task itself, another one of its family, or any."""
     if draw < NAMED_TASK:
         return task
