@@ -112,7 +112,7 @@ PROTECTIONS = (
     ),
     Protection(
         "work-limit",
-        "exceptiondrive_schemas.check.findings:MAX_FAULTS",
+        "exceptiondrive_schemas.check.fault_list:MAX_FAULTS",
         lambda _: 10**9,
         "tests/hostile/test_huge_documents.py",
     ),
