@@ -21,8 +21,8 @@ from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web.page_parts import Site
-from exceptiondrive_server.web.responses import render
+from exceptiondrive_server.web.responses import Site
+from exceptiondrive_server.web.templating import render
 
 ENTRIES = 1000
 ROUNDS = 9

@@ -114,7 +114,7 @@ def write_file(path: Path, text: str) -> int:
 
 
 def chosen_protocol(choice: str | Path | None) -> ProtocolDocument:
-    """Return a protocol by the path of a TOML file, or a version that ships; else the one that ships.
+    """Return a protocol by its TOML file or a version that ships; by default the one that ships.
 
     Raises:
         InvalidArgumentError: Neither a file nor a version, or a file that is no protocol.
@@ -135,6 +135,7 @@ def chosen_protocol(choice: str | Path | None) -> ProtocolDocument:
     except OSError:
         raise InvalidArgumentError(
             "wrong_protocol",
-            f"{str(choice)!r} is neither a protocol file nor a version that ships with this client.",
+            f"{str(choice)!r} is neither a protocol file nor a version that ships with this "
+            "client.",
             "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml.",
         ) from None

@@ -1,4 +1,4 @@
-"""The SDK: what speaks for a team to one server, the submissions that it follows, and its tokens."""
+"""The SDK: what speaks for a team to one server, its submissions and its tokens."""
 
 import os
 import time

@@ -87,7 +87,7 @@ def read_split(path: str | os.PathLike[str]) -> Split:
 
 
 def score(document: CheckedDocument, split: Split, protocol: ProtocolDocument) -> ScoreSheet:
-    """Score what a sound file says: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
+    """Score a sound file: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
     from exceptiondrive_scoring.arrays import split_arrays
     from exceptiondrive_scoring.challenge import SCORING, document_columns, exact_sheet
 

@@ -29,7 +29,8 @@ DARK = {
 FONT = "Inter,system-ui,-apple-system,'Segoe UI',Helvetica,Arial,'DejaVu Sans',sans-serif"
 SHAPES = (
     f"text{{font-family:{FONT}}}.h{{font-size:19px;font-weight:600}}.name{{font-size:14px;"
-    "font-weight:600}.words{font-size:12.5px}.tick{font-size:10px;paint-order:stroke;stroke-width:3px}.gap-text{font-size:13px;"
+    "font-weight:600}.words{font-size:12.5px}.tick{font-size:10px;paint-order:stroke;"
+    "stroke-width:3px}.gap-text{font-size:13px;"
     "font-weight:600;text-anchor:middle;paint-order:stroke;stroke-width:4px;stroke-linejoin:round}"
     ".grid{stroke-width:1;fill:none}.safe{opacity:.12;stroke-linejoin:round}"
     ".region{fill-opacity:.35;stroke-width:1.5}.source,.edited{fill:none;stroke-width:2.2}"
@@ -71,7 +72,7 @@ class Scenes:
         self._drawer = Drawer(self.sample_ids, pairs, measured, arrays, protocol)
 
     def worst(self, count: int) -> list[str]:
-        """Return the samples with the least HCC, then the least clearance; without answer: left out."""
+        """Return the samples with the least HCC, then the least clearance, of those answered."""
         return [self.sample_ids[i] for i in self._drawer.from_worst_to_best()[:count]]
 
     def scene(self, sample_id: str) -> SampleDrawing:

@@ -14,7 +14,7 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from exceptiondrive_agent.errors import NoAnswerError, Reason
-from exceptiondrive_schemas.check.findings import LINE_BREAKS, has_unkeepable
+from exceptiondrive_schemas.check.fault_list import LINE_BREAKS, has_unkeepable
 from exceptiondrive_schemas.submission_files import ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 

@@ -1,4 +1,4 @@
-"""The append-only journal: one JSON line per asked sample, under a header that says how it was asked.
+"""The append-only journal: a JSON line for each asked sample, under a header with the settings.
 
 A line is written by one write call and synced before the next sample starts, so a killed run loses
 at most the answers in flight. A torn last line is skipped and its sample asked again. One run at a

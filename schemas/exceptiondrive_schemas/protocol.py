@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, RankKey
-from exceptiondrive_schemas.protocol_problems import problems_of, unkeepable
+from exceptiondrive_schemas.protocol_faults import faults_of, unkeepable
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
 PositiveMetres = Annotated[float, Field(gt=0, le=1000)]
@@ -247,16 +247,16 @@ def _listed(strategies: Collection[Strategy]) -> str:
 class ProtocolError(ValueError):
     """The protocol document cannot be used; each line says where and why."""
 
-    def __init__(self, problems: list[str]) -> None:
-        self.problems = problems
-        super().__init__("the protocol document is not valid:\n" + "\n".join(problems))
+    def __init__(self, faults: list[str]) -> None:
+        self.faults = faults
+        super().__init__("the protocol document is not valid:\n" + "\n".join(faults))
 
 
 def parse_protocol(toml: str) -> ProtocolDocument:
     """Read a protocol from TOML.
 
     Raises:
-        ProtocolError: Not TOML, or the document breaks the schema; every problem is listed.
+        ProtocolError: Not TOML, or the document breaks the schema; every fault is listed.
     """
     try:
         document = tomllib.loads(toml)
@@ -269,7 +269,7 @@ def parse_protocol(toml: str) -> ProtocolDocument:
     except RecursionError:
         raise ProtocolError(["not a protocol: nested too deeply"]) from None
     except ValidationError as error:
-        raise ProtocolError(problems_of(error, document, _MODELS)) from None
+        raise ProtocolError(faults_of(error, document, _MODELS)) from None
     except ProtocolError:
         raise
     except ValueError:

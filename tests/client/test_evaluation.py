@@ -1,9 +1,9 @@
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.support import reference
 
 from exceptiondrive import InvalidArgumentError, InvalidFileError, StrategyRecorder, evaluate_file
 from exceptiondrive.evaluation import read_split
@@ -11,7 +11,6 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 MakeFile = Callable[..., Path]
-SHARED = Path(__file__).parents[3] / "shared"
 STANDING = [[0.0, 0.0]] * 6
 
 
@@ -100,35 +99,10 @@ def test_a_split_whose_region_crosses_itself_is_refused(
         evaluate_file(planning_file(), split=split_file)
 
 
-@pytest.mark.parametrize(
-    ("submission", "golden"),
-    [
-        ("nuscenes-real/gpt-4.1.json.gz", "nuscenes-real.gpt-4.1.json"),
-        ("carla-pairs/cosmos.json.gz", "carla-pairs.cosmos.json"),
-    ],
-)
-def test_golden_scores_are_reproduced_to_1e_9(submission: str, golden: str) -> None:
-    path = SHARED / "realdata" / submission
-    if not path.exists():
-        pytest.skip("../shared/realdata is not here: golden scores were not compared")
-    sheet = evaluate_file(path, split=path.parent / "split.json.gz")
-    expected = json.loads((SHARED / "golden" / golden).read_text())
-    assert sheet.n == expected["n"]
-    found = sheet.model_dump(mode="json")
-    for name in ("micro", "macro_family"):
-        _assert_close(found[name], expected[name])
-    for name in ("families", "tasks"):
-        assert set(found[name]) == set(expected[name])
-        for key, row in expected[name].items():
-            _assert_close(found[name][key], row)
-
-
-def _assert_close(found: dict[str, float | None], expected: dict[str, float | None]) -> None:
-    for key, value in expected.items():
-        if value is None:
-            assert found[key] is None
-        else:
-            assert math.isclose(found[key] or 0.0, value, rel_tol=0, abs_tol=1e-9), key
+@pytest.mark.parametrize("name", reference.NAMES)
+def test_reference_scores_are_reproduced_to_1e_9(name: str, tmp_path: Path) -> None:
+    case = reference.reference(name, tmp_path)
+    case.check(evaluate_file(case.file, split=case.split).model_dump(mode="json"))
 
 
 def test_evaluating_twice_gives_the_same_bits(planning_file: MakeFile, split_file: Path) -> None:

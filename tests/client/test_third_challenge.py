@@ -25,8 +25,8 @@ from exceptiondrive_schemas.challenges import (
     UnknownChallengeError,
 )
 from exceptiondrive_schemas.check import CheckedDocument
-from exceptiondrive_schemas.check.findings import Findings
-from exceptiondrive_schemas.check.findings import Path as Place
+from exceptiondrive_schemas.check.fault_list import FaultList
+from exceptiondrive_schemas.check.fault_list import Path as Place
 from exceptiondrive_schemas.check.rules import RULES
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
@@ -92,13 +92,13 @@ class GapRules:
     required_keys: ClassVar[frozenset[str]] = frozenset({"sample_id", "gap_m"})
     optional_keys: ClassVar[frozenset[str]] = frozenset()
 
-    def __init__(self, protocol: ProtocolDocument, findings: Findings) -> None:
-        self._findings = findings
+    def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
+        self._faults = faults
 
     def answer(self, prediction: dict[str, Any], path: Place, sample_id: str | None) -> Any:
         gap = prediction.get("gap_m")
         if not isinstance(gap, float) or gap < 0:
-            self._findings.add(
+            self._faults.add(
                 FaultCode.WRONG_TYPE, (*path, "gap_m"), expected="metres", got=str(gap)
             )
         return gap

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.check import (
     UnreadableFileError,
     check,
     check_bytes,
-    findings,
+    fault_list,
     inflate,
     json_stream,
 )
@@ -193,7 +193,7 @@ def test_an_id_that_cannot_be_kept_is_refused_without_a_manifest(
 def test_reading_stops_after_so_many_faults(
     monkeypatch: pytest.MonkeyPatch, checked: Check
 ) -> None:
-    monkeypatch.setattr(findings, "MAX_FAULTS", 1000)
+    monkeypatch.setattr(fault_list, "MAX_FAULTS", 1000)
     report = checked(b'{"predictions":[' + b"0," * 5000)
     assert codes(report) == [FaultCode.WRONG_TYPE]
     assert report.faults[0].count == 1000

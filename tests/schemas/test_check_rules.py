@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.check import check_bytes
-from exceptiondrive_schemas.check.findings import json_path, shown
+from exceptiondrive_schemas.check.fault_list import json_path, shown
 from exceptiondrive_schemas.check.sample_ids import NearestId
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, CheckReport, Fault, FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument

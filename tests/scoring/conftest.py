@@ -1,6 +1,5 @@
 """Shared parts of the scoring tests: the protocol, small splits, real files where present."""
 
-import gzip
 import importlib.util
 import json
 from collections.abc import Callable
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support import naive_scorer, realdata
 
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Split
@@ -16,7 +16,6 @@ from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
 
 REPOSITORY = Path(__file__).parents[2]
-REALDATA = REPOSITORY.parent / "shared" / "realdata"
 
 
 @pytest.fixture(scope="session")
@@ -42,22 +41,29 @@ def naive_clearances_m() -> Callable[[FloatArray, FloatArray, GeometrySection], 
     return function
 
 
-def _read(path: Path) -> Any:
-    if not REALDATA.is_dir():
-        pytest.skip("the real planner files are not beside this repository (../shared/realdata)")
-    return json.loads(gzip.decompress(path.read_bytes()))
+@pytest.fixture(scope="session")
+def real_case(
+    read_case: Callable[..., Any],
+) -> Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]:
+    """Read (split, method) of the real planner files, or skip."""
+
+    def read(name: str, method: str) -> tuple[TrajectoryPairs, SplitArrays]:
+        realdata.require()
+        return read_case(realdata.split_path(name), realdata.file_path(name, method))
+
+    return read
 
 
 @pytest.fixture(scope="session")
-def real_case(
+def read_case(
     protocol: ProtocolDocument,
-) -> Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]:
-    """Read (folder, submission) of the real planner files, or skip."""
+) -> Callable[[Path, Path], tuple[TrajectoryPairs, SplitArrays]]:
+    """Read a split and a submission as the kernel takes them."""
 
-    def read(folder: str, submission: str) -> tuple[TrajectoryPairs, SplitArrays]:
-        document = _read(REALDATA / folder / "split.json.gz")
+    def read(split_path: Path, file_path: Path) -> tuple[TrajectoryPairs, SplitArrays]:
+        document = naive_scorer.read(split_path.read_bytes())
         split = Split.model_validate_json(json.dumps(document))
-        answers = _read(REALDATA / folder / f"{submission}.json.gz")["predictions"]
+        answers = naive_scorer.read(file_path.read_bytes())["predictions"]
         answers.sort(key=lambda answer: answer["sample_id"])
         missing = [[float("nan")] * 2] * protocol.geometry.waypoints
         columns = {

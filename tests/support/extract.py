@@ -71,6 +71,11 @@ def make_extract(seed: int = 20261122) -> Extract:
     return Extract(split, files)
 
 
+def unpacked(content: bytes) -> bytes:
+    """Return the text of a file, packed or not."""
+    return gzip.decompress(content) if content.startswith(b"\x1f\x8b") else content
+
+
 def turned(path: Path6) -> Path6:
     """Return a path in the frame that planners often use: x to the right, y forward."""
     return [(-y, x) for x, y in path]
@@ -78,7 +83,7 @@ def turned(path: Path6) -> Path6:
 
 def in_wrong_frame(content: bytes) -> bytes:
     """Return a file with every trajectory in the frame x right, y forward."""
-    document = json.loads(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content)
+    document = json.loads(unpacked(content))
     for prediction in document["predictions"]:
         for key in ("source", "edited"):
             prediction[key] = prediction[key] and turned(prediction[key])
@@ -87,7 +92,7 @@ def in_wrong_frame(content: bytes) -> bytes:
 
 def varied(content: bytes, number: int) -> bytes:
     """Return a file with one waypoint moved by `number` millimetres: other bytes, another score."""
-    document = json.loads(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content)
+    document = json.loads(unpacked(content))
     first = next(prediction for prediction in document["predictions"] if prediction["edited"])
     first["edited"][0][1] += 0.001 * number
     return json.dumps(document).encode()

@@ -23,7 +23,7 @@ HEAVIEST = (
     "tests/rescoring/test_organizer_in_a_browser.py",
     "tests/launcher/test_launch.py",
     "tests/server/pages/test_in_a_browser.py",
-    "tests/end_to_end/test_images_to_ranked_entry.py",
+    "tests/end_to_end/test_on_the_sample.py",
     "tests/access/test_real_server.py",
     "tests/operating/test_running_server.py",
     "tests/records/test_lifecycle_machine.py",
@@ -31,7 +31,6 @@ HEAVIEST = (
     "tests/chaos/test_short_form.py",
     "tests/server/test_openapi.py",
     "tests/end_to_end/test_main_job.py",
-    "tests/end_to_end/test_in_the_browser.py",
     "tests/operating/test_production_topology.py",
     "tests/worker/test_with_real_broker.py",
 )

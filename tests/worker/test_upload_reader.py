@@ -4,13 +4,13 @@ import gzip
 import json
 import random
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support import extract, realdata
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge, ChallengeId
 from exceptiondrive_schemas.check import check
@@ -21,7 +21,6 @@ from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.upload_reader import FAST_READERS, read_upload
 
 PROTOCOL = packaged_protocol()
-REALDATA = Path(__file__).parents[3] / "shared" / "realdata"
 N_SAMPLES = 24  # enough for the frame check to look
 
 
@@ -260,16 +259,25 @@ def test_any_number_is_read_alike(numbers: list[str]) -> None:
     assert_one_verdict(text.encode(), PLANNING)
 
 
-def real_files() -> list[Path]:
-    found = [*REALDATA.glob("nuscenes-real/*.json.gz"), *REALDATA.glob("carla-pairs/*.json.gz")]
-    return sorted(path for path in found if path.name != "split.json.gz")
+REAL_FILES = [(split, method) for split, methods in realdata.PLANNERS.items() for method in methods]
 
 
-@pytest.mark.skipif(not real_files(), reason="real planner files (../shared/realdata) are not here")
-@pytest.mark.parametrize("path", real_files(), ids=lambda path: path.name)
-def test_real_planner_files_are_read_fast_and_alike(path: Path) -> None:
-    split = Split.model_validate_json(gzip.decompress((path.parent / "split.json.gz").read_bytes()))
+@pytest.mark.parametrize("planner", extract.PLANNERS)
+def test_files_of_the_extract_are_read_fast_and_alike(planner: str) -> None:
+    made = extract.make_extract()
+    text = extract.unpacked(made.files[planner])
+    assert_fast_and_alike(text, Split.model_validate_json(json.dumps(made.split)))
+
+
+@pytest.mark.parametrize(("split_name", "method"), REAL_FILES)
+def test_real_planner_files_are_read_fast_and_alike(split_name: str, method: str) -> None:
+    realdata.require()
+    document = gzip.decompress(realdata.split_path(split_name).read_bytes())
+    text = gzip.decompress(realdata.file_path(split_name, method).read_bytes())
+    assert_fast_and_alike(text, Split.model_validate_json(document))
+
+
+def assert_fast_and_alike(text: bytes, split: Split) -> None:
     manifest = manifest_of([sample.sample_id for sample in split.samples], split.name)
-    text = gzip.decompress(path.read_bytes())
     assert FAST_READERS[PLANNING.id](text, manifest, PROTOCOL) is not None
     assert assert_one_verdict(text, PLANNING, manifest)

@@ -19,7 +19,7 @@ ROOT_TEXTS = 5
 """Keys `schema`, `split`, `predictions`, and the values of the first two."""
 
 
-class Submission(Protocol):
+class DecodedFile(Protocol):
     """The outer object of both files."""
 
     schema: str
@@ -44,7 +44,7 @@ def submission_decoder(prediction: type[msgspec.Struct]) -> msgspec.json.Decoder
 
 def decode(
     text: bytes, decoder: msgspec.json.Decoder[Any], file_schema: str, manifest: Manifest
-) -> Submission | None:
+) -> DecodedFile | None:
     """Decode a file that is for this schema and split and has the right number of predictions.
 
     Returns:
@@ -53,7 +53,7 @@ def decode(
     if b"\\" in text or not text.isascii():
         return None
     try:
-        submission: Submission = decoder.decode(text)
+        submission: DecodedFile = decoder.decode(text)
     except (msgspec.DecodeError, RecursionError):
         return None
     is_wanted = (

@@ -1,6 +1,6 @@
 """What makes a split unusable (docs/protocol.md section 2), found for all samples in one pass.
 
-The findings name sample ids and say nothing else that is withheld; they are for the operator's
+The faults name sample ids and say nothing else that is withheld; they are for the operator's
 terminal and the worker's own log.
 """
 

@@ -21,8 +21,9 @@ COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "la
 def login(server: options.Server = None) -> None:
     """Keep a team token for a server.
 
-    The file is readable by you alone. Asks for the token on a terminal; elsewhere reads one line of stdin. It is tried before it is
-    kept. A token is never an option: it would stand in the shell's history.
+    The file is readable by you alone. Asks for the token on a terminal; elsewhere reads one line
+    of stdin. It is tried before it is kept. A token is never an option: it would stand in the
+    shell's history.
     """
     address = find_server(server)
     token = _token(address)

@@ -43,7 +43,8 @@ def check(
 ) -> None:
     """Check a file and list every fault.
 
-    The checker is the server's own. Without --split, --manifest or --phase only the form is checked, not the sample ids.
+    The checker is the server's own. Without --split, --manifest or --phase only the form is
+    checked, not the sample ids.
     """
     report = _report(file, split, manifest, phase, protocol, server)
     show_result(report, json, *report_view(report, file.name))
@@ -89,8 +90,9 @@ def evaluate(
 ) -> None:
     """Score a file on this machine.
 
-    It is done exactly as the worker does it. The table is rounded as the board is; --json prints the exact score sheet. Needs the extra
-    `evaluate` (numpy) and a split with regions: see `split download`.
+    It is done exactly as the worker does it. The table is rounded as the board is; --json prints
+    the exact score sheet. Needs the extra `evaluate` (numpy) and a split with regions: see `split
+    download`.
     """
     rules = chosen_protocol(protocol)
     sheet = evaluate_file(file, split=split, protocol=rules)
@@ -117,8 +119,9 @@ def plot(
 ) -> None:
     """Draw samples: trajectories, footprints, tube, region, clearance.
 
-    One sample fills the picture; several make a contact sheet. Shapes and numbers come from the scoring code itself. An .svg follows
-    light and dark. Needs the extra `plot` and a split with regions: see `split download`.
+    One sample fills the picture; several make a contact sheet. Shapes and numbers come from the
+    scoring code itself. An .svg follows light and dark. Needs the extra `plot` and a split with
+    regions: see `split download`.
     """
     rules = chosen_protocol(protocol)
     drawn = plot_file(file, output, split=split, sample_ids=samples, worst=worst, protocol=rules)

@@ -7,7 +7,7 @@ from typing import Any
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, ChallengeId, challenge_of_file
 from exceptiondrive_schemas.check.answers import CheckedDocument
-from exceptiondrive_schemas.check.findings import Findings, Path, escaped, kind, quoted
+from exceptiondrive_schemas.check.fault_list import FaultList, Path, escaped, kind, quoted
 from exceptiondrive_schemas.check.inflate import (
     MAX_INFLATED_BYTES,
     MAX_UPLOAD_BYTES,
@@ -31,14 +31,14 @@ from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, Manifest
 
 
 def check_schema(
-    value: object, wanted: ChallengeId | None, findings: Findings
+    value: object, wanted: ChallengeId | None, faults: FaultList
 ) -> ChallengeId | None:
     """Check what stands under `schema`.
 
     Args:
         value: What stands there.
         wanted: The challenge that the file must be for; any, if None.
-        findings: Takes the fault.
+        faults: Takes the fault.
 
     Returns:
         The challenge that the file names, None where there is no such challenge.
@@ -48,7 +48,7 @@ def check_schema(
         return named
     schemas = [each.file_schema for key, each in CHALLENGES.items() if wanted in (None, key)]
     is_mixed_up = named is not None and wanted is not None
-    findings.add(
+    faults.add(
         FaultCode.WRONG_SCHEMA if isinstance(value, str) else FaultCode.WRONG_TYPE,
         ("schema",),
         expected=" or ".join(quoted(schema) for schema in schemas),
@@ -75,21 +75,21 @@ def _challenge_of(value: object) -> ChallengeId | None:
     return named.id if named else None
 
 
-def check_split_name(value: object, manifest: Manifest | None, findings: Findings) -> None:
+def check_split_name(value: object, manifest: Manifest | None, faults: FaultList) -> None:
     """Check what stands under `split`: the manifest's name, or any legal name without one."""
     expected = quoted(manifest.name) if manifest else "a split name such as nuscenes-test"
     if not isinstance(value, str):
-        findings.add(FaultCode.WRONG_TYPE, ("split",), expected=expected, got=kind(value))
+        faults.add(FaultCode.WRONG_TYPE, ("split",), expected=expected, got=kind(value))
         return
     if manifest is not None:
         is_right = value == manifest.name
     else:
         is_right = re.fullmatch(SPLIT_NAME_PATTERN, value) is not None
     if not is_right:
-        findings.add(FaultCode.WRONG_SPLIT, ("split",), expected=expected, got=quoted(value))
+        faults.add(FaultCode.WRONG_SPLIT, ("split",), expected=expected, got=quoted(value))
 
 
-def report_repeated_keys(value: Any, path: Path, findings: Findings) -> None:
+def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
     """Report the repeated keys of a value, however deep; escaped spellings are equal."""
     places: list[tuple[Path, Any]] = [(path, value)]
     while places:
@@ -97,7 +97,7 @@ def report_repeated_keys(value: Any, path: Path, findings: Findings) -> None:
         if isinstance(value, RepeatedKeys):
             for key in value.repeated:
                 got = f"{quoted(key)} more than once"
-                findings.add(FaultCode.DUPLICATE_KEY, path, expected="every key once", got=got)
+                faults.add(FaultCode.DUPLICATE_KEY, path, expected="every key once", got=got)
         if isinstance(value, dict):
             places += [((*path, key), each) for key, each in value.items()]
         elif isinstance(value, list):
@@ -115,7 +115,7 @@ class SubmissionReader:
     """One reading of one file.
 
     Attributes:
-        findings: The faults found.
+        faults: The faults found.
         challenge: What the file's `schema` says it is for, None where that is unknown.
         split: What the file says it is for, shortened and escaped.
         n_predictions: Length of the list of predictions, None where there is none.
@@ -129,19 +129,19 @@ class SubmissionReader:
         protocol: ProtocolDocument,
         manifest: Manifest | None,
         challenge: ChallengeId | None,
-        findings: Findings,
+        faults: FaultList,
     ) -> None:
         self._data = data
         self._stream = JsonStream(data)
         self._protocol = protocol
         self._manifest = manifest
         self._wanted = challenge
-        self._ids = SampleIds(manifest, findings)
+        self._ids = SampleIds(manifest, faults)
         self._rules: PredictionRules | None = None
         self._answers: dict[str, Any] = {}
         self._seen: set[str] = set()
         self._reading: Path = ()
-        self.findings = findings
+        self.faults = faults
         self.challenge: ChallengeId | None = None
         self.split: str | None = None
         self.n_predictions: int | None = None
@@ -170,7 +170,7 @@ class SubmissionReader:
     def _read_root(self) -> bool:
         first = self._stream.peek()
         if first == "":
-            self.findings.add(
+            self.faults.add(
                 FaultCode.EMPTY_FILE, (), expected="a JSON document", got="blanks alone"
             )
             return False
@@ -206,10 +206,10 @@ class SubmissionReader:
         value = self._stream.value()
         self._report_repeated(value, (key,))
         if key == "schema":
-            self.challenge = check_schema(value, self._wanted, self.findings)
+            self.challenge = check_schema(value, self._wanted, self.faults)
         else:
             self.split = escaped(value) if isinstance(value, str) else None
-            check_split_name(value, self._manifest, self.findings)
+            check_split_name(value, self._manifest, self.faults)
 
     def _read_predictions(self) -> None:
         if self._stream.peek() != "[":
@@ -228,7 +228,7 @@ class SubmissionReader:
         is_object = self._stream.peek() == "{"
         got = "an object" if is_object else kind(self._stream.value())
         hint = "write a list; the sample id stands inside each prediction" if is_object else None
-        self.findings.add(
+        self.faults.add(
             FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
         )
         if is_object:
@@ -246,7 +246,7 @@ class SubmissionReader:
         if value.keys() != rules.required_keys:
             self._check_keys(value, rules, path, shown_id)
         answer = rules.answer(value, path, shown_id)
-        if self.findings.is_empty and sample_id is not None:
+        if self.faults.is_empty and sample_id is not None:
             self._answers[sample_id] = answer
 
     def _check_keys(
@@ -265,7 +265,7 @@ class SubmissionReader:
             challenge = find_challenge(JsonStream(self._data)) or challenge
         for key in prediction:
             challenge = challenge or challenge_by_key(key)
-        self._rules = RULES[challenge or PLANNING.id](self._protocol, self.findings)
+        self._rules = RULES[challenge or PLANNING.id](self._protocol, self.faults)
         return self._rules
 
     def _report_missing_keys(self) -> None:
@@ -275,24 +275,24 @@ class SubmissionReader:
 
     def _report_repeated(self, value: Any, path: Path) -> None:
         if self._stream.has_repeated_keys:
-            report_repeated_keys(value, path, self.findings)
+            report_repeated_keys(value, path, self.faults)
 
     def _stop_when_full(self) -> None:
-        if self.findings.is_full:
+        if self.faults.is_full:
             raise _TooManyFaultsError
 
     def _sound_document(self) -> CheckedDocument | None:
-        if not self.findings.is_empty or self.split is None:
+        if not self.faults.is_empty or self.split is None:
             return None
         challenge = self.challenge or PLANNING.id
-        rules = self._rules or RULES[challenge](self._protocol, self.findings)
+        rules = self._rules or RULES[challenge](self._protocol, self.faults)
         self.notes += rules.notes(len(self._answers))
         return rules.document(self.split, self._answers)
 
     def _refuse(
         self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None = None
     ) -> None:
-        self.findings.add(code, path, expected=expected, got=got, sample_id=sample_id)
+        self.faults.add(code, path, expected=expected, got=got, sample_id=sample_id)
 
 
 UTF8_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -333,23 +333,23 @@ def check(
         max_upload_bytes: Most bytes of the file itself.
         max_inflated_bytes: Most bytes of JSON in it.
     """
-    findings = Findings()
+    faults = FaultList()
     try:
         text = inflate(
             data, max_upload_bytes=max_upload_bytes, max_inflated_bytes=max_inflated_bytes
         )
     except UnreadableFileError as error:
-        findings.add(error.code, (), expected=error.expected, got=error.got)
-        return Checked(_report(data, findings), None)
+        faults.add(error.code, (), expected=error.expected, got=error.got)
+        return Checked(_report(data, faults), None)
     reader = SubmissionReader(
-        _without_byte_order_mark(text, findings),
+        _without_byte_order_mark(text, faults),
         protocol=protocol,
         manifest=manifest,
         challenge=challenge,
-        findings=findings,
+        faults=faults,
     )
     document = reader.read()
-    return Checked(_report(data, findings, reader), document)
+    return Checked(_report(data, faults, reader), document)
 
 
 def check_bytes(
@@ -372,22 +372,22 @@ def check_bytes(
     ).report
 
 
-def _without_byte_order_mark(text: bytes, findings: Findings) -> bytes:
+def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
     if not text.startswith(UTF8_BYTE_ORDER_MARK):
         return text
-    findings.add(
+    faults.add(
         FaultCode.BYTE_ORDER_MARK, (), expected="JSON from the first byte on", got="EF BB BF"
     )
     return text[len(UTF8_BYTE_ORDER_MARK) :]
 
 
-def _report(data: bytes, findings: Findings, reader: SubmissionReader | None = None) -> CheckReport:
+def _report(data: bytes, faults: FaultList, reader: SubmissionReader | None = None) -> CheckReport:
     return CheckReport(
         challenge=reader.challenge if reader else None,
         split=reader.split if reader else None,
         n_predictions=reader.n_predictions if reader else None,
         digest=f"sha256:{hashlib.sha256(data).hexdigest()}",
         size_bytes=len(data),
-        faults=findings.groups(),
+        faults=faults.groups(),
         notes=tuple(reader.notes) if reader else (),
     )

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Any, TypeVar
 
-from exceptiondrive_schemas.check.findings import escaped
+from exceptiondrive_schemas.check.fault_list import escaped
 from exceptiondrive_schemas.faults import FaultCode
 
 MAX_VALUE_CHARACTERS = 256 * 1024

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
-from exceptiondrive_schemas.check.findings import Findings, Path, kind, shown
+from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
@@ -29,7 +29,7 @@ class FrameCheck:
         if end_x_m * end_x_m + end_y_m * end_y_m > self._rules.frame_check_min_motion_m**2:
             self._angles_rad.append(math.atan2(end_y_m, end_x_m))
 
-    def finish(self, findings: Findings) -> None:
+    def finish(self, faults: FaultList) -> None:
         """Refuse the file where the median |angle to +x| is too large."""
         if len(self._angles_rad) < self._rules.frame_check_min_samples:
             return
@@ -37,7 +37,7 @@ class FrameCheck:
         if median_deg <= self._rules.frame_check_max_angle_deg:
             return
         verdict = frame_verdict(self._angles_rad)
-        findings.add(
+        faults.add(
             FaultCode.WRONG_FRAME,
             ("predictions",),
             expected=f"a median angle to +x of at most {self._rules.frame_check_max_angle_deg:g} "
@@ -45,9 +45,7 @@ class FrameCheck:
             got=f"{median_deg:.1f} degrees over {len(self._angles_rad):,} source trajectories",
             hint=verdict,
         )
-        findings.say(
-            FaultCode.WRONG_FRAME, f"The trajectories are not in the ego frame: {verdict}."
-        )
+        faults.say(FaultCode.WRONG_FRAME, f"The trajectories are not in the ego frame: {verdict}.")
 
 
 def frame_verdict(angles_rad: array[float]) -> str:
@@ -80,9 +78,9 @@ class PlanningRules:
     required_keys: ClassVar = frozenset({"sample_id", "source", "edited"})
     optional_keys: ClassVar[frozenset[str]] = frozenset()
 
-    def __init__(self, protocol: ProtocolDocument, findings: Findings) -> None:
+    def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
         self._geometry = protocol.geometry
-        self._findings = findings
+        self._faults = faults
         self._frame = FrameCheck(protocol.plausibility)
         self._n_missing = {"source": 0, "edited": 0}
 
@@ -102,7 +100,7 @@ class PlanningRules:
 
     def finish(self) -> None:
         """Check what can be told only over all predictions."""
-        self._frame.finish(self._findings)
+        self._frame.finish(self._faults)
 
     def notes(self, n_predictions: int) -> tuple[str, ...]:
         """Say what a sound file leaves out, and what that costs."""
@@ -206,7 +204,7 @@ class PlanningRules:
         sample_id: str | None,
         hint: str | None = None,
     ) -> None:
-        self._findings.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
+        self._faults.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
 
 
 def _is_longer(value: Any) -> bool:

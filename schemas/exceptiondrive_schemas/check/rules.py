@@ -12,7 +12,7 @@ from exceptiondrive_schemas.challenges import (
     Registry,
 )
 from exceptiondrive_schemas.check.answers import CheckedDocument
-from exceptiondrive_schemas.check.findings import Findings, Path
+from exceptiondrive_schemas.check.fault_list import FaultList, Path
 from exceptiondrive_schemas.check.planning_rules import PlanningRules
 from exceptiondrive_schemas.check.strategy_rules import StrategyRules
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -26,7 +26,7 @@ class PredictionRules(Protocol):
     optional_keys: ClassVar[frozenset[str]]
     """Keys that a prediction may have."""
 
-    def __init__(self, protocol: ProtocolDocument, findings: Findings) -> None:
+    def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
         """Begin a file."""
 
     def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:

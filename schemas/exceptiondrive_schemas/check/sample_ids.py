@@ -4,7 +4,7 @@ import difflib
 from bisect import bisect
 from collections.abc import Iterable
 
-from exceptiondrive_schemas.check.findings import Findings, check_text, kind, quoted
+from exceptiondrive_schemas.check.fault_list import FaultList, check_text, kind, quoted
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
 from exceptiondrive_schemas.split import Manifest
 
@@ -45,10 +45,10 @@ NO_LINE_BREAKS: frozenset[str] = frozenset()
 class SampleIds:
     """The sample ids of a file so far. Without a manifest only duplicates can be told."""
 
-    def __init__(self, manifest: Manifest | None, findings: Findings) -> None:
+    def __init__(self, manifest: Manifest | None, faults: FaultList) -> None:
         self._manifest = manifest
         self._valid = frozenset(manifest.sample_ids) if manifest else None
-        self._findings = findings
+        self._faults = faults
         self._first_at: dict[str, int] = {}
         self._unknown: list[tuple[int, str]] = []
         self._n_unknown = 0
@@ -98,7 +98,7 @@ class SampleIds:
     def _is_sound(self, value: str, index: int) -> bool:
         path = ("predictions", index, "sample_id")
         return check_text(
-            value, path, self._findings, max_characters=MAX_ID_CHARACTERS, allowed=NO_LINE_BREAKS
+            value, path, self._faults, max_characters=MAX_ID_CHARACTERS, allowed=NO_LINE_BREAKS
         )
 
     def _note_unknown(self, value: str, index: int) -> None:
@@ -113,12 +113,12 @@ class SampleIds:
             hint = f"did you mean {quoted(nearest)}?" if nearest else None
             expected = f"a sample id of the split {name}"
             self._refuse(FaultCode.UNKNOWN_SAMPLE, index, expected, quoted(text), hint)
-        self._findings.count(FaultCode.UNKNOWN_SAMPLE, self._n_unknown - len(self._unknown))
+        self._faults.count(FaultCode.UNKNOWN_SAMPLE, self._n_unknown - len(self._unknown))
 
     def _report_missing(self, missing: list[str], unknown: NearestId) -> None:
         for sample_id in missing[:MAX_EXAMPLES]:
             nearest = unknown.nearest(sample_id)
-            self._findings.add(
+            self._faults.add(
                 FaultCode.MISSING_SAMPLE,
                 ("predictions",),
                 expected=f"a prediction for {quoted(sample_id)}",
@@ -126,10 +126,10 @@ class SampleIds:
                 sample_id=sample_id,
                 hint=f"the file has {quoted(nearest)}, which is no sample" if nearest else None,
             )
-        self._findings.count(FaultCode.MISSING_SAMPLE, max(len(missing) - MAX_EXAMPLES, 0))
+        self._faults.count(FaultCode.MISSING_SAMPLE, max(len(missing) - MAX_EXAMPLES, 0))
 
     def _refuse(
         self, code: FaultCode, index: int, expected: str, got: str, hint: str | None = None
     ) -> None:
         path = ("predictions", index, "sample_id")
-        self._findings.add(code, path, expected=expected, got=got, hint=hint)
+        self._faults.add(code, path, expected=expected, got=got, hint=hint)

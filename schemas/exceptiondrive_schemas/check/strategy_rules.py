@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, get_args
 
 from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocument
-from exceptiondrive_schemas.check.findings import Findings, Path, check_text, kind, quoted
+from exceptiondrive_schemas.check.fault_list import FaultList, Path, check_text, kind, quoted
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
@@ -22,8 +22,8 @@ class StrategyRules:
     required_keys: ClassVar = frozenset({"sample_id", "strategy"})
     optional_keys: ClassVar = frozenset({"reminder"})
 
-    def __init__(self, protocol: ProtocolDocument, findings: Findings) -> None:
-        self._findings = findings
+    def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
+        self._faults = faults
         self._task_ids = frozenset(task.id for task in protocol.tasks)
         self._n_missing = 0
 
@@ -62,9 +62,9 @@ class StrategyRules:
         for key in sorted(value.keys() - REMINDER_KEYS):
             expected = f"only {', '.join(sorted(REMINDER_KEYS))}"
             self._refuse(FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id)
-        n_before = len(self._findings)
+        n_before = len(self._faults)
         fields = self._reminder_fields(value, path, sample_id)
-        return ReminderRecord(**fields) if len(self._findings) == n_before else None
+        return ReminderRecord(**fields) if len(self._faults) == n_before else None
 
     def _reminder_fields(
         self, value: dict[str, Any], path: Path, sample_id: str | None
@@ -94,7 +94,7 @@ class StrategyRules:
 
     def _check_text(self, value: Any, path: Path, sample_id: str | None) -> None:
         check_text(
-            value, path, self._findings, sample_id=sample_id, max_characters=MAX_TEXT_CHARACTERS
+            value, path, self._faults, sample_id=sample_id, max_characters=MAX_TEXT_CHARACTERS
         )
 
     def _choice(
@@ -119,4 +119,4 @@ class StrategyRules:
     def _refuse(
         self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None
     ) -> None:
-        self._findings.add(code, path, expected=expected, got=got, sample_id=sample_id)
+        self._faults.add(code, path, expected=expected, got=got, sample_id=sample_id)

@@ -17,8 +17,8 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key
 from exceptiondrive_server.boards.table import short_title
 from exceptiondrive_server.web.numbers import MINUS, Digits, listed, unit_of
-from exceptiondrive_server.web.responses import template_filter
 from exceptiondrive_server.web.scales import Scale, nice_scale
+from exceptiondrive_server.web.templating import template_filter
 
 LINE_HEIGHT = 40
 WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16

@@ -8,7 +8,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, Out
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import DASH, slug
-from exceptiondrive_server.web.responses import template_filter
+from exceptiondrive_server.web.templating import template_filter
 
 
 @dataclass(frozen=True)

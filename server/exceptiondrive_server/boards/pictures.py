@@ -24,8 +24,9 @@ from exceptiondrive_server.boards.table import Row, RowBuilder
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.numbers import Digits, day
-from exceptiondrive_server.web.responses import SECURITY_HEADERS, render
+from exceptiondrive_server.web.responses import SECURITY_HEADERS
 from exceptiondrive_server.web.scales import px
+from exceptiondrive_server.web.templating import render
 
 _NARROW = frozenset("iljtfrI.,:;|!'()[]/ -·")
 _WIDE = frozenset("mwMWO@%&QG+")

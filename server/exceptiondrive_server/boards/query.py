@@ -6,11 +6,11 @@ understood, or a pair that contradicts itself, is refused in the same words ever
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime, time
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
 
 from fastapi import Depends, Request
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import EntrySource
@@ -161,19 +161,19 @@ AskedBoard = Annotated[BoardQuery, Depends(_asked)]
 
 def documented() -> dict[str, Any]:
     """Return what OpenAPI says of the fields that name a board and its order."""
+    properties = BoardQuery.model_json_schema()["properties"]
     names = ("challenge", "phase", "protocol", "as_of", "sort", "view")
-    return {"parameters": [_parameter(name) for name in names]}
+    return {"parameters": [_parameter(name, properties[name]) for name in names]}
 
 
-def _parameter(name: str) -> dict[str, Any]:
-    field = BoardQuery.model_fields[name]
-    kinds = [kind for kind in get_args(field.annotation) if kind is not type(None)]
-    kind: Any = kinds[0] if len(kinds) == 1 else field.annotation
-    schema = TypeAdapter(kind).json_schema()
+def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:
+    kinds = [kind for kind in schema.get("anyOf", [schema]) if kind["type"] != "null"]
+    shown = kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
+    plain = {key: shown[key] for key in shown if key not in ("title", "description", "default")}
     if name == "sort":
-        schema = {**schema, "default": DEFAULT_SORT, "examples": field.examples}
-    description = {"description": field.description}
-    return {"name": name, "in": "query", "required": False, **description, "schema": schema}
+        plain["default"] = DEFAULT_SORT
+    described = {"name": name, "in": "query", "required": False}
+    return {**described, "description": schema["description"], "schema": plain}
 
 
 def _refused(error: ValidationError) -> InvalidRecord:

@@ -25,8 +25,8 @@ from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
 from exceptiondrive_server.entries.queries import EntryData
 from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
 from exceptiondrive_server.web.numbers import Digits
-from exceptiondrive_server.web.responses import template_filter
 from exceptiondrive_server.web.scales import Scale, nice_scale
+from exceptiondrive_server.web.templating import template_filter
 
 
 class Part(NamedTuple):

@@ -1,36 +1,44 @@
-"""HTML answers: headers, ETag and 304, problems as pages."""
+"""HTML answers: the frame of a page, headers, ETag and 304, problems, static files, the theme."""
 
-import hashlib
-from collections.abc import Callable
-from functools import cache
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, FastAPI, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
-from jinja2 import Environment, FileSystemLoader, PrefixLoader, StrictUndefined
-from markupsafe import Markup, escape
-from starlette.responses import Response as Response_of_static_files
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts.browser_session import Holder, holder_of
-from exceptiondrive_server.web import numbers
-from exceptiondrive_server.web.condense import Condensed
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
-from exceptiondrive_server.web.page_parts import THEMES, Site, Theme
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
-from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.services import services_of
+from exceptiondrive_server.web.templating import STATIC, render
 
-# Theme and frame: what a request says about how pages should look.
-
-
+router = APIRouter(include_in_schema=False)
+Theme = Literal["auto", "light", "dark"]
+THEMES: tuple[Theme, ...] = ("auto", "light", "dark")
 THEME_COOKIE = "theme"
 YEAR_S = 365 * 24 * 3600
+SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
+PROXY_KEEPS_S = 5
+"""How long the proxy may show a public page to everybody; no browser sees this header."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """The frame around a page."""
+
+    theme: Theme
+    path: str
+    current: str
+    has_session: bool = False
+    """Whether the browser sent a session, valid or not: only words depend on it."""
+    origin: str = ""
+    """What people type before the path, for the addresses that other sites follow."""
+    is_organizer: bool = False
+    """Whether it once signed in as an organizer: only a link depends on it, never a right."""
 
 
 def theme_of(text: str | None) -> Theme:
@@ -63,102 +71,6 @@ def safe_back(path: str) -> str:
     is_local = path.startswith("/") and not path.startswith(("//", "/\\"))
     is_plain = path.isascii() and path.isprintable() and "\\" not in path
     return path if is_local and is_plain and len(path) <= 2000 else "/"
-
-
-# Jinja2 set up once: autoescape, strict, with addresses of static files that may be cached.
-
-
-F = TypeVar("F", bound=Callable[..., Any])
-FOLDER = Path(__file__).parent
-STATIC = FOLDER / "static"
-
-
-@cache
-def asset(name: str) -> str:
-    """Return the address of a static file; it changes whenever the content does."""
-    digest = hashlib.sha256((STATIC / name).read_bytes()).hexdigest()[:10]
-    return f"/static/{name}?v={digest}"
-
-
-def ticks(text: str) -> Markup:
-    """Set what stands between back-ticks as code; everything is escaped."""
-    parts = str(escape(text)).split("`")
-    return Markup(
-        "".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts))
-    )
-
-
-def stars(text: str) -> Markup:
-    """Set what stands between double stars bold; everything is escaped."""
-    parts = str(escape(text)).split("**")
-    return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
-
-
-def https_only(url: str | None) -> str:
-    """Return a link that readers may follow; anything but an https address is left out."""
-    return url if url is not None and url.startswith("https://") else ""
-
-
-def with_article(noun: str) -> str:
-    """Return `a planner`, `an agent`."""
-    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
-
-
-@cache
-def environment() -> Environment:
-    """Return the template environment of the site."""
-    made = Environment(
-        loader=PrefixLoader(
-            {
-                folder.parent.name: FileSystemLoader(folder)
-                for folder in sorted(FOLDER.parent.glob("*/templates"))
-            }
-        ),
-        autoescape=True,
-        undefined=StrictUndefined,
-        extensions=[Condensed],
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
-    made.filters.update(
-        day=numbers.day,
-        minute=numbers.minute,
-        iso=numbers.iso,
-        short=numbers.short_digest,
-        grouped=numbers.grouped,
-        px=px,
-        size=numbers.size_text,
-        slug=numbers.slug,
-        https=https_only,
-        ticks=ticks,
-        stars=stars,
-        a=with_article,
-        unit=numbers.unit_of,
-    )
-    return made
-
-
-def macro(template: str, name: str) -> Callable[..., Markup]:
-    """Return a macro of a template, for a part of a page that is made once."""
-    found: Callable[..., Markup] = getattr(environment().get_template(template).module, name)
-    return found
-
-
-def template_filter(function: F) -> F:
-    """Let templates use a function of a noun as a filter of the same name."""
-    environment().filters[function.__name__] = function
-    return function
-
-
-def render(template: str, **values: object) -> str:
-    """Fill a template, and clean it of what turns, hides or steers, whatever the records let in."""
-    return printable(environment().get_template(template).render(**values))
-
-
-SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
-PROXY_KEEPS_S = 5
-"""How long the proxy may show a public page to everybody; no browser sees this header."""
 
 
 def private_page(
@@ -205,13 +117,10 @@ def problem_page(request: Request, code: ProblemCode, detail: str) -> Response:
     )
 
 
-# Static files: cached for ever where the address names the content, revalidated otherwise.
-
-
 class CachedStaticFiles(StaticFiles):
     """Static files with `Cache-Control`."""
 
-    async def get_response(self, path: str, scope: Scope) -> Response_of_static_files:
+    async def get_response(self, path: str, scope: Scope) -> Response:
         """Answer with a file, and say how long it may be kept."""
         answer = await super().get_response(path, scope)
         is_named_by_content = b"v=" in scope.get("query_string", b"")
@@ -224,12 +133,6 @@ class CachedStaticFiles(StaticFiles):
 def mount_static(app: FastAPI) -> None:
     """Serve the site's own style, script, fonts and icon under `/static`."""
     app.mount("/static", CachedStaticFiles(directory=STATIC), name="static")
-
-
-# The colour theme: a form with three buttons, a cookie, and back to the same page.
-
-
-router = APIRouter(include_in_schema=False)
 
 
 @router.post("/theme")

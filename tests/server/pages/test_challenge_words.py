@@ -9,7 +9,7 @@ import pytest
 import exceptiondrive_server
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.score_sheet import Coverage
-from exceptiondrive_server.web.responses import stars, with_article
+from exceptiondrive_server.web.templating import stars, with_article
 
 FOLDERS = [Path(exceptiondrive_server.__path__[0])]
 IDS = "|".join(challenge_id for challenge_id in CHALLENGES)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import exceptiondrive_server
-from exceptiondrive_server.web.condense import condensed
+from exceptiondrive_server.web.templating import condensed
 
 TEMPLATES = sorted(
     path

@@ -10,8 +10,8 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
 from exceptiondrive_server.boards.pages import show_board
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web.page_parts import Site
-from exceptiondrive_server.web.responses import render
+from exceptiondrive_server.web.responses import Site
+from exceptiondrive_server.web.templating import render
 
 MAX_BYTES = 150_000
 MAX_CALLS, MAX_CALLS_AGAIN = 9_000, 1_000

@@ -80,7 +80,7 @@ coordinate of 3,181 samples with both trajectories (76,344), so honest files are
 Path = tuple[str | int, ...]
 
 
-class Findings:
+class FaultList:
     """The faults of one file. Holds a bounded number of examples, however many faults there are."""
 
     def __init__(self) -> None:
@@ -170,7 +170,7 @@ def has_unkeepable(text: str, allowed: frozenset[str] = frozenset()) -> bool:
 def check_text(
     value: object,
     path: Path,
-    findings: Findings,
+    faults: FaultList,
     *,
     sample_id: str | None = None,
     max_characters: int,
@@ -178,17 +178,17 @@ def check_text(
 ) -> bool:
     """Check a text; tell whether it is sound."""
     if not isinstance(value, str):
-        findings.add(
+        faults.add(
             FaultCode.WRONG_TYPE, path, expected="text", got=kind(value), sample_id=sample_id
         )
         return False
     if len(value) > max_characters:
         limit = f"at most {counted(max_characters, 'character')}"
         got = counted(len(value), "character")
-        findings.add(FaultCode.TEXT_TOO_LONG, path, expected=limit, got=got, sample_id=sample_id)
+        faults.add(FaultCode.TEXT_TOO_LONG, path, expected=limit, got=got, sample_id=sample_id)
         return False
     if has_unkeepable(value, allowed):
-        findings.add(
+        faults.add(
             FaultCode.INVALID_TEXT,
             path,
             expected="no control characters, no lone surrogates",

@@ -45,7 +45,7 @@ def _leaves(value: object, place: Place) -> Iterator[tuple[Place, object]]:
         yield place, value
 
 
-def problems_of(
+def faults_of(
     error: ValidationError,
     document: Mapping[str, Any],
     models: Mapping[str, type[BaseModel]],

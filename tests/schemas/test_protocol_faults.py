@@ -7,14 +7,14 @@ from exceptiondrive_schemas.protocol import ProtocolError, packaged_protocol_tom
 SE2 = 'name = "cyclist_swerve_in"'
 
 
-def problems(*changes: tuple[str, str]) -> list[str]:
+def faults(*changes: tuple[str, str]) -> list[str]:
     toml = packaged_protocol_toml()
     for old, new in changes:
         assert old in toml
         toml = toml.replace(old, new, 1)
     with pytest.raises(ProtocolError) as refused:
         parse_protocol(toml)
-    return refused.value.problems
+    return refused.value.faults
 
 
 @pytest.mark.parametrize(
@@ -45,22 +45,20 @@ def problems(*changes: tuple[str, str]) -> list[str]:
 def test_a_problem_names_its_place_what_is_expected_and_what_is_there(
     old: str, new: str, line: str
 ) -> None:
-    assert any(problem.startswith(line) for problem in problems((old, new))), problems((old, new))
+    assert any(problem.startswith(line) for problem in faults((old, new))), faults((old, new))
 
 
 def test_a_wrong_unit_is_named_with_what_was_meant() -> None:
-    assert problems(("footprint_width_m = 1.85", "footprint_width_cm = 185.0")) == [
+    assert faults(("footprint_width_m = 1.85", "footprint_width_cm = 185.0")) == [
         "geometry.footprint_width_m: is missing",
         "geometry.footprint_width_cm: is not in a protocol; is footprint_width_m meant?",
     ]
 
 
 def test_every_problem_is_told_in_one_pass_and_a_flood_is_cut() -> None:
-    assert (
-        len(problems(("d_safe_m = 2.0", "d_safe_m = 0"), ("waypoints = 6", "waypoints = 0"))) == 2
-    )
+    assert len(faults(("d_safe_m = 2.0", "d_safe_m = 0"), ("waypoints = 6", "waypoints = 0"))) == 2
     flood = "".join(f"k{number} = 1\n" for number in range(300))
-    told = problems(("min_coverage = 0.99", f"min_coverage = 0.99\n{flood}"))
+    told = faults(("min_coverage = 0.99", f"min_coverage = 0.99\n{flood}"))
     assert (len(told), told[-1]) == (101, "and 200 more")
 
 
