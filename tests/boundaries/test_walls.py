@@ -210,6 +210,7 @@ def test_the_wheel_ships_the_papers_rows_and_protocols(built: Path) -> None:
         names = archive.namelist()
     assert "exceptiondrive_schemas/reported/exceptiondrive-paper.toml" in names
     assert "exceptiondrive_schemas/protocols/1.0.toml" in names
+    assert "exceptiondrive_agent/cli.py" in names
 
 
 def test_the_source_archive_holds_no_split(built: Path) -> None:

@@ -94,7 +94,7 @@ PROTECTIONS = (
     ),
     Protection(
         "quota",
-        f"{RECORDS}.submissions.quotas:require_quota",
+        f"{RECORDS}.phases.quotas:require_quota",
         _nothing,
         "tests/records/test_quotas.py::test_the_refusal_says_when_the_quota_begins_anew",
     ),
@@ -203,7 +203,7 @@ PROTECTIONS = (
     ),
     Protection(
         "links-on-pages",
-        f"{SERVER}.web.responses:https_only",
+        f"{SERVER}.web.templating:https_only",
         lambda _: lambda url: url or "",
         INJECTION + "pages_of_readers_are_inert",
     ),
