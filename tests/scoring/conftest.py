@@ -4,7 +4,6 @@ import importlib.util
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ def naive_clearances_m() -> Callable[[FloatArray, FloatArray, GeometrySection], 
 
 @pytest.fixture(scope="session")
 def real_case(
-    read_case: Callable[..., Any],
+    read_case: Callable[..., tuple[TrajectoryPairs, SplitArrays]],
 ) -> Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]:
     """Read (split, method) of the real planner files, or skip."""
 

@@ -28,7 +28,8 @@ def test_planners_files_get_the_reference_scores(
     name: str, tmp_path: Path, read_case: Callable[..., Any], protocol: ProtocolDocument
 ) -> None:
     case = reference.reference(name, tmp_path)
-    sheet = _sheet(*read_case(case.split, case.file), protocol)
+    pairs, split = read_case(case.split, case.file)
+    sheet = _sheet(pairs, split, protocol)
     parts = {"families": _rows(sheet.families), "tasks": _rows(sheet.tasks)}
     case.check({"n": sheet.n, "micro": sheet.micro, "macro_family": sheet.macro_family, **parts})
 
@@ -38,5 +39,6 @@ def test_scoring_again_gives_the_same_bits(
     name: str, tmp_path: Path, read_case: Callable[..., Any], protocol: ProtocolDocument
 ) -> None:
     case = reference.reference(name, tmp_path)
-    first, second = (_sheet(*read_case(case.split, case.file), protocol) for _ in range(2))
+    (one, split), (other, again) = (read_case(case.split, case.file) for _ in range(2))
+    first, second = _sheet(one, split, protocol), _sheet(other, again, protocol)
     assert first == second
