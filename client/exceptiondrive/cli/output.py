@@ -3,16 +3,16 @@
 import json
 import re
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
 import typer
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 
 from exceptiondrive.errors import ExceptionDriveError, InvalidFileError
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.printable import printable
-
-if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
 
 PIPED_WIDTH = 200
 """Columns where no terminal says how many: tables are not cut for `grep`."""
@@ -21,23 +21,39 @@ _UNSHOWN = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\u
 """What `json.dumps` leaves bare although it steers terminals or hides; escaped, the same JSON."""
 
 
+class SafeConsole(Console):
+    """Rich's console; control characters in what is shown become replacement signs.
+
+    Rich itself lets ESC through. Its own colours and cursor movements are not in the text of
+    segments and stay.
+    """
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Yield what is shown, cleaned."""
+        for segment in super().render(renderable, options):
+            if segment.control:
+                yield segment
+            else:
+                yield Segment(printable(segment.text), segment.style)
+
+
 def remember_json(context: typer.Context, value: bool) -> bool:
     """Note that `--json` was given, so that errors are JSON too."""
     context.meta[_JSON] = value
     return value
 
 
-def console(stderr: bool = False) -> "Console":
+def console(stderr: bool = False) -> Console:
     """Return a console for stdout or stderr. It shows no colour when piped, nor with NO_COLOR."""
-    from exceptiondrive.cli.terminal import SafeConsole
-
     found = SafeConsole(stderr=stderr, highlight=False, markup=False, emoji=False)
     if not found.is_terminal:
         found.width = max(found.width, PIPED_WIDTH)
     return found
 
 
-def show(*parts: "RenderableType") -> None:
+def show(*parts: RenderableType) -> None:
     """Write a result for people on stdout."""
     out = console()
     for part in parts:
@@ -55,7 +71,7 @@ def show_document(document: Document) -> None:
     show_json(document.model_dump(mode="json", by_alias=True))
 
 
-def show_result(result: Any, as_json: bool, *words: "RenderableType") -> None:
+def show_result(result: Any, as_json: bool, *words: RenderableType) -> None:
     """Write a result: a document or record as JSON where `--json` asks for it, else in words."""
     if not as_json:
         show(*words)

@@ -6,9 +6,9 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_document, show_json, show_result
+from exceptiondrive.cli.progress import UploadBar, WaitLine
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import submission_view, submissions_table
-from exceptiondrive.cli.terminal import UploadBar, WaitLine
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 

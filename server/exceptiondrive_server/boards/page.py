@@ -5,6 +5,7 @@ What follows from a board and a query alone is made once: boards never change.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import cached_property, lru_cache
 from typing import Generic, NamedTuple, TypeVar
 from urllib.parse import urlencode
@@ -29,8 +30,7 @@ from exceptiondrive_server.boards.headline import (
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
-from exceptiondrive_server.web.numbers import Digits, minute
-from exceptiondrive_server.web.page_parts import Choice, Notice, PhaseLink
+from exceptiondrive_server.web.numbers import Digits, day, minute
 from exceptiondrive_server.web.templating import macro
 
 MAX_CHOICES = 25
@@ -108,7 +108,7 @@ def _shown(
 
 @lru_cache(maxsize=16)
 def _metrics(challenge: _Same[Challenge]) -> Markup:
-    return macro("web/macros/metrics.html", "metrics")(challenge.value)
+    return macro("web/macros/icons.html", "metrics")(challenge.value)
 
 
 @lru_cache(maxsize=16)
@@ -127,6 +127,69 @@ def forget_shown_boards() -> None:
     _shown.cache_clear()
     _metrics.cache_clear()
     _scene.cache_clear()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One option of a select field."""
+
+    value: str
+    title: str
+    is_current: bool
+
+
+@dataclass(frozen=True)
+class PhaseLink:
+    """A phase that a visitor may switch to."""
+
+    id: str
+    title: str
+    challenge: Challenge
+    n_samples: int
+    is_open: bool
+    is_ahead: bool
+    """Whether it has not opened yet."""
+    takes_late: bool
+    """Whether it has closed, and what comes now is ranked on its late view."""
+    is_current: bool
+    opens_at: datetime | None
+    closes_at: datetime | None
+    quota_per_day: int
+    split: str
+    split_is_public: bool
+    url: str
+
+    @property
+    def state_words(self) -> str:
+        """Say whether it takes submissions, and until or from when."""
+        if self.is_ahead and self.opens_at:
+            return f"Opens {minute(self.opens_at)}"
+        if self.is_open:
+            return (
+                f"Open until {minute(self.closes_at)}" if self.closes_at else "Open for submissions"
+            )
+        return f"Closed since {minute(self.closes_at)}" if self.closes_at else "Closed"
+
+    @property
+    def state_word(self) -> str:
+        """Say it in a word where it is not open: `closed`, `opens 3 Dec 2026`."""
+        if self.is_ahead and self.opens_at:
+            return f"opens {day(self.opens_at)}"
+        return "" if self.is_open else "closed"
+
+    @property
+    def challenge_title(self) -> str:
+        """Name of the challenge."""
+        return self.challenge.title
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A sentence above the board, with a way out."""
+
+    words: str
+    url: str
+    link_words: str
 
 
 @dataclass(frozen=True)

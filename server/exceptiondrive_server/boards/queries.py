@@ -28,9 +28,8 @@ from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.exports import BoardNote, History
 from exceptiondrive_server.boards.headline import BoardBefore
-from exceptiondrive_server.boards.page import BoardPage
+from exceptiondrive_server.boards.page import BoardPage, PhaseLink
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web.page_parts import PhaseLink
 
 
 def read_board(session: Session, query: BoardQuery) -> BoardPage:

@@ -1,35 +1,13 @@
-"""What a terminal shows: text that cannot steer it, and progress where a person sees it."""
+"""Progress on stderr, and only where a person sees it."""
 
-from collections.abc import Iterable
 from typing import Self
 
-from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.segment import Segment
 from rich.status import Status
 
 from exceptiondrive.cli.output import console, has_terminal
 from exceptiondrive.cli.tables import status_line
-from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.submission import SubmissionView
-
-
-class SafeConsole(Console):
-    """Rich's console; control characters in what is shown become replacement signs.
-
-    Rich itself lets ESC through. Its own colours and cursor movements are not in the text of
-    segments and stay.
-    """
-
-    def render(
-        self, renderable: RenderableType, options: ConsoleOptions | None = None
-    ) -> Iterable[Segment]:
-        """Yield what is shown, cleaned."""
-        for segment in super().render(renderable, options):
-            if segment.control:
-                yield segment
-            else:
-                yield Segment(printable(segment.text), segment.style)
 
 
 class UploadBar:
