@@ -5,6 +5,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 T      ?= tests
+N      ?= $(shell expr $$(nproc 2>/dev/null || echo 1) + 1)
 PORT   ?= 8000
 DATA   ?= ./data
 SECONDS_OF_FUZZ ?= 600
@@ -36,8 +37,8 @@ $(VENV)/.system: $(STAMP) tests/install-system-parts
 	@tests/install-system-parts $(VENV)/system.log
 	@touch $@
 
-test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(T)
+test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some, N=2 says how many processes
+	$(BIN)/python -m pytest -n $(N) --dist loadfile --no-loadscope-reorder $(T)
 
 bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
 	$(BIN)/python -m benchmarks

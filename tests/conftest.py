@@ -5,5 +5,6 @@ pytest_plugins = [
     "tests.support.broker",
     "tests.support.browser",
     "tests.support.databases",
+    "tests.support.order",
     "tests.support.speed",
 ]

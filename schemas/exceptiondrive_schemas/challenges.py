@@ -202,7 +202,7 @@ class Metric(Document):
     @property
     def order_level(self) -> float | None:
         """Which order statistic of the samples it is, 0 for the minimum; None where it is a mean."""
-        return {"minimum": 0.0, "quantile": self.level}.get(self.aggregation)
+        return 0.0 if self.aggregation == "minimum" else self.level
 
 
 class RankKey(Document):

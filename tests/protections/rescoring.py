@@ -185,7 +185,7 @@ RESCORING = (
     ),
     Protection(
         "rollback-side",
-        f"{RUNS}.keys:other_key",
+        f"{RECORDS}.phases.scoring_keys:shadow_key",
         _always_newer,
         f"{HERE}/test_runs.py::"
         "test_apply_shows_the_previewed_board_and_rollback_the_exact_earlier_bytes",

@@ -58,13 +58,13 @@ PROTECTIONS = (
     ),
     Protection(
         "csrf-token",
-        f"{SERVER}.accounts.browser_session:require_form_token",
+        f"{SERVER}.web.browser_session:require_form_token",
         _nothing,
         "tests/server/test_sign_in.py::test_no_form_of_a_session_is_taken_from_elsewhere",
     ),
     Protection(
         "csrf-origin",
-        f"{SERVER}.accounts.browser_session:require_same_origin",
+        f"{SERVER}.web.browser_session:require_same_origin",
         _nothing,
         "tests/server/test_sign_in.py::test_a_form_from_elsewhere_is_refused",
     ),
@@ -94,7 +94,7 @@ PROTECTIONS = (
     ),
     Protection(
         "quota",
-        f"{RECORDS}.submissions.quotas:require_quota",
+        f"{RECORDS}.phases.quotas:require_quota",
         _nothing,
         "tests/records/test_quotas.py::test_the_refusal_says_when_the_quota_begins_anew",
     ),
@@ -203,7 +203,7 @@ PROTECTIONS = (
     ),
     Protection(
         "links-on-pages",
-        f"{SERVER}.web.responses:https_only",
+        f"{SERVER}.web.templating:https_only",
         lambda _: lambda url: url or "",
         INJECTION + "pages_of_readers_are_inert",
     ),

@@ -41,12 +41,12 @@ def new_key(run: RescoringRun) -> ScoringKey:
     return ScoringKey(run.to_protocol_digest, run.to_split_revision)
 
 
-def other_key(run: RescoringRun) -> ScoringKey:
+def shadow_key(run: RescoringRun) -> ScoringKey:
     """Return the side that the public board does not show: it is scored in the background."""
     return old_key(run) if run.state is RunState.APPLIED else new_key(run)
 
 
-def companion_key(session: Session, phase_id: str) -> tuple[ScoringKey, bool] | None:
+def shadow_key_of_phase(session: Session, phase_id: str) -> tuple[ScoringKey, bool] | None:
     """Return what a fresh submission is scored under besides, and whether that is held now."""
     states = (*UNFINISHED, RunState.APPLIED)
     query = select(RescoringRun).where(
@@ -57,7 +57,7 @@ def companion_key(session: Session, phase_id: str) -> tuple[ScoringKey, bool] | 
     run = session.scalars(query).first()
     if run is None:
         return None
-    return other_key(run), run.state is RunState.PAUSED
+    return shadow_key(run), run.state is RunState.PAUSED
 
 
 def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringRun:

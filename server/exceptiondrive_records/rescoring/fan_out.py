@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_key, other_key
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_key, shadow_key
 from exceptiondrive_records.rescoring.draft_board import fresh_board, want_fresh_board
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
@@ -53,7 +53,7 @@ def _tend(session: Session, run: RescoringRun) -> int:
     made = sum(_insert_missing(session, run, key) for key in _sides(run))
     if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
         want_fresh_board(session, run.phase_id, new_key(run))
-    key = other_key(run)
+    key = shadow_key(run)
     if _missing(session, run, key):
         return made
     want_fresh_board(session, run.phase_id, key)
@@ -122,7 +122,7 @@ def _move_jobs(
 ) -> None:
     session.execute(
         update(Job)
-        .where(Job.id.in_(_waiting(run, other_key(run))), Job.state.in_(before))
+        .where(Job.id.in_(_waiting(run, shadow_key(run))), Job.state.in_(before))
         .values(state=after, available_at=database_now(session))
         .execution_options(synchronize_session=False)
     )

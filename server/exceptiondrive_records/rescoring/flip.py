@@ -18,7 +18,7 @@ from exceptiondrive_records.phases.scoring_keys import (
     key_of_phase,
     new_key,
     old_key,
-    other_key,
+    shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import (
@@ -80,7 +80,7 @@ _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 def comparison_of(session: Session, run: RescoringRun) -> Compared | None:
     """Return what the next flip of a run would change; None while one of the boards is missing."""
     phase = session.get_one(Phase, run.phase_id)
-    return _compared_to(session, phase, fresh_board(session, run.phase_id, other_key(run)))
+    return _compared_to(session, phase, fresh_board(session, run.phase_id, shadow_key(run)))
 
 
 def _compared_to(session: Session, phase: Phase, new: BoardRow | None) -> Compared | None:
@@ -105,7 +105,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
         return (f"The run has ended: it is {run.state.value.replace('_', ' ')}.",)
     if run.state is RunState.DRAFT:
         return ("Scoring has not begun: start the run.",)
-    key = other_key(run)
+    key = shadow_key(run)
     counts = count_pairs(session, run.phase_id, key)
     found = []
     waiting = counts.missing - counts.failed
@@ -196,7 +196,7 @@ def _checked(session: Session, run_id: str, action: RunAction) -> tuple[Phase, B
     expected = new_key(run) if run.state is RunState.APPLIED else old_key(run)
     if key_of_phase(phase) != expected:
         raise Conflict("The phase no longer shows what this run began from; cancel it.")
-    row = fresh_board(session, run.phase_id, other_key(run))
+    row = fresh_board(session, run.phase_id, shadow_key(run))
     compared = _compared_to(session, phase, row)
     if row is None or compared is None:
         raise Conflict("The phase has no board yet; try again in a moment.")

@@ -15,7 +15,7 @@ from exceptiondrive_records.phases.scoring_keys import (
     key_of_phase,
     new_key,
     old_key,
-    other_key,
+    shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -155,7 +155,7 @@ def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
     run = move_run(session, run_id, RunAction.RESUME, reason, actor)
     run.resumed_at = run.state_at
     release_jobs(session, run)
-    retry_failed(session, run, other_key(run))
+    retry_failed(session, run, shadow_key(run))
     return run
 
 
@@ -247,7 +247,7 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
 
 def has_failed_pairs(session: Session, run: RescoringRun) -> bool:
     """Whether sheets of the side that is not shown could not be made."""
-    return count_pairs(session, run.phase_id, other_key(run)).failed > 0
+    return count_pairs(session, run.phase_id, shadow_key(run)).failed > 0
 
 
 def _words(state: RunState) -> str:

@@ -7,7 +7,7 @@ from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, other_key
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, shadow_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import (
     checked_protocol,
@@ -43,7 +43,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     """Return a run as organizers see it."""
     phase = session.get_one(Phase, run.phase_id)
     compared = comparison_of(session, run) if run.state in _PREVIEWED else None
-    progress = progress_of(session, run, other_key(run))
+    progress = progress_of(session, run, shadow_key(run))
     return RunView(
         id=run.id,
         kind=run.kind,
@@ -137,7 +137,7 @@ def _applied(run: RescoringRun) -> Compared | None:
 
 def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | None:
     """What the newest draft board says, though submissions have come since."""
-    key = other_key(run)
+    key = shadow_key(run)
     phase = session.get_one(Phase, run.phase_id)
     new = latest_board(session, run.phase_id, key.protocol_digest, key.split_revision)
     old = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None

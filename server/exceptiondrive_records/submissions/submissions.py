@@ -13,7 +13,7 @@ from exceptiondrive_records.db.identifiers import checked_link, checked_text, ra
 from exceptiondrive_records.phases.phases import find_phase, is_open
 from exceptiondrive_records.phases.policy import takes_late_entries
 from exceptiondrive_records.phases.quotas import require_quota
-from exceptiondrive_records.phases.scoring_keys import companion_key
+from exceptiondrive_records.phases.scoring_keys import shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
@@ -185,10 +185,10 @@ def arrival(arrived_at: datetime | None, now: datetime) -> datetime:
 
 def _score_under_both(session: Session, submission: Submission, now: datetime) -> None:
     """While a protocol update is open, score also under the side that is not shown."""
-    companion = companion_key(session, submission.phase_id)
-    if companion is None:
+    shadow = shadow_key_of_phase(session, submission.phase_id)
+    if shadow is None:
         return
-    key, is_held = companion
+    key, is_held = shadow
     digest, revision = key.protocol_digest, key.split_revision
     session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now, is_held=is_held))
 

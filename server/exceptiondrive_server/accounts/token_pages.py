@@ -1,8 +1,7 @@
 """The team's tokens: list, issue, rotate, revoke. A new token's text is shown once."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from datetime import datetime, timedelta
+from collections.abc import Callable
+from datetime import timedelta
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
@@ -26,18 +25,10 @@ from exceptiondrive_records.accounts.tokens import (
 )
 from exceptiondrive_records.db.database import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_server.accounts.browser_session import (
-    Browser,
-    PostedForm,
-    SignedIn,
-    require_scope,
-)
 from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
-
-# What the page of a team's tokens shows.
-
 
 MEANING = {
     Scope.SUBMIT: "submit and withdraw",
@@ -45,87 +36,6 @@ MEANING = {
     Scope.TOKENS: "manage the team's tokens",
     Scope.ORGANIZE: "everything that organizers do",
 }
-
-
-@dataclass(frozen=True)
-class ScopeBox:
-    """A right that a new token may be given."""
-
-    value: str
-    meaning: str
-    is_chosen: bool
-
-
-@dataclass(frozen=True)
-class TokenLine:
-    """One token."""
-
-    id: str
-    name: str
-    prefix: str
-    rights: str
-    created_at: datetime
-    expires_at: datetime | None
-    last_used_at: datetime | None
-    state: str
-    is_live: bool
-    is_this: bool
-    can_rotate: bool
-
-
-@dataclass(frozen=True)
-class TokensPage:
-    """Everything that `tokens.html` needs."""
-
-    team: str | None
-    lines: tuple[TokenLine, ...]
-    scopes: tuple[ScopeBox, ...]
-    issued: str | None
-    form_token: str
-    keep_days: int
-    max_keep_days: int
-
-
-def tokens_view(
-    who: Principal,
-    tokens: Sequence[Token],
-    *,
-    now: datetime,
-    issued: str | None,
-    form_token: str,
-) -> TokensPage:
-    """Set the page: live tokens first."""
-    lines = [_line(token, who, now) for token in tokens]
-    return TokensPage(
-        team=who.team_name,
-        lines=tuple(sorted(lines, key=lambda line: not line.is_live)),
-        scopes=tuple(
-            ScopeBox(scope.value, MEANING[scope], scope in PARTICIPANT_SCOPES)
-            for scope in TEAM_SCOPES
-            if scope in who.scopes
-        ),
-        issued=issued,
-        form_token=form_token,
-        keep_days=DEFAULT_KEEP_DAYS,
-        max_keep_days=MAX_KEEP_DAYS,
-    )
-
-
-def _line(token: Token, who: Principal, now: datetime) -> TokenLine:
-    lives = is_live(token, now)
-    return TokenLine(
-        id=token.id,
-        name=token.name,
-        prefix=token.prefix,
-        rights=", ".join(MEANING[Scope(scope)] for scope in token.scopes),
-        created_at=token.created_at,
-        expires_at=token.expires_at,
-        last_used_at=token.last_used_at,
-        state="live" if lives else ("revoked" if token.revoked_at else "expired"),
-        is_live=lives,
-        is_this=token.id == who.token_id,
-        can_rotate=lives and set(token.scopes) <= who.scopes,
-    )
 
 
 router = APIRouter(prefix="/my/tokens", include_in_schema=False)
@@ -188,14 +98,22 @@ def _page(
     team_of(browser.principal)
     with services.database.read() as session:
         now = database_now(session)
-        content = tokens_view(
-            browser.principal,
-            team_tokens(session, browser.principal),
-            now=now,
-            issued=issued,
-            form_token=browser.form_token,
-        )
-    return private_page(request, "accounts/tokens.html", "my", page=content)
+        tokens = team_tokens(session, browser.principal)
+    return private_page(
+        request,
+        "accounts/tokens.html",
+        "my",
+        who=browser.principal,
+        tokens=sorted(tokens, key=lambda token: not is_live(token, now)),
+        live={token.id for token in tokens if is_live(token, now)},
+        scopes=[scope for scope in TEAM_SCOPES if scope in browser.principal.scopes],
+        chosen=PARTICIPANT_SCOPES,
+        meaning=MEANING,
+        issued=issued,
+        form_token=browser.form_token,
+        keep_days=DEFAULT_KEEP_DAYS,
+        max_keep_days=MAX_KEEP_DAYS,
+    )
 
 
 def _days(form: FormData, field: str, default: int | None) -> int | None:

@@ -1,8 +1,5 @@
 """The team's people: members, invitations, and the choice of a team to act for."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
@@ -22,13 +19,14 @@ from exceptiondrive_records.accounts.people import (
 )
 from exceptiondrive_records.accounts.sessions import act_for
 from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
-from exceptiondrive_records.accounts.tables import Invitation, Membership, Person
+from exceptiondrive_records.accounts.tables import Person
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import make_pending_team, self_registration_is_on
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.browser_session import (
+from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
     PostedForm,
@@ -36,104 +34,9 @@ from exceptiondrive_server.accounts.browser_session import (
     keep_session,
     require_scope,
 )
-from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
-
-# What the page of a team's people shows.
-
-
-@dataclass(frozen=True)
-class MemberLine:
-    """One member."""
-
-    id: str
-    name: str
-    email: str | None
-    joined_at: datetime
-    is_you: bool
-
-
-@dataclass(frozen=True)
-class InvitationLine:
-    """One invitation that may still be used."""
-
-    id: str
-    invited_by: str
-    created_at: datetime
-    expires_at: datetime
-
-
-@dataclass(frozen=True)
-class Role:
-    """For whom a person may act: a team, or the organizers."""
-
-    team_id: int | None
-    title: str
-    is_current: bool
-
-
-@dataclass(frozen=True)
-class TeamPage:
-    """Everything that `team.html` needs."""
-
-    team: str | None
-    is_pending: bool
-    members: tuple[MemberLine, ...]
-    invitations: tuple[InvitationLine, ...]
-    roles: tuple[Role, ...]
-    link: str | None
-    """Of the invitation that was made just now."""
-    person: str | None
-    may_register: bool
-    provider: str | None
-    form_token: str
-
-
-def team_view(
-    who: Principal,
-    team: Team | None,
-    members: Sequence[tuple[Person, Membership]],
-    invitations: Sequence[Invitation],
-    teams: Sequence[Team],
-    *,
-    is_organizer: bool,
-    may_register: bool,
-    provider: str | None,
-    link: str | None,
-    form_token: str,
-) -> TeamPage:
-    """Set the page."""
-    return TeamPage(
-        team=None if team is None else team.name,
-        is_pending=team is not None and team.pending_since is not None,
-        members=tuple(_member(person, joined, who) for person, joined in members),
-        invitations=tuple(
-            InvitationLine(one.id, one.invited_by, one.created_at, one.expires_at)
-            for one in invitations
-        ),
-        roles=_roles(who, teams, is_organizer),
-        link=link,
-        person=who.person_name if who.person_id is not None else None,
-        may_register=may_register,
-        provider=provider,
-        form_token=form_token,
-    )
-
-
-def _member(person: Person, joined: Membership, who: Principal) -> MemberLine:
-    is_you = person.id == who.person_id
-    return MemberLine(person.id, person.name, person.email, joined.joined_at, is_you)
-
-
-def _roles(who: Principal, teams: Sequence[Team], is_organizer: bool) -> tuple[Role, ...]:
-    """Return the choices, if there is more than one."""
-    roles = [Role(team.id, team.name, team.id == who.team_id) for team in teams]
-    if is_organizer:
-        roles.insert(0, Role(None, "Organizer", who.team_id is None))
-    return tuple(roles) if len(roles) > 1 or (roles and not roles[0].is_current) else ()
-
 
 router = APIRouter(include_in_schema=False)
 Id = Annotated[str, Path(max_length=64)]
@@ -261,19 +164,29 @@ def _page(
     with services.database.read() as session:
         team = None if who.team_id is None else session.get_one(Team, who.team_id)
         person = None if who.person_id is None else find_person(session, who.person_id)
-        content = team_view(
-            who,
-            team,
-            [] if team is None else members_of(session, team.id),
-            [] if team is None else open_invitations(session, team.id),
-            [] if person is None else teams_of(session, person.id),
-            is_organizer=person is not None and person.is_organizer,
+        return private_page(
+            request,
+            "teams/team.html",
+            "my",
+            who=who,
+            team=team,
+            members=[] if team is None else members_of(session, team.id),
+            invitations=[] if team is None else open_invitations(session, team.id),
+            roles=[] if person is None else _roles(person, who, teams_of(session, person.id)),
             may_register=may_register and team is None,
             provider=None if services.provider is None else services.provider.name,
             link=link,
             form_token=browser.form_token,
         )
-    return private_page(request, "teams/team.html", "my", page=content)
+
+
+def _roles(person: Person, who: Principal, teams: list[Team]) -> list[tuple[int | None, str]]:
+    """Return for whom a person may act, if there is a choice: ids of teams, None as an organizer."""
+    roles: list[tuple[int | None, str]] = [(team.id, team.name) for team in teams]
+    if person.is_organizer:
+        roles.insert(0, (None, "Organizer"))
+    is_settled = [team_id for team_id, _ in roles] in ([], [who.team_id])
+    return [] if is_settled else roles
 
 
 def _may_register(services: Services) -> bool:
