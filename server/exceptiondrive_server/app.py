@@ -6,10 +6,10 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 
 from exceptiondrive_records.db.settings import load_settings
-from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards.reader import BoardReader
 from exceptiondrive_server.routes import ROUTES
 from exceptiondrive_server.web.body_limit import Overload, RequestLimits
+from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe

@@ -9,6 +9,7 @@ import tarfile
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,25 @@ def test_the_import_contracts_hold() -> None:
     command = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_module_imports_in_a_circle() -> None:
+    """Deferred imports count, too; `CycleError` names the modules of a circle in order."""
+    paths = {
+        ".".join(path.relative_to(ROOT / root).with_suffix("").parts).removesuffix(
+            ".__init__"
+        ): path
+        for root in ("schemas", "worker", "server", "client")
+        for path in (ROOT / root).rglob("*.py")
+    }
+    imports = {
+        name: {found for found in imported_modules(path) if found in paths and found != name}
+        for name, path in paths.items()
+    }
+    assert len(imports) > 100
+    TopologicalSorter(
+        {name: found - {name.rpartition(".")[0]} for name, found in imports.items()}
+    ).prepare()
 
 
 def test_the_client_names_the_reminder_agent_only_in_its_table_of_commands() -> None:

@@ -9,9 +9,10 @@ from statistics import quantiles
 from sqlalchemy import func, select
 from tests.chaos.checker import check
 from tests.chaos.checker_scores import LeakSearch, Rescorer, leaks_in_postgres
-from tests.chaos.clients import Clients, digest_of
+from tests.chaos.clients import Clients
 from tests.chaos.history import Call, History
 from tests.chaos.topology import LEASE_S, PHASE, Topology
+from tests.support.documents import digest_of
 
 from exceptiondrive.evaluation import read_split
 from exceptiondrive_records.audit.log import count_audit_lines

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-from tests.chaos.clients import digest_of
 from tests.chaos.history import Call
 from tests.chaos.processes import Process
 from tests.chaos.run import Run
@@ -23,6 +22,7 @@ from tests.chaos.users import Users, as_user, can_change_user
 from tests.deploy.nginx import Names, Nginx, find_nginx
 from tests.operating.traffic import BOARD, Traffic, submit
 from tests.operating.upgrading import make_schema_newer, stop_while_uploading
+from tests.support.documents import digest_of
 from tests.support.processes import free_port
 
 from exceptiondrive import Client

@@ -7,10 +7,11 @@ from types import TracebackType
 from typing import Self
 
 import httpx
-from tests.chaos.clients import digest_of, planning_file
+from tests.chaos.clients import planning_file
 from tests.chaos.history import Call, History
 from tests.chaos.topology import PHASE, Topology
 from tests.deploy.nginx import Nginx
+from tests.support.documents import digest_of
 
 from exceptiondrive import Client, ExceptionDriveError
 

@@ -3,11 +3,11 @@
 import signal
 import threading
 
-from tests.chaos.clients import digest_of
 from tests.chaos.history import Call
 from tests.chaos.run import Run
 from tests.chaos.topology import Topology
 from tests.operating.held_upload import HeldUpload
+from tests.support.documents import digest_of
 
 
 def stop_while_uploading(run: Run) -> None:

@@ -58,13 +58,13 @@ PROTECTIONS = (
     ),
     Protection(
         "csrf-token",
-        f"{SERVER}.accounts.browser_session:require_form_token",
+        f"{SERVER}.web.browser_session:require_form_token",
         _nothing,
         "tests/server/test_sign_in.py::test_no_form_of_a_session_is_taken_from_elsewhere",
     ),
     Protection(
         "csrf-origin",
-        f"{SERVER}.accounts.browser_session:require_same_origin",
+        f"{SERVER}.web.browser_session:require_same_origin",
         _nothing,
         "tests/server/test_sign_in.py::test_a_form_from_elsewhere_is_refused",
     ),

@@ -13,13 +13,9 @@ from sqlalchemy import select
 
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.submissions import file_store as orphans
-from exceptiondrive_records.submissions.file_store import (
-    FileStore,
-    is_kept,
-    run_sweeper,
-    sweep_orphans,
-)
+from exceptiondrive_records.operations import garbage
+from exceptiondrive_records.operations.garbage import run_sweeper, sweep_orphans
+from exceptiondrive_records.submissions.file_store import FileStore, is_kept
 from exceptiondrive_records.submissions.submissions import accept
 
 World = Any
@@ -111,13 +107,13 @@ def test_a_sweep_waits_for_an_upload_that_has_looked(
     grow_old(folder, digest)
     swept: list[int] = []
     looks = threading.Event()
-    look = orphans._remove
+    look = garbage._remove
 
     def tell_and_look(*arguments: Any) -> bool:
         looks.set()
         return look(*arguments)
 
-    monkeypatch.setattr(orphans, "_remove", tell_and_look)
+    monkeypatch.setattr(garbage, "_remove", tell_and_look)
     sweeper = threading.Thread(target=lambda: swept.append(sweep(world, files)))
 
     def begin_sweep(session: Any) -> None:

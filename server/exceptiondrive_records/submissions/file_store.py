@@ -11,29 +11,21 @@ import re
 import shutil
 import stat
 import tempfile
-import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 from urllib.parse import unquote, urlsplit
 
 import obstore
-import structlog
 from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import LocalStore, ObjectStore, from_url
-from sqlalchemy import select, text
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy import text
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
-from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_records.operations.dump import dumped_tables, file_digests
-from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.base import bytes_digest
 
 _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
@@ -276,29 +268,7 @@ def _key(digest: str) -> str:
     return f"{name[:2]}/{name}"
 
 
-# Orphans: stored files that no record mentions, left by refused uploads and by crashes.
-#
-# They are swept when they are old. The hard case is an upload of the same bytes at the same moment:
-# it finds the file stored, and its record is not written yet. Two things together save it: storing a
-# file again makes it young, and `is_kept` proves inside the transaction of the upload that the
-# file is there, under a lock that no sweep can hold meanwhile.
-
-
-_log = structlog.get_logger("exceptiondrive.reconciler")
-
-GRACE = timedelta(hours=24)
-"""An orphan that is younger may still belong to an upload under way."""
-SWEEP_EVERY_S = 6 * 3600.0
-_LOOK_EVERY_S = 60.0
 _SWEEP_LOCK = 0x45447377  # any constant: uploads share it, a sweep has it alone (PostgreSQL)
-
-
-@dataclass(frozen=True)
-class Swept:
-    """What a sweep removed."""
-
-    n_files: int
-    n_bytes: int
 
 
 def is_kept(session: Session, files: FileStore, file_digest: str) -> bool:
@@ -310,73 +280,13 @@ def is_kept(session: Session, files: FileStore, file_digest: str) -> bool:
         file_digest: Of the file, which has just been stored; a sweep may have taken it for an
             orphan a moment ago.
     """
-    _lock(session, "pg_advisory_xact_lock_shared")
+    lock_store(session, alone=False)
     return files.holds(file_digest)
 
 
-def sweep_orphans(
-    database: Database, files: FileStore, *, actor: str, grace: timedelta = GRACE
-) -> Swept:
-    """Remove all stored files that are older than `grace` and that no record mentions.
-
-    Raises:
-        StoreError: The store did not answer; what was removed until then is right.
-    """
-    before = datetime.now(UTC) - grace
-    with database.read() as session:
-        mentioned = set(file_digests(session))
-    candidates = [
-        file for file in files.stored() if file.digest not in mentioned and file.changed_at < before
-    ]
-    removed = [file for file in candidates if _remove(database, files, file, before)]
-    swept = Swept(len(removed), sum(file.size_bytes for file in removed))
-    if removed:
-        with database.write() as session:
-            audit(session, actor, "orphaned files swept", "file store", vars(swept))
-    return swept
-
-
-def _remove(database: Database, files: FileStore, file: StoredFile, before: datetime) -> bool:
-    """Look again under the lock, and remove the file if it is still an old orphan."""
-    with database.write() as session:
-        _lock(session, "pg_advisory_xact_lock")
-        changed_at = files.changed_at(file.digest)
-        if changed_at is None or changed_at >= before or _is_mentioned(session, file.digest):
-            return False
-        files.remove(file.digest)
-        return True
-
-
-def _is_mentioned(session: Session, digest: str) -> bool:
-    columns = [
-        column
-        for table in dumped_tables()
-        for column in table.columns
-        if column.name.endswith("file_digest")
-    ]
-    return any(
-        session.execute(select(column).where(column == digest).limit(1)).first() is not None
-        for column in columns
-    )
-
-
-def _lock(session: Session, function: str) -> None:
+def lock_store(session: Session, *, alone: bool) -> None:
+    """Keep sweeps out until the transaction ends; `alone`: uploads, too. SQLite has one writer."""
     session.connection()  # begins the transaction: on SQLite that is the lock
     if session.get_bind().dialect.name == "postgresql":
+        function = "pg_advisory_xact_lock" + ("" if alone else "_shared")
         session.execute(text(f"SELECT {function}(:key)"), {"key": _SWEEP_LOCK})
-
-
-def run_sweeper(
-    database: Database, files: FileStore, stop: threading.Event, every_s: float = SWEEP_EVERY_S
-) -> None:
-    """Sweep every few hours until `stop` is set; of all reconcilers one at a time."""
-    while not stop.is_set():
-        try:
-            with database.write() as session:
-                is_due = take_lead(session, "sweep", random_id(), every_s)
-            if is_due:
-                swept = sweep_orphans(database, files, actor="reconciler")
-                _log.info("orphaned files swept", **vars(swept))
-        except (SQLAlchemyError, StoreError) as error:
-            _log.warning("orphaned files not swept", error=type(error).__name__)
-        stop.wait(min(every_s, _LOOK_EVERY_S))

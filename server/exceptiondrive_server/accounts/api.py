@@ -1,12 +1,10 @@
 """A team's own tokens, for a token with the scope `tokens`. Another team's is not found."""
 
-from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Path
-from pydantic import BaseModel, Field
+from pydantic import Field
 
-from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
     DEFAULT_KEEP_DAYS,
     MAX_KEEP_DAYS,
@@ -20,47 +18,11 @@ from exceptiondrive_records.accounts.tokens import (
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Me
+from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
 from exceptiondrive_server.web.auth import MaybePrincipal, ServicesOf, TokenKeeper, team_of
 from exceptiondrive_server.web.organizer_form import Form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import problem_responses
-
-# Tokens as answers show them: never with a secret, save once when they are new.
-
-
-class TokenView(BaseModel):
-    """A token without its secret."""
-
-    id: str
-    name: str
-    prefix: str
-    scopes: tuple[str, ...]
-    created_at: datetime
-    expires_at: datetime | None
-    revoked_at: datetime | None
-    last_used_at: datetime | None
-
-
-class IssuedToken(BaseModel):
-    """A new token: its text is shown here and never again."""
-
-    token: str
-    view: TokenView
-
-
-def token_view(token: Token) -> TokenView:
-    """Return a token as it is shown."""
-    return TokenView(
-        id=token.id,
-        name=token.name,
-        prefix=token.prefix,
-        scopes=tuple(token.scopes),
-        created_at=token.created_at,
-        expires_at=token.expires_at,
-        revoked_at=token.revoked_at,
-        last_used_at=token.last_used_at,
-    )
-
 
 _REFUSALS = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
 router = APIRouter(prefix="/tokens", tags=["access"], responses=problem_responses(*_REFUSALS))

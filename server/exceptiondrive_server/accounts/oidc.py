@@ -27,14 +27,9 @@ from starlette.middleware.sessions import SessionMiddleware
 from starlette.requests import Request
 
 from exceptiondrive_records.accounts.people import Identity
-from exceptiondrive_server.accounts.sign_in_provider import (
-    CALLBACK,
-    ProviderAway,
-    SignInRefused,
-    is_private_url,
-)
+from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.submissions.receipts import read_or_make_key
-from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.settings import ServerSettings, is_private_url
 
 ALGORITHMS = ("RS256", "RS384", "RS512", "PS256", "PS384", "PS512", "ES256", "ES384", "ES512")
 """Signatures with a key pair. Never `none`, never a shared secret."""

@@ -19,7 +19,9 @@ from exceptiondrive_records.accounts.sign_in import count_attempt, give_attempt_
 from exceptiondrive_records.accounts.tokens import note_use, verify_token
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.browser_session import (
+from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
     PostedForm,
@@ -32,8 +34,6 @@ from exceptiondrive_server.accounts.browser_session import (
     require_private_channel,
     require_same_origin,
 )
-from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
-from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import private_page, safe_back
 from exceptiondrive_server.web.services import Services, services_of

@@ -3,9 +3,6 @@
 `oidc` brings cryptography along; only a server that has a provider imports it.
 """
 
-from urllib.parse import urlsplit
-
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 CALLBACK = "/sign-in/callback"
 """Where the provider sends people back to, below the public address."""
 
@@ -16,9 +13,3 @@ class ProviderAway(Exception):  # noqa: N818 - says what happened
 
 class SignInRefused(Exception):  # noqa: N818 - says what happened
     """The provider answered, and nobody is signed in by it."""
-
-
-def is_private_url(url: str) -> bool:
-    """Whether nobody on the way can read along: https, or this very machine."""
-    parts = urlsplit(url)
-    return parts.scheme == "https" or (parts.scheme == "http" and parts.hostname in LOOPBACK)

@@ -25,13 +25,8 @@ from exceptiondrive_records.accounts.tokens import (
 )
 from exceptiondrive_records.db.database import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_server.accounts.browser_session import (
-    Browser,
-    PostedForm,
-    SignedIn,
-    require_scope,
-)
 from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 

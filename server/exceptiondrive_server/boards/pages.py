@@ -10,7 +10,6 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import ids_of_team
-from exceptiondrive_server.accounts.browser_session import principal_of_browser
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
 from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.page import PhaseLink
@@ -18,6 +17,7 @@ from exceptiondrive_server.boards.queries import chosen_board, read_board, read_
 from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.table import sorted_board
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import principal_of_browser
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
 
 router = APIRouter(include_in_schema=False)

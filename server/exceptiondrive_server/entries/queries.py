@@ -3,17 +3,25 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import boards_by_protocol, newest_board_with, parsed_board
+from exceptiondrive_records.boards.boards import (
+    boards_by_protocol,
+    boards_with,
+    newest_board_with,
+    parsed_board,
+)
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import is_anonymous
 from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.submissions.views import published_sheet
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -198,3 +206,38 @@ def _drawings(session: Session, submission: Submission, board: Board) -> EntryDr
     if submission.status == SubmissionStatus.WITHDRAWN:
         return None
     return entry_drawings(session, submission.id, board.protocol.digest, board.split.revision)
+
+
+class EntryView(BaseModel):
+    """A row of the current board with its score sheet, rounded as the protocol says."""
+
+    phase: str
+    board: int
+    entry: BoardEntry
+    sheet: ScoreSheet
+
+
+def published_entry(session: Session, submission_id: str) -> EntryView:
+    """Return what a current board or late view shows of a submission.
+
+    Raises:
+        NotFound: It is on neither; the same whether or not it was submitted.
+    """
+    rows, sheet = _published(session, submission_id)
+    for row in rows:
+        board = parsed_board(row)
+        for entry in board.entries:
+            if entry.submission_id == submission_id and sheet is not None:
+                return EntryView(phase=board.phase, board=board.board, entry=entry, sheet=sheet)
+    raise NotFound("entry", submission_id)
+
+
+def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], ScoreSheet | None]:
+    """Return what shows it now, the board first, and its sheet under the protocol of that board."""
+    submission = session.get(Submission, submission_id)
+    if submission is None:
+        return [], None
+    phase = find_phase(session, submission.phase_id)
+    shown = (phase.current_board_id, phase.late_board_id)
+    rows = boards_with(session, submission_id, shown)
+    return rows, published_sheet(session, submission, phase)

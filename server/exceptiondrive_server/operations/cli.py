@@ -15,9 +15,10 @@ from exceptiondrive_records.db.roles import Role, grant_to_files, grants
 from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_records.notifications.outbox import run_outbox
 from exceptiondrive_records.notifications.settings import NoticeSettings
+from exceptiondrive_records.operations.garbage import run_sweeper
 from exceptiondrive_records.operations.reconciler import run_reconciler
 from exceptiondrive_records.operations.setup import prepare
-from exceptiondrive_records.submissions.file_store import FileStore, run_sweeper
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.launch import launch

@@ -8,8 +8,9 @@ import typer
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
-from exceptiondrive_records.submissions.file_store import GRACE, FileStore, sweep_orphans
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
 from exceptiondrive_server.operations.doctor import Severity, examine

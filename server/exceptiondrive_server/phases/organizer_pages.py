@@ -26,9 +26,9 @@ from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhaseNow, PhaseSettings
-from exceptiondrive_server.accounts.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.audit.organizer_pages import history
+from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON, filled, made, read, text_of, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,

@@ -20,14 +20,14 @@ from exceptiondrive_records.protocols.protocols import (
 )
 from exceptiondrive_records.rescoring.views import protocol_check
 from exceptiondrive_schemas.protocol_difference import Difference
-from exceptiondrive_server.accounts.browser_session import (
+from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import (
     FORM_TOKEN,
     SignedIn,
     require_form_token,
     require_same_origin,
 )
-from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
-from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, go, organizer_page
 from exceptiondrive_server.web.services import Services
 

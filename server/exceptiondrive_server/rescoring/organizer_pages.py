@@ -18,8 +18,7 @@ from exceptiondrive_records.rescoring.views import preview_of, run_view, run_vie
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.rescoring import RunKind
-from exceptiondrive_server.accounts.browser_session import PostedForm
-from exceptiondrive_server.audit.organizer_pages import history
+from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.rescoring.preview import (
     SHOWN,
@@ -36,6 +35,7 @@ from exceptiondrive_server.rescoring.steps import (
     run_line,
 )
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import short_digest, unit_of
 from exceptiondrive_server.web.organizer_frame import (

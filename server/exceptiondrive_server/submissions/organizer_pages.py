@@ -19,10 +19,10 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_records.work.jobs import jobs_of
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server.accounts.browser_session import PostedForm
-from exceptiondrive_server.audit.organizer_pages import history
+from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.submissions.view import status_of, steps_of
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,

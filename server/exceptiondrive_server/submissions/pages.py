@@ -30,15 +30,6 @@ from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus
-from exceptiondrive_server.accounts.browser_session import (
-    Browser,
-    MaybeSignedIn,
-    PostedForm,
-    SignedIn,
-    require_form_token,
-    require_same_origin,
-    require_scope,
-)
 from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
@@ -56,6 +47,15 @@ from exceptiondrive_server.submissions.view import (
     steps_of,
 )
 from exceptiondrive_server.web.auth import ServicesOf, own_team, team_of
+from exceptiondrive_server.web.browser_session import (
+    Browser,
+    MaybeSignedIn,
+    PostedForm,
+    SignedIn,
+    require_form_token,
+    require_same_origin,
+    require_scope,
+)
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page

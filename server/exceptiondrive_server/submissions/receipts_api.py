@@ -15,7 +15,7 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, ReceiptStatement
-from exceptiondrive_server.entries.api import get_entry
+from exceptiondrive_server.entries.queries import published_entry
 from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.services import Services
@@ -61,8 +61,8 @@ def entry_receipt(services: Services, submission_id: str) -> Receipt:
     Raises:
         NotFound: It stands on none, or its phase is anonymous: a receipt names team and file.
     """
-    get_entry(services, submission_id)
     with services.database.read() as session:
+        published_entry(session, submission_id)
         submission = find_submission(session, submission_id)
         if is_anonymous(find_phase(session, submission.phase_id)):
             raise NotFound("public receipt, before names are revealed, of entry", submission_id)

@@ -28,7 +28,7 @@ from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
-from exceptiondrive_server.accounts.browser_session import FORM_TOKEN
+from exceptiondrive_server.web.browser_session import FORM_TOKEN
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import Services
 

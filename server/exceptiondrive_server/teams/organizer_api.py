@@ -22,7 +22,7 @@ from exceptiondrive_records.teams.teams import (
     refuse_team,
 )
 from exceptiondrive_schemas.datetimes import Time
-from exceptiondrive_server.accounts.api import IssuedToken, TokenView, token_view
+from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.organizer_form import Form
 

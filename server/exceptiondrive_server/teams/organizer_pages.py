@@ -30,9 +30,9 @@ from exceptiondrive_records.teams.teams import (
     refuse_team,
 )
 from exceptiondrive_schemas.form_fields import FormField
-from exceptiondrive_server.accounts.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.audit.organizer_pages import history
+from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON, filled, read, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,

@@ -25,7 +25,8 @@ from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import make_pending_team, self_registration_is_on
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.browser_session import (
+from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
     PostedForm,
@@ -33,7 +34,6 @@ from exceptiondrive_server.accounts.browser_session import (
     keep_session,
     require_scope,
 )
-from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services

@@ -14,7 +14,7 @@ from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.accounts.browser_session import Browser, SignedIn, require_scope
+from exceptiondrive_server.web.browser_session import Browser, SignedIn, require_scope
 from exceptiondrive_server.web.forms import filled, read, typed
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import private_page

@@ -9,7 +9,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.browser_session import Holder, holder_of
+from exceptiondrive_server.web.browser_session import Holder, holder_of
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS

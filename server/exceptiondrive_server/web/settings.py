@@ -2,13 +2,22 @@
 
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import urlsplit
 
 from pydantic import Field, SecretStr, model_validator
 
 from exceptiondrive_records.db.settings import RecordsSettings
-from exceptiondrive_server.accounts.sign_in_provider import is_private_url
 
 MEBIBYTE = 1024 * 1024
+
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+def is_private_url(url: str) -> bool:
+    """Whether nobody on the way can read along: https, or this very machine."""
+    parts = urlsplit(url)
+    return parts.scheme == "https" or (parts.scheme == "http" and parts.hostname in LOOPBACK)
 
 
 class ServerSettings(RecordsSettings):

@@ -48,9 +48,9 @@ from exceptiondrive_schemas.score_sheet import (
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_server.accounts.browser_session import lead_to_sign_in
 from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.routes import PAGES
+from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.responses import mount_static
 from exceptiondrive_server.web.settings import ServerSettings

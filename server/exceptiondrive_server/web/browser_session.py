@@ -20,10 +20,10 @@ from starlette.datastructures import FormData
 from exceptiondrive_records.accounts.sessions import LIFETIME, find_session
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_server.accounts.sign_in_provider import LOOPBACK
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import services_of
+from exceptiondrive_server.web.settings import LOOPBACK
 
 COOKIES = ("__Host-session", "session")
 """Secure, on https; plain, on this machine alone."""

@@ -1,0 +1,101 @@
+"""Garbage: stored files that no record mentions, left by refused uploads and by crashes.
+
+They are swept when they are old. The hard case is an upload of the same bytes at the same moment:
+it finds the file stored, and its record is not written yet. Two things together save it: storing a
+file again makes it young, and `file_store.is_kept` proves inside the transaction of the upload that
+the file is there, under a lock that no sweep can hold meanwhile.
+"""
+
+import threading
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import structlog
+from sqlalchemy import select
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import StoreError
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.operations.dump import dumped_tables, file_digests
+from exceptiondrive_records.submissions.file_store import FileStore, StoredFile, lock_store
+from exceptiondrive_records.work.lease import take_lead
+
+_log = structlog.get_logger("exceptiondrive.reconciler")
+
+GRACE = timedelta(hours=24)
+"""An orphan that is younger may still belong to an upload under way."""
+SWEEP_EVERY_S = 6 * 3600.0
+_LOOK_EVERY_S = 60.0
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep removed."""
+
+    n_files: int
+    n_bytes: int
+
+
+def sweep_orphans(
+    database: Database, files: FileStore, *, actor: str, grace: timedelta = GRACE
+) -> Swept:
+    """Remove all stored files that are older than `grace` and that no record mentions.
+
+    Raises:
+        StoreError: The store did not answer; what was removed until then is right.
+    """
+    before = datetime.now(UTC) - grace
+    with database.read() as session:
+        mentioned = set(file_digests(session))
+    candidates = [
+        file for file in files.stored() if file.digest not in mentioned and file.changed_at < before
+    ]
+    removed = [file for file in candidates if _remove(database, files, file, before)]
+    swept = Swept(len(removed), sum(file.size_bytes for file in removed))
+    if removed:
+        with database.write() as session:
+            audit(session, actor, "orphaned files swept", "file store", vars(swept))
+    return swept
+
+
+def _remove(database: Database, files: FileStore, file: StoredFile, before: datetime) -> bool:
+    """Look again under the lock, and remove the file if it is still an old orphan."""
+    with database.write() as session:
+        lock_store(session, alone=True)
+        changed_at = files.changed_at(file.digest)
+        if changed_at is None or changed_at >= before or _is_mentioned(session, file.digest):
+            return False
+        files.remove(file.digest)
+        return True
+
+
+def _is_mentioned(session: Session, digest: str) -> bool:
+    columns = [
+        column
+        for table in dumped_tables()
+        for column in table.columns
+        if column.name.endswith("file_digest")
+    ]
+    return any(
+        session.execute(select(column).where(column == digest).limit(1)).first() is not None
+        for column in columns
+    )
+
+
+def run_sweeper(
+    database: Database, files: FileStore, stop: threading.Event, every_s: float = SWEEP_EVERY_S
+) -> None:
+    """Sweep every few hours until `stop` is set; of all reconcilers one at a time."""
+    while not stop.is_set():
+        try:
+            with database.write() as session:
+                is_due = take_lead(session, "sweep", random_id(), every_s)
+            if is_due:
+                swept = sweep_orphans(database, files, actor="reconciler")
+                _log.info("orphaned files swept", **vars(swept))
+        except (SQLAlchemyError, StoreError) as error:
+            _log.warning("orphaned files not swept", error=type(error).__name__)
+        stop.wait(min(every_s, _LOOK_EVERY_S))
