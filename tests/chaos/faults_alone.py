@@ -23,7 +23,7 @@ from exceptiondrive_server.operations.backup import restore_backup, write_backup
 
 _WRITER = """
 import sys, time
-from exceptiondrive_records.audit import audit
+from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.database import Database
 database = Database(sys.argv[1])
 with database.read() as session:
@@ -37,7 +37,7 @@ for number in range(60):
 _MIGRATION = """
 import os, signal, sys
 from sqlalchemy import event
-from exceptiondrive_records import database
+from exceptiondrive_records.db import database
 from exceptiondrive_records.migrations import migrate
 from sqlalchemy.engine import Engine
 seen = 0

@@ -95,7 +95,14 @@ class Dispatcher:
             with self._app.producer_or_acquire() as producer:
                 waiting = producer.channel.queue_declare(queue=lane.value).message_count
                 for _ in range(at_most - waiting):
-                    self._send(JobName.WAKE, lane.value, lane, producer)
+                    self._app.send_task(
+                        JobName.WAKE.value,
+                        args=(lane.value,),
+                        queue=lane.value,
+                        ignore_result=True,
+                        retry=False,
+                        producer=producer,
+                    )
         except (KombuError, RedisError, OSError) as error:
             _log.warning("the broker did not take a message", lane=lane.value, error=repr(error))
             with self._lock:
@@ -106,16 +113,6 @@ class Dispatcher:
     def close(self) -> None:
         """Close all connections."""
         self._app.close()
-
-    def _send(self, name: JobName, argument: str, lane: Lane, producer: Any = None) -> None:
-        self._app.send_task(
-            name.value,
-            args=(argument,),
-            queue=lane.value,
-            ignore_result=True,
-            retry=False,
-            producer=producer,
-        )
 
 
 def wake_lanes(
