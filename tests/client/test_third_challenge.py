@@ -14,7 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from exceptiondrive import ServerError
 from exceptiondrive.cli import app
+from exceptiondrive.cli.tables import challenge_of
 from exceptiondrive_schemas import check
 from exceptiondrive_schemas.challenges import (
     CHALLENGES,
@@ -298,3 +300,9 @@ def test_an_unknown_challenge_is_named_and_the_known_ones_too() -> None:
         with pytest.raises(UnknownChallengeError, match=r"'gaps' here; known: planning, strategy"):
             registry["gaps"]
     assert packaged_protocol().digest.startswith("sha256:a8e2d761")
+
+
+def test_a_client_older_than_a_challenge_asks_for_a_newer_one() -> None:
+    with pytest.raises(ServerError, match="no challenge 'gaps' here") as caught:
+        challenge_of("gaps")
+    assert "--upgrade" in caught.value.advice

@@ -17,11 +17,10 @@ from rich.table import Table
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
-from exceptiondrive.cli.tables import plain_table
+from exceptiondrive.cli.tables import challenge_of, plain_table
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
-from exceptiondrive_schemas.challenges import CHALLENGES
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Id of the run.")]
 ReasonOption = Annotated[
@@ -295,7 +294,7 @@ def _entries_table(comparison: Record) -> Table:
     entries = {entry["submission_id"]: entry for entry in comparison["entries"]}
     movers = [entries[key] for key in comparison["worst_movers"]]
     rest = [entry for entry in comparison["entries"] if entry not in movers]
-    challenge = CHALLENGES[comparison["challenge"]]
+    challenge = challenge_of(comparison["challenge"])
     metrics = [metric.key for metric in challenge.metrics if metric.role == "primary"]
     table = plain_table("method")
     table.add_column("rank")
@@ -317,7 +316,7 @@ def _entries_table(comparison: Record) -> Table:
 
 def _effect_lines(comparison: Record) -> list[str]:
     """Return a line per linked entry: what its reminder changes, before and after."""
-    metrics = CHALLENGES[comparison["challenge"]].metrics
+    metrics = challenge_of(comparison["challenge"]).metrics
     lines = []
     for entry in comparison["entries"]:
         sides = [_effect(entry[side]) for side in ("old", "new")]

@@ -7,9 +7,9 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from exceptiondrive.errors import utc_text
+from exceptiondrive.errors import ServerError, utc_text
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, UnknownChallengeError
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
@@ -54,8 +54,19 @@ def _cell(value: Any) -> str:
 
 
 def challenge_of(challenge_id: str) -> Challenge:
-    """Return the challenge with this id."""
-    return CHALLENGES[challenge_id]
+    """Return the challenge with this id.
+
+    Raises:
+        ServerError: It came after this client.
+    """
+    try:
+        return CHALLENGES[challenge_id]
+    except UnknownChallengeError as error:
+        raise ServerError(
+            "unknown_challenge",
+            error.sentence,
+            "Install the newest client: pip install --upgrade exceptiondrive",
+        ) from None
 
 
 def metric_head(metric: Metric) -> str:

@@ -19,7 +19,7 @@ from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import ceiling_chart, effect_lines
 from exceptiondrive_server.boards.comparison import Comparison, default_pair
-from exceptiondrive_server.boards.entry_facts import board_fields, entry_key
+from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
     ChangeLine,
@@ -54,9 +54,12 @@ class _Same(Generic[T]):
 class ShownBoard(NamedTuple):
     """What follows from a board, its protocol and a query; `rows` are the rows of nobody's own.
 
-    `axes` and `head` belong to the table, `change` tells what is new since the board before.
+    `address` is the query that names this very board. `axes` and `head` belong to the table,
+    `change` tells what is new since the board before.
     """
 
+    name: str
+    address: str
     table: BoardTable
     headline: Headline
     change: ChangeLine | None
@@ -90,6 +93,8 @@ def _shown(
         compared_fields=board_fields(board, is_current),
     )
     return ShownBoard(
+        name=board_name(board),
+        address=urlencode(board_fields(board)),
         table=table,
         headline=headline(board, table.builder.challenge, len(protocol.tasks), digits),
         change=change_line(board, before) if board.view == "main" else None,
@@ -99,6 +104,11 @@ def _shown(
         charts=charts or Markup(),
         families=macro("boards/table.html", "heat_map")(table),
     )
+
+
+@lru_cache(maxsize=16)
+def _metrics(challenge: _Same[Challenge]) -> Markup:
+    return macro("web/macros/icons.html", "metrics")(challenge.value)
 
 
 @lru_cache(maxsize=16)
@@ -115,6 +125,7 @@ def _scene(
 def forget_shown_boards() -> None:
     """Forget what was made of boards, as after a start of the server."""
     _shown.cache_clear()
+    _metrics.cache_clear()
     _scene.cache_clear()
 
 
@@ -232,6 +243,11 @@ class BoardPage:
         """The drawing of what the protocol measures."""
         return _scene(_Same(self.drawing), _Same(self.protocol), _Same(self.challenge))
 
+    @property
+    def metrics(self) -> Markup:
+        """What the numbers mean."""
+        return _metrics(_Same(self.challenge))
+
     @cached_property
     def phase_title(self) -> str:
         """What the page is about."""
@@ -274,7 +290,7 @@ class BoardPage:
     @cached_property
     def address(self) -> str | None:
         """The query that names this very board."""
-        return urlencode(board_fields(self.board)) if self.board else None
+        return self.shown.address if self.shown else None
 
     @property
     def exports(self) -> list[tuple[str, str]]:

@@ -575,7 +575,7 @@ class BoardTable:
         """Columns of the table."""
         return 2 + len(self.columns) + self.shows_outcome + (self.date_column is not None)
 
-    @property
+    @cached_property
     def optional_columns(self) -> list[tuple[str, str]]:
         """Key and label of each column that may be switched off."""
         return _optional(self.builder.challenge)

@@ -15,7 +15,7 @@ from exceptiondrive_server.web.templating import render
 
 MAX_BYTES = 150_000
 MAX_CALLS, MAX_CALLS_AGAIN = 9_000, 1_000
-MAX_FILES, MAX_FILES_AGAIN = 36, 25
+MAX_FILES, MAX_FILES_AGAIN = 38, 25
 
 
 @pytest.mark.parametrize("query", [[], [("q", "planner 1"), ("sort", "ur"), ("page", "3")]])
