@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 from tests.support.documents import digest_of, make_sheet
@@ -61,7 +62,7 @@ class World:
         return make_sheet(self.protocol_digest, row)
 
 
-def build_world(database: Database, **limits: int) -> World:
+def build_world(database: Database, **limits: Any) -> World:
     with database.write() as session:
         made = found(session, has_tokens=False)
         add_sample_split(session)
