@@ -2,7 +2,7 @@
 
 import importlib
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
 import psycopg
@@ -13,7 +13,8 @@ from tests.support.databases import Postgres, as_role
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_records.db.roles import RIGHTS, Role, grant_to_files, rights_of
+from exceptiondrive_records.db.roles import RIGHTS, WORK_RIGHTS, Role, grant_to_files, rights_of
+from exceptiondrive_records.work.tables import WorkItem
 from exceptiondrive_worker.sample.files import write_sample_split
 
 pytestmark = pytest.mark.postgres
@@ -98,6 +99,36 @@ REFUSED = [
 def test_what_a_role_must_not_do_is_refused(ask: Ask, role: Role, statement: str) -> None:
     with pytest.raises(errors.InsufficientPrivilege):
         ask(role, statement)
+
+
+def new_work(kind: str, key: str) -> str:
+    return (
+        "INSERT INTO work (id, kind, key, state, asked, attempts, fence, created_at, available_at) "
+        f"VALUES ('{kind}-{key}', '{kind}', '{key}', 'held', 1, 0, 0, now(), now())"
+    )
+
+
+@pytest.mark.parametrize("kind", WORK_RIGHTS)
+@pytest.mark.parametrize("role", Role)
+def test_a_role_changes_work_of_its_kinds_alone(
+    records_url: str, ask: Ask, role: Role, kind: str
+) -> None:
+    given = WORK_RIGHTS[kind][list(Role).index(role)]
+    with psycopg.connect(records_url.replace("+psycopg", ""), autocommit=True) as owner:
+        owner.execute(new_work(kind, "there"))
+    may_insert = "INSERT" in given
+    with nullcontext() if may_insert else pytest.raises(errors.InsufficientPrivilege):
+        ask(role, new_work(kind, "new"))
+    change = f"work SET note = 'mine' WHERE id = '{kind}-there' RETURNING id"
+    if "UPDATE" in rights_of(role)["work"]:
+        assert (ask(role, f"UPDATE {change}") is not None) == ("UPDATE" in given)
+    if "DELETE" in rights_of(role)["work"]:
+        gone = ask(role, f"DELETE FROM work WHERE id = '{kind}-there' RETURNING id")
+        assert (gone is not None) == ("DELETE" in given)
+
+
+def test_every_kind_of_work_has_its_rights() -> None:
+    assert set(WORK_RIGHTS) == WorkItem.__mapper__.polymorphic_map.keys()
 
 
 def test_a_role_that_is_there_gets_back_exactly_its_rights(

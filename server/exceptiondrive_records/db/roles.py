@@ -68,11 +68,24 @@ RIGHTS = MappingProxyType(
         "submissions": (RIU, _STATUS, _STATUS),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),
-        "work": (RIUD, RIU, RIUD),
+        "work": (RIUD, RIU, RIUD),  # by kind: `WORK_RIGHTS`
         "worker_heartbeats": (R, RIUD, R),
     }
 )
 """Missing tables are errors: a test compares this with the tables of the code."""
+
+
+WORK_RIGHTS = MappingProxyType(
+    {
+        # kind of work: (api, worker, reconciler)
+        "board": (RIU, RIU, RIU),
+        "delivery": (RIU, RI, RIU),
+        "lead": (R, NONE, RIUD),
+        "recheck": (RIU, RU, RU),
+        "score": (RIUD, RU, RIUD),  # workers score what others ask for
+    }
+)
+"""All work stands in one table; policies of its rows keep each role to its kinds."""
 
 
 def rights_of(role: Role) -> dict[str, str]:
@@ -91,6 +104,20 @@ def grants(role: Role) -> Iterator[str]:
         yield f"GRANT {rights} ON {table} TO {role}"
         if "INSERT" in rights and table in _NUMBERED:
             yield f"GRANT USAGE ON SEQUENCE {table}_id_seq TO {role}"
+    yield from _work_policies(role)
+
+
+def _work_policies(role: Role) -> Iterator[str]:
+    """Everybody sees all work; whoever changes a row needs the right to its kind."""
+    yield "ALTER TABLE work ENABLE ROW LEVEL SECURITY"
+    column = list(Role).index(role)
+    for verb in ("SELECT", "INSERT", "UPDATE", "DELETE"):
+        kinds = [f"'{kind}'" for kind, rights in WORK_RIGHTS.items() if verb in rights[column]]
+        rows = "true" if verb == "SELECT" else f"kind IN ({', '.join(kinds)})" if kinds else "false"
+        clause = f"WITH CHECK ({rows})" if verb == "INSERT" else f"USING ({rows})"
+        name = f"{role}_{verb.lower()}"
+        yield f"DROP POLICY IF EXISTS {name} ON work"
+        yield f"CREATE POLICY {name} ON work FOR {verb} TO {role} {clause}"
 
 
 def _numbered() -> frozenset[str]:
