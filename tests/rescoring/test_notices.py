@@ -20,6 +20,7 @@ from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.notifications import channels as webhooks
 from exceptiondrive_records.notifications.channels import (
     NotDelivered,
+    NoticeSettings,
     allowed_address,
     is_public,
     send_webhook,
@@ -30,7 +31,6 @@ from exceptiondrive_records.notifications.contacts import (
     remove_contact,
 )
 from exceptiondrive_records.notifications.outbox import send_next
-from exceptiondrive_records.notifications.settings import NoticeSettings
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.lease import new_item

@@ -258,8 +258,7 @@ REFERENCE = {"version": "1.0", "digest": "sha256:0"}
 
 @pytest.mark.parametrize("text", ALL.values(), ids=ALL)
 def test_an_email_gets_no_header_and_no_line_from_a_name(text: str) -> None:
-    from exceptiondrive_records.notifications.channels import message_of
-    from exceptiondrive_records.notifications.settings import NoticeSettings
+    from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 
     message = message_of(NoticeSettings(), "to@example.org", notice(text, REFERENCE))
     raw = message.as_bytes()

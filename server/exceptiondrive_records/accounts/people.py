@@ -12,9 +12,9 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tables import Invitation, Membership, Person
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import insert_if_absent
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_text, random_id
-from exceptiondrive_records.db.upserts import insert_if_absent
 from exceptiondrive_records.teams.tables import Team
 
 MAX_NAME = 80

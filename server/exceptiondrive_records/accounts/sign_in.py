@@ -13,8 +13,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import SignInAttempts
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import insert_if_absent
 from exceptiondrive_records.db.errors import TooManyAttempts
-from exceptiondrive_records.db.upserts import insert_if_absent
 
 WINDOW = timedelta(minutes=15)
 PER_ADDRESS = 30

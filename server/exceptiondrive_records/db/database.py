@@ -4,17 +4,20 @@ SQLite: WAL, synchronous=FULL, and `BEGIN IMMEDIATE` for every write, because th
 not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the-queue.md).
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy.dialects.postgresql import insert as postgres_insert
+from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from exceptiondrive_records.audit.log import seal_audit_lines
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
 
 __all__ = ["Database", "database_now"]
@@ -102,3 +105,37 @@ def _prepare_sqlite(connection: DBAPIConnection, record: Any) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     writes = connection.get_execution_options().get(_WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+# Insertions that may meet a row that is there already, in the words of either database.
+
+
+def insert_if_absent(session: Session, table: type[Base], **values: Any) -> None:
+    """Insert a row, unless one of the same key is there."""
+    session.execute(_insert(session)(table).values(**values).on_conflict_do_nothing())
+
+
+def upsert(
+    session: Session,
+    table: type[Base],
+    values: Mapping[str, Any],
+    changes: Mapping[str, Any],
+    *,
+    keys: Collection[str] = (),
+) -> None:
+    """Insert a row; where one of the same keys is there, change that one instead.
+
+    Args:
+        session: Of a write transaction.
+        table: Which.
+        values: Of the new row.
+        changes: Of the one that is there.
+        keys: What is unique; by default the primary key.
+    """
+    keys = keys or [column.name for column in table.__table__.primary_key]
+    new = _insert(session)(table).values(**values)
+    session.execute(new.on_conflict_do_update(index_elements=list(keys), set_=changes))
+
+
+def _insert(session: Session) -> Any:
+    return sqlite_insert if session.get_bind().dialect.name == "sqlite" else postgres_insert

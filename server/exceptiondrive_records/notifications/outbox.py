@@ -9,8 +9,12 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.notifications.channels import NotDelivered, send_email, send_webhook
-from exceptiondrive_records.notifications.settings import NoticeSettings
+from exceptiondrive_records.notifications.channels import (
+    NotDelivered,
+    NoticeSettings,
+    send_email,
+    send_webhook,
+)
 from exceptiondrive_records.notifications.tables import (
     Channel,
     ContactPoint,

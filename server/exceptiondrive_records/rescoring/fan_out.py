@@ -10,12 +10,13 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_key, shadow_key
-from exceptiondrive_records.rescoring.draft_board import fresh_board, want_fresh_board
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
+    fresh_board,
     missing_pairs,
     open_jobs,
     waiting_elsewhere,
+    want_fresh_board,
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.verification import end_verification

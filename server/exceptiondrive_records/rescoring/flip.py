@@ -27,9 +27,8 @@ from exceptiondrive_records.rescoring.comparison import (
     difference_of,
     taken_back,
 )
-from exceptiondrive_records.rescoring.draft_board import fresh_board
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
-from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs
+from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import move_run, require_action
 from exceptiondrive_records.rescoring.tables import RescoringRun

@@ -11,8 +11,8 @@ from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import insert_if_absent
 from exceptiondrive_records.db.errors import Violation
-from exceptiondrive_records.db.upserts import insert_if_absent
 from exceptiondrive_records.splits.tables import EntryDrawingsRow, ProtocolDrawingRow, SplitRow
 from exceptiondrive_schemas.drawing import (
     EntryDrawings,

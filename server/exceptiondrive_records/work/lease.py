@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import insert_if_absent, upsert
 from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_records.db.upserts import insert_if_absent, upsert
 from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 

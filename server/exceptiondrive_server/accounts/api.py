@@ -20,7 +20,7 @@ from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Me
 from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
 from exceptiondrive_server.web.auth import MaybePrincipal, ServicesOf, TokenKeeper, team_of
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import problem_responses
 

@@ -14,7 +14,7 @@ from exceptiondrive_records.teams.teams import (
     switch_self_registration,
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 
 router = APIRouter()
 PersonId = Annotated[str, Path(max_length=64, description="id of a person")]

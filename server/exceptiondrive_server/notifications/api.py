@@ -18,7 +18,7 @@ from exceptiondrive_records.notifications.tables import Channel, ContactPoint, D
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(

@@ -13,8 +13,8 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.roles import Role, grant_to_files, grants
 from exceptiondrive_records.db.settings import SettingsError, load_settings
+from exceptiondrive_records.notifications.channels import NoticeSettings
 from exceptiondrive_records.notifications.outbox import run_outbox
-from exceptiondrive_records.notifications.settings import NoticeSettings
 from exceptiondrive_records.operations.garbage import run_sweeper
 from exceptiondrive_records.operations.reconciler import run_reconciler
 from exceptiondrive_records.operations.setup import prepare

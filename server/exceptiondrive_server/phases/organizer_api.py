@@ -25,7 +25,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()

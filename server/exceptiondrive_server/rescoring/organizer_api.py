@@ -14,7 +14,7 @@ from exceptiondrive_records.rescoring.views import preview_of, run_view, run_vie
 from exceptiondrive_schemas.rescoring import PreviewView, RunView, VerificationView
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.similarity import SimilarityReport
 from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_server.submissions.api import SubmissionId
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 
 router = APIRouter()
 

@@ -9,7 +9,7 @@ from exceptiondrive_records.accounts.sign_in import count_attempt, registration_
 from exceptiondrive_records.teams.teams import register_team, self_registration_is_on
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import problem_responses
 

@@ -24,7 +24,7 @@ from exceptiondrive_records.teams.teams import (
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.organizer_form import Form
+from exceptiondrive_server.web.forms import Form
 
 router = APIRouter()
 Slug = Annotated[str, Path(max_length=64, description="id of a team")]

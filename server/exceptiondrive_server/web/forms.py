@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -132,3 +132,12 @@ _READERS: Mapping[Kind, Callable[[FormField, str], Any]] = {
     "moment": _moment,
     "choice": _choice,
 }
+
+
+# What organizers send to the API: an unknown field is an error.
+
+
+class Form(BaseModel):
+    """Base of what is sent."""
+
+    model_config = ConfigDict(extra="forbid")
