@@ -119,7 +119,7 @@ def test_it_runs_on_a_schema_newer_than_itself_before_and_after_a_restart(
     """The minutes of an upgrade, and its taking back: migrations only add."""
     with topology.database.write() as session:
         session.execute(text("ALTER TABLE submissions ADD COLUMN added_later VARCHAR"))
-        session.execute(text("ALTER TABLE jobs ADD COLUMN added_later VARCHAR"))
+        session.execute(text("ALTER TABLE work ADD COLUMN added_later VARCHAR"))
         session.execute(text("CREATE TABLE made_later (id INTEGER PRIMARY KEY)"))
         session.execute(text("UPDATE alembic_version SET version_num = '9999'"))
     running = post(topology, make_file(8), "running")

@@ -32,6 +32,6 @@ def make_schema_newer(topology: Topology) -> None:
     assert topology.postgres is not None
     with topology.postgres.connect() as connection:
         connection.execute("ALTER TABLE submissions ADD COLUMN added_later VARCHAR")
-        connection.execute("ALTER TABLE jobs ADD COLUMN added_later VARCHAR")
+        connection.execute("ALTER TABLE work ADD COLUMN added_later VARCHAR")
         connection.execute("CREATE TABLE made_later (id INTEGER PRIMARY KEY)")
         connection.execute("UPDATE alembic_version SET version_num = '9999'")

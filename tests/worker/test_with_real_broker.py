@@ -144,7 +144,8 @@ def test_a_quiet_team_overtakes_a_flood(
         order = list(session.scalars(select(Job.id).order_by(Job.leased_at)))
     assert order.index(quiet[0]) <= 1, "before the flood's second file"
     assert order.index(quiet[1]) <= 4
-    assert [job for job in order if job in flood] == flood
+    taken = [flood.index(job) for job in order if job in flood]
+    assert all(abs(n - place) <= 1 for place, n in enumerate(taken)), "two slots claim at once"
 
 
 def test_nothing_but_a_lane_goes_through_the_broker(
