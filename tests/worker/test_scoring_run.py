@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from billiard.exceptions import SoftTimeLimitExceeded
-from sqlalchemy import func, select
+from sqlalchemy import func, select, text
 from tests.support.work import claim_this
 from tests.support.worker import score_submission
 
@@ -21,6 +21,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.scoring_run import score_next
 
 World = Any
 MakeFile = Callable[..., bytes]
@@ -152,6 +153,32 @@ def test_without_the_registered_revision_the_job_stays_queued(
     path.write_text(sound)
     score_submission(phase.context, job_id)
     assert phase.submission(submission_id).status is SubmissionStatus.SCORED
+
+
+def test_an_altered_protocol_keeps_its_own_jobs_waiting_alone(
+    phase: World, tiny: Split, planning_file: MakeFile, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = phase.score(planning_file(tiny))
+    toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
+    stuck = add_job(phase, done, toml)
+    with phase.database.engine.begin() as connection:
+        for name in connection.scalars(
+            text("SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = 'protocols'")
+        ).all():
+            connection.execute(text(f"DROP TRIGGER {name}"))
+        connection.execute(
+            text(
+                "UPDATE protocols SET toml = replace(toml, '4.084', '4.085') WHERE version = '1.1'"
+            )
+        )
+    _, job_id = phase.submit(planning_file(tiny, edited_mps=3.0), team="beta")
+    with phase.database.write() as session:
+        session.get_one(Job, stuck).lane = Lane.LIVE
+    assert score_next(phase.context, Lane.LIVE)
+    assert phase.job(job_id).state is WorkState.DONE
+    assert not score_next(phase.context, Lane.LIVE)
+    assert phase.job(stuck).attempts == 0
+    assert "protocol refused: its jobs stay queued" in capsys.readouterr().out
 
 
 def failing(error: BaseException) -> Callable[..., Any]:

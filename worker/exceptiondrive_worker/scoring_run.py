@@ -1,11 +1,12 @@
 """The scoring run: claim the job that comes next, score its upload, record all of it in one step."""
 
 import structlog
-from sqlalchemy import ColumnElement, select
+from sqlalchemy import ColumnElement, select, tuple_
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.phases.scoring_keys import accepted_under
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import Submission
@@ -19,7 +20,6 @@ from exceptiondrive_records.work.jobs import (
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
@@ -30,6 +30,7 @@ from exceptiondrive_worker.stages import RejectedUpload, Target
 
 _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)
 """One split that trips the loader must not keep the jobs of all others waiting."""
+_KEY = tuple_(Job.protocol_digest, Job.split_revision)
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -37,8 +38,8 @@ _log = structlog.get_logger("exceptiondrive.worker")
 def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) -> bool:
     """Score the job of a lane that comes next in fair order; whether there was one.
 
-    While no file holds the registered split revision of a job it is not claimed, and others come
-    first.
+    While no file holds the registered split revision of a job, or its protocol was altered, it is
+    not claimed, and others come first.
 
     Args:
         context: Of this process.
@@ -46,11 +47,9 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
         which: Conditions on `Job`; by default any.
     """
     with context.database.read() as session:
-        wanted = _splits_wanted(session, lane, *which)
-    here, away = set[str](), set[str]()
-    for name, revision, protocol in wanted:
-        (here if _is_here(context, name, revision, protocol) else away).add(revision)
-    if not here:
+        wanted = _wanted(session, lane, *which)
+    away = [key for key, name in wanted.items() if not _is_here(context, name, key)]
+    if len(away) == len(wanted):
         return False
     settings = context.settings
     with context.database.write() as session:
@@ -59,7 +58,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
             lane,
             settings.lease_s,
             settings.max_attempts,
-            Job.split_revision.not_in(away),
+            _KEY.not_in([(key.protocol_digest, key.split_revision) for key in away]),
             *which,
         )
     if job is None:
@@ -69,27 +68,27 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
     return True
 
 
-def _splits_wanted(
-    session: Session, lane: Lane, *which: ColumnElement[bool]
-) -> list[tuple[str, str, ProtocolDocument]]:
-    """Name, revision and protocol of every split that waiting jobs are scored against."""
+def _wanted(session: Session, lane: Lane, *which: ColumnElement[bool]) -> dict[ScoringKey, str]:
+    """What waiting jobs are scored under: protocol and revision, to the name of the split."""
     query = (
-        select(Phase.split_name, Job.split_revision, Job.protocol_digest)
+        select(Job.protocol_digest, Job.split_revision, Phase.split_name)
         .join(Submission, Submission.id == Job.submission_id)
         .join(Phase, Phase.id == Submission.phase_id)
         .where(waits(lane, database_now(session)), *which)
         .distinct()
     )
-    return [
-        (name, revision, find_protocol(session, digest))
-        for name, revision, digest in session.execute(query)
-    ]
+    return {ScoringKey(digest, revision): name for digest, revision, name in session.execute(query)}
 
 
-def _is_here(context: WorkerContext, name: str, revision: str, protocol: ProtocolDocument) -> bool:
-    ids = {"split": name, "revision": revision}
+def _is_here(context: WorkerContext, name: str, key: ScoringKey) -> bool:
+    ids = {"split": name, "revision": key.split_revision}
     try:
-        context.splits.find(name, revision, protocol)
+        with context.database.read() as session:
+            protocol = find_protocol(session, key.protocol_digest)
+        context.splits.find(name, key.split_revision, protocol)
+    except Conflict as error:
+        _log.error("protocol refused: its jobs stay queued", **ids, reason=str(error))
+        return False
     except SplitUnavailableError as error:
         _log.error("split unavailable: its jobs stay queued", **ids, reason=str(error))
         return False
