@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from aiosmtpd.controller import Controller
 from sqlalchemy import select
+from tests.support.work import let_time_pass
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.notifications import channels as webhooks
@@ -164,6 +165,30 @@ def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
     assert delivery(stage).outcome.value == "given_up"
     assert delivery(stage).note == "the webhook answered 302; it is not followed"
     assert len(receiver.received) == 2
+
+
+def test_a_message_whose_sender_dies_each_time_is_given_up(
+    stage: Stage,
+    make_protocol: Callable[..., str],
+    receiver: Receiver,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    patience = settings(delivery_attempts=2)
+
+    def die(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("exceptiondrive_records.notifications.outbox._send", die)
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt):
+                send_next(stage.database, patience)
+            with stage.database.write() as session:
+                let_time_pass(session, timedelta(hours=1))
+    assert send_next(stage.database, patience)
+    assert delivery(stage).outcome.value == "given_up"
+    assert receiver.received == []
 
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)

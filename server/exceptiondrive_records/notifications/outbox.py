@@ -56,6 +56,9 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
         delivery = claim(session, Delivery, _due(session), _LEASE_S)
         if delivery is None:
             return False
+        if delivery.attempts > settings.delivery_attempts:  # whoever sends it dies of it
+            finish(session, delivery, WorkState.FAILED, note="no sender of it came back")
+            return True
         contact = session.get_one(ContactPoint, delivery.contact_id)
         body = session.get_one(Notification, delivery.notification_id).body
     try:
