@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from tests.server.pages.invented_board import KEYS
+
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -11,6 +13,11 @@ from exceptiondrive_server.boards.table import BoardTable, board_table, metric_c
 
 def view(board: Board, protocol: ProtocolDocument, **query: Any) -> BoardTable:
     return board_table(board, protocol, BoardQuery(**query))
+
+
+def test_the_columns_of_a_planning_board() -> None:
+    columns = [column.key for column in metric_columns(PLANNING, BoardQuery())]
+    assert columns == ["hcc", "ur", "hpr", "cts", "cts_x", "cts_y"]
 
 
 def test_outcome_bars_add_up_to_the_whole(lively_board: Board, protocol: ProtocolDocument) -> None:
@@ -24,8 +31,10 @@ def test_the_papers_rows_are_shown_digit_for_digit(
     paper_board: Board, protocol: ProtocolDocument
 ) -> None:
     rows = {row.entry.method: row for row in view(paper_board, protocol).blocks[0].rows}
-    printed = [cell.text for cell in rows["ST-P3"].cells]
-    assert printed == ["21.03", "78.11", "18.59", "1.57", "1.55", "0.24"]
+    printed = ("21.03", "78.11", "18.59", "1.57", "1.55", "0.24")
+    by_key = dict(zip(KEYS, printed, strict=True))
+    shown = [cell.text for cell in rows["ST-P3"].cells]
+    assert shown == [by_key.get(key) for key in PLANNING.metric_keys]
     families = [tile.text for tile in rows["AutoVLA"].tiles]
     assert families == ["9.90", "12.86", "10.22", "9.78", "9.92", "9.56"]
     assert rows["VAD"].tiles == ()
@@ -91,7 +100,8 @@ def test_the_other_average_shows_its_values_without_intervals(
 
 def test_primary_columns_cannot_be_hidden(lively_board: Board, protocol: ProtocolDocument) -> None:
     seen = view(lively_board, protocol, hidden=frozenset({"hcc", "hpr"}))
-    assert [column.key for column in seen.columns] == ["hcc", "ur", "cts", "cts_x", "cts_y"]
+    shown = [column.key for column in seen.columns]
+    assert shown == [key for key in PLANNING.metric_keys if key != "hpr"]
 
 
 def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round() -> None:
