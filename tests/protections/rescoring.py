@@ -163,7 +163,7 @@ RESCORING = (
         f"{HERE}/test_runs.py::test_a_paused_run_scores_nothing_until_it_is_resumed",
     ),
     Protection("stale-preview", f"{RUNS}.flip:_require_seen", nothing, STALE),
-    Protection("fresh-draft", f"{RUNS}.draft_board:fresh_board", _any_board, STALE),
+    Protection("fresh-draft", f"{RUNS}.pairs:fresh_board", _any_board, STALE),
     Protection("missing-pairs", f"{RUNS}.flip:blockers_of", always(()), BLOCKED),
     Protection(
         "one-transaction",
