@@ -1,0 +1,1 @@
+"""From driving scenes to a frozen split (docs/building-a-split.md)."""
