@@ -1,1 +1,1 @@
-"""Scenes in: keyframes with six cameras, calibration, ego pose and the recorded path."""
+"""Scenes in: keyframes with their camera views, whatever data set they come from."""

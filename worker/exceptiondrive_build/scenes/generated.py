@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from exceptiondrive_build.scenes.keyframes import CAMERAS, TIME_STEP_S
-from exceptiondrive_build.scenes.nuscenes import LIDAR, rigid
+from exceptiondrive_build.scenes.nuscenes import CAMERAS, LIDAR, TIME_STEP_S, rigid
 from exceptiondrive_scoring.aliases import FloatArray
 
 VERSION = "v1.0-mini"

@@ -21,19 +21,23 @@ import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
-from exceptiondrive_build.scenes.keyframes import (
-    CAMERAS,
-    N_WAYPOINTS,
-    TIME_STEP_S,
-    Camera,
-    EgoPose,
-    Keyframe,
-    Scenes,
-    ScenesError,
-)
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.scenes.keyframe import Camera, Keyframe
+from exceptiondrive_build.scenes.scene_set import SceneSet
 from exceptiondrive_scoring.aliases import FloatArray
 
+CAMERAS = (
+    "CAM_FRONT_LEFT",
+    "CAM_FRONT",
+    "CAM_FRONT_RIGHT",
+    "CAM_BACK_LEFT",
+    "CAM_BACK",
+    "CAM_BACK_RIGHT",
+)
+"""As they stand around the car: in front, then behind, from the left."""
 LIDAR = "LIDAR_TOP"
+N_WAYPOINTS = 6
+TIME_STEP_S = 0.5
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "scene": ("token", "name", "description", "log_token"),
     "sample": ("token", "timestamp", "scene_token"),
@@ -52,7 +56,7 @@ Row = Mapping[Hashable, Any]
 Table = Mapping[str, Row]
 
 
-def read_nuscenes(folder: Path, version: str | None = None) -> Scenes:
+def read_nuscenes(folder: Path, version: str | None = None) -> SceneSet:
     """Read every keyframe that has a recorded path of 3 s.
 
     Args:
@@ -60,7 +64,7 @@ def read_nuscenes(folder: Path, version: str | None = None) -> Scenes:
         version: Name of the folder of tables, such as `v1.0-trainval`; None if there is one alone.
 
     Raises:
-        ScenesError: No tables, or of another version; a row, a camera or a picture is missing.
+        BuildError: No tables, or of another version; a row, a camera or a picture is missing.
     """
     tables = folder / (version or _only_version(folder))
     frames = {name: _read_table(tables, name) for name in COLUMNS}
@@ -70,7 +74,7 @@ def read_nuscenes(folder: Path, version: str | None = None) -> Scenes:
     data = data.assign(channel=data["calibrated_sensor_token"].map(channels))
     if data["channel"].isna().any():
         token = data.loc[data["channel"].isna(), "calibrated_sensor_token"].iloc[0]
-        raise ScenesError(f"{tables / 'calibrated_sensor.json'} has no row {token}")
+        raise BuildError(f"{tables / 'calibrated_sensor.json'} has no row {token}")
     data = data[data["channel"].isin([*CAMERAS, LIDAR])]
     poses = frames["ego_pose"]
     reader = _Reader(
@@ -91,7 +95,7 @@ def read_nuscenes(folder: Path, version: str | None = None) -> Scenes:
         for scene_token, of_scene in samples.groupby("scene_token", sort=False)
         for keyframe in reader.keyframes(str(scene_token), of_scene.to_dict("records"), readings)
     ]
-    return Scenes(folder, tuple(sorted(keyframes, key=lambda k: (k.scene, k.timestamp_us))))
+    return SceneSet(folder, tuple(sorted(keyframes, key=lambda k: (k.scene, k.timestamp_us))))
 
 
 def _only_version(folder: Path) -> str:
@@ -100,10 +104,10 @@ def _only_version(folder: Path) -> str:
     if len(fitting) == 1:
         return fitting[0]
     if fitting:
-        raise ScenesError(f"{folder} holds tables {' and '.join(fitting)}: say which")
+        raise BuildError(f"{folder} holds tables {' and '.join(fitting)}: say which")
     if found:
-        raise ScenesError(f"{folder} holds tables {', '.join(found)}; v1.0 of nuScenes is read")
-    raise ScenesError(f"{folder} holds no tables: a folder such as v1.0-trainval is missing")
+        raise BuildError(f"{folder} holds tables {', '.join(found)}; v1.0 of nuScenes is read")
+    raise BuildError(f"{folder} holds no tables: a folder such as v1.0-trainval is missing")
 
 
 def _read_table(tables: Path, name: str) -> pd.DataFrame:
@@ -112,12 +116,12 @@ def _read_table(tables: Path, name: str) -> pd.DataFrame:
         rows = json.loads(path.read_bytes())
         frame = pd.DataFrame.from_records(rows)
     except FileNotFoundError:
-        raise ScenesError(f"missing table: {path}") from None
+        raise BuildError(f"missing table: {path}") from None
     except (ValueError, TypeError, AttributeError) as error:
-        raise ScenesError(f"{path} is no table of nuScenes: {error}") from error
+        raise BuildError(f"{path} is no table of nuScenes: {error}") from error
     lacking = [column for column in COLUMNS[name] if column not in frame]
     if lacking:
-        raise ScenesError(f"{path} is of another version than v1.0: it lacks {', '.join(lacking)}")
+        raise BuildError(f"{path} is of another version than v1.0: it lacks {', '.join(lacking)}")
     return frame[list(COLUMNS[name])]
 
 
@@ -143,7 +147,7 @@ class _Reader:
         try:
             return self.tables[table][token]
         except KeyError:
-            raise ScenesError(f"{self.folder / table}.json has no row {token}") from None
+            raise BuildError(f"{self.folder / table}.json has no row {token}") from None
 
     def keyframes(
         self,
@@ -156,7 +160,7 @@ class _Reader:
         for sample in samples:
             for channel in (*CAMERAS, LIDAR):
                 if channel not in readings[sample["token"]]:
-                    raise ScenesError(
+                    raise BuildError(
                         f"sample {sample['token']} of scene {scene['name']} has no {channel}"
                     )
         times_s = np.array([sample["timestamp"] for sample in samples]) / 1e6
@@ -189,16 +193,15 @@ class _Reader:
                 description=scene["description"],
                 location=self.row("log", scene["log_token"])["location"],
                 timestamp_us=int(sample["timestamp"]),
-                ego_pose=EgoPose(
-                    translation=_floats(pose["translation"]), rotation=_floats(pose["rotation"])
-                ),
+                ego_translation_m=_floats(pose["translation"]),
+                ego_rotation=_floats(pose["rotation"]),
                 cameras=tuple(
                     self.camera(channel, readings[channel], map_from_ego) for channel in CAMERAS
                 ),
                 recorded=_rows(path_m),
             )
         except ValidationError as error:
-            raise ScenesError(f"sample {sample['token']} in {self.folder}: {error}") from error
+            raise BuildError(f"sample {sample['token']} in {self.folder}: {error}") from error
 
     def camera(self, channel: str, reading: Row, map_from_ego: FloatArray) -> Camera:
         """Calibration from the ego frame of the keyframe, not of the shutter time."""
@@ -209,15 +212,15 @@ class _Reader:
         camera_from_ego = np.linalg.inv(map_from_camera) @ map_from_ego
         intrinsic = self.row("calibrated_sensor", sensor_token)["camera_intrinsic"]
         if np.shape(intrinsic) != (3, 3):
-            raise ScenesError(
+            raise BuildError(
                 f"{self.folder / 'calibrated_sensor'}.json, row {sensor_token}: "
                 f"the camera_intrinsic of {channel} is no 3 x 3 matrix"
             )
         return Camera(
-            channel=channel,
-            picture=reading["filename"],
-            width=int(reading["width"]),
-            height=int(reading["height"]),
+            view=channel,
+            image=reading["filename"],
+            width_px=int(reading["width"]),
+            height_px=int(reading["height"]),
             intrinsic=_rows(intrinsic),
             camera_from_ego=_rows(camera_from_ego[:3]),
         )
@@ -232,7 +235,7 @@ class _Reader:
             or not np.isfinite(translation).all()
             or not abs(np.linalg.norm(quaternion) - 1) < 1e-3
         ):
-            raise ScenesError(
+            raise BuildError(
                 f"{self.folder / table}.json, row {token}: no translation of three metres and "
                 "unit quaternion"
             )

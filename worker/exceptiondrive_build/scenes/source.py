@@ -5,11 +5,13 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from exceptiondrive_build.scenes.keyframes import CAMERAS, Keyframe, Scenes, ScenesError
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.scenes.nuscenes import read_nuscenes
+from exceptiondrive_build.scenes.scene_set import SceneSet
 
 
-def read_scenes(source: Path, version: str | None = None) -> Scenes:
+def read_scenes(source: Path, version: str | None = None) -> SceneSet:
     """Read keyframes.
 
     Args:
@@ -17,22 +19,22 @@ def read_scenes(source: Path, version: str | None = None) -> Scenes:
         version: Which tables, where a nuScenes folder has several.
 
     Raises:
-        ScenesError: What is wrong, and where.
+        BuildError: What is wrong, and where.
     """
     scenes = read_nuscenes(source, version) if source.is_dir() else _read_lines(source)
     for keyframe in scenes.keyframes:
         for camera in keyframe.cameras:
             if not scenes.path(camera).is_file():
-                raise ScenesError(f"missing picture: {scenes.place(keyframe, camera)}")
+                raise BuildError(f"Missing picture: {scenes.place(keyframe, camera)}.")
     return scenes
 
 
-def _read_lines(source: Path) -> Scenes:
+def _read_lines(source: Path) -> SceneSet:
     try:
         lines = source.read_bytes().splitlines()
     except OSError as error:
-        raise ScenesError(f"no scenes at {source}: {error.strerror}") from error
-    scenes = Scenes(
+        raise BuildError(f"No scenes at {source}: {error.strerror}.") from None
+    scenes = SceneSet(
         source.parent,
         tuple(
             _keyframe(line, f"{source}, line {number}")
@@ -40,31 +42,32 @@ def _read_lines(source: Path) -> Scenes:
             if line.strip()
         ),
     )
+    views = {camera.view for keyframe in scenes.keyframes for camera in keyframe.cameras}
+    for keyframe in scenes.keyframes:
+        lacking = sorted(views - {camera.view for camera in keyframe.cameras})
+        if lacking:
+            raise BuildError(
+                f"{source}: keyframe {keyframe.keyframe_id} has no {', '.join(lacking)}."
+            )
     times_given = Counter(keyframe.keyframe_id for keyframe in scenes.keyframes)
     repeated = sorted(one for one, count in times_given.items() if count > 1)
     if repeated:
-        raise ScenesError(f"{source}: keyframes given twice: {', '.join(repeated)}")
+        raise BuildError(f"{source}: keyframes given twice: {', '.join(repeated)}.")
     return scenes
 
 
 def _keyframe(line: bytes, where: str) -> Keyframe:
     try:
-        keyframe = Keyframe.model_validate_json(line)
+        return Keyframe.model_validate_json(line)
     except ValidationError as error:
         problems = [
             f"{'.'.join(map(str, one['loc'])) or 'the line'}: {one['msg']}"
             for one in error.errors()
         ]
-        raise ScenesError(f"{where}: {'; '.join(problems)}") from error
-    channels = tuple(camera.channel for camera in keyframe.cameras)
-    if channels != CAMERAS:
-        raise ScenesError(
-            f"{where}: the cameras are {', '.join(channels)}, not {', '.join(CAMERAS)}"
-        )
-    return keyframe
+        raise BuildError(f"{where}: {'; '.join(problems)}.") from None
 
 
-def write_scenes(scenes: Scenes, path: Path) -> None:
+def write_scenes(scenes: SceneSet, path: Path) -> None:
     """Write `scenes.jsonl` into the folder of the pictures, whose names are relative to it."""
     text = "".join(f"{keyframe.model_dump_json()}\n" for keyframe in scenes.keyframes)
     path.write_text(text, encoding="utf-8")
