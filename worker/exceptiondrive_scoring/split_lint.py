@@ -10,7 +10,7 @@ benefit of the doubt: a car that may creep, and may be fast.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import compress
 
 import numpy as np
 
@@ -50,7 +50,8 @@ LEAST_CONTROL_PATH_M = 2.0
 _PLAIN_ID = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._:/@#=+-")
 
 
-class LintWarning(NamedTuple):
+@dataclass(frozen=True)
+class LintWarning:
     """One kind of doubt about a split.
 
     Attributes:
@@ -82,6 +83,10 @@ class LintedSplit:
     recorded_m: FloatArray
     is_control: BoolArray
 
+    def ids_of(self, which: BoolArray) -> tuple[str, ...]:
+        """Ids of some samples, sorted."""
+        return tuple(sorted(compress(self.sample_ids, which)))
+
     @property
     def has_recorded(self) -> BoolArray:
         """Whether a sample has a recorded path, (N,)."""
@@ -103,9 +108,9 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
     still_m, recorded_m = drives.clearance_m(drives.standing()), drives.of_recorded_m()
 
     def found(code: str, what: str, which: BoolArray) -> Iterator[LintWarning]:
-        ids = sorted(split.sample_ids[row] for row in np.flatnonzero(which))
+        ids = split.ids_of(which)
         if ids:
-            yield LintWarning(code, what, len(ids), tuple(ids))
+            yield LintWarning(code, what, len(ids), ids)
 
     def everything(code: str, what: str, is_so: bool) -> Iterator[LintWarning]:
         yield from found(code, what, counted & is_so)
@@ -284,9 +289,8 @@ def _small_cells(split: LintedSplit, taxonomy: Taxonomy, least: int) -> Iterator
             names.append(members[position].id)
             rows |= counted & (index == position)
     if names:
-        ids = sorted(split.sample_ids[row] for row in np.flatnonzero(rows))
         what = f"families and tasks with fewer samples than {least}, the least that is published: "
-        yield LintWarning("small_cells", what + ", ".join(names), len(names), tuple(ids))
+        yield LintWarning("small_cells", what + ", ".join(names), len(names), split.ids_of(rows))
 
 
 class _Drives:
@@ -333,17 +337,18 @@ class _Drives:
 
     def avoids(self) -> BoolArray:
         """Whether a car that moves can keep clear of the region."""
-        speed_mps = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
+        speed_mps: FloatArray = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
         braking_s = np.minimum(self._times_s, speed_mps[:, None] / BRAKE_MPS2)
         stopping_m = speed_mps[:, None] * braking_s - BRAKE_MPS2 * braking_s**2 / 2
         cruising_m = speed_mps[:, None] * self._times_s
-        sideways_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)
+        gripping_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)
+        sideways_mps2 = np.asarray(gripping_mps2, dtype=np.float64)[:, None]
 
         def drives() -> Iterator[FloatArray]:
             for road in (_straight, _Road(self._recorded(), self._geometry).positions_m):
                 yield road(stopping_m, np.zeros_like(stopping_m))
                 for aside_m in SWERVES_M:
-                    shift_m = _swerve_m(self._times_s, aside_m, sideways_mps2[:, None])
+                    shift_m = _swerve_m(self._times_s, aside_m, sideways_mps2)
                     yield road(cruising_m, shift_m)
                     yield road(cruising_m, -shift_m)
 

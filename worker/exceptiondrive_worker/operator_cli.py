@@ -117,6 +117,8 @@ def register_splits(protocol: ProtocolOption = None) -> None:
     for registered in found:
         manifest = registered.manifest
         typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")
+        for line in warning_lines(registered.warnings, with_samples=False):
+            typer.echo(f"  {line}")
 
 
 @app.command("publish-split")

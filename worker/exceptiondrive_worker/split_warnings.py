@@ -4,6 +4,7 @@ Sample ids of a warning are for the operator's terminal and the workshop, never 
 """
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ def check_report(
             {"what": fault.what, "count": len(fault.sample_ids), "sample_ids": fault.sample_ids}
             for fault in faults
         ],
-        "warnings": [found._asdict() for found in warnings],
+        "warnings": [asdict(found) for found in warnings],
     }
 
 
