@@ -23,4 +23,4 @@ def new(
 ) -> None:
     """Make a workshop folder: settings to be filled in, prompts, and the words of all tasks."""
     new_workshop(folder, name, id_key or secrets.token_hex(32))
-    typer.echo(f"{folder}: fill in workshop.toml, then `exceptiondrive-build scenes`")
+    typer.echo(f"{folder}: fill in workshop.toml, then `exceptiondrive-build scenes read SOURCE`")
