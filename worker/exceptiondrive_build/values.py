@@ -113,12 +113,14 @@ class Verified(Document):
         checked: Which of the four things was checked: the intended location, the views, the
             calibration, the task.
         note: The person's words.
+        blind: Whether the person decided without seeing what others said; a third reader does see.
     """
 
     accepted: bool
     corners: Corners | None = None
     checked: tuple[Checked, ...] = ()
     note: str = ""
+    blind: bool = True
 
 
 class Withdrawn(Document):
