@@ -1,8 +1,15 @@
-"""What stops a run, and why a single sample has no answer."""
+"""What stops a run of the agent: the client's errors, with its exit codes."""
 
-from enum import StrEnum
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from exceptiondrive.errors import InvalidArgumentError, NetworkError, NotAllowedError
+from exceptiondrive.errors import (
+    ExceptionDriveError,
+    InvalidArgumentError,
+    NetworkError,
+    NotAllowedError,
+)
+from exceptiondrive_endpoints.errors import EndpointError, EndpointGoneError, EndpointRefusesError
 
 
 class AgentError(InvalidArgumentError):
@@ -12,62 +19,24 @@ class AgentError(InvalidArgumentError):
         super().__init__("agent_run_invalid", sentence, advice)
 
 
-class EndpointRefusesError(NotAllowedError):
-    """The endpoint refuses every sample: the key, or the account; exit 4."""
+@contextmanager
+def as_client_errors() -> Iterator[None]:
+    """Tell what stopped an endpoint as an error of the client.
 
-    def __init__(self, sentence: str, advice: str = "") -> None:
-        super().__init__("endpoint_refuses", sentence, advice)
-
-
-class EndpointGoneError(NetworkError):
-    """Samples could not be asked; exit 5."""
-
-    def __init__(self, sentence: str) -> None:
-        advice = "Answers so far are kept; run the same command to go on."
-        super().__init__("endpoint_gone", sentence, advice)
-
-
-class Reason(StrEnum):
-    """Why a sample has no answer. Codes are stable: they stand in the journal."""
-
-    NO_IMAGES = "no_images"
-    WRONG_IMAGE_COUNT = "wrong_image_count"
-    UNREADABLE_IMAGE = "unreadable_image"
-    RATE_LIMITED = "rate_limited"
-    SERVER_ERROR = "server_error"
-    TIMEOUT = "timeout"
-    CONNECTION = "connection"
-    REQUEST_REFUSED = "request_refused"
-    BAD_RESPONSE = "bad_response"
-    REFUSAL = "refusal"
-    FILTERED = "filtered"
-    TRUNCATED = "truncated"
-    EMPTY = "empty"
-    NOT_JSON = "not_json"
-    WRONG_SCHEMA = "wrong_schema"
-    UNKNOWN_HAZARD_TYPE = "unknown_hazard_type"
-
-    @property
-    def is_unreachable(self) -> bool:
-        """Whether the endpoint never answered, so that asking again may help."""
-        return self in _UNREACHABLE
-
-    @property
-    def is_from_endpoint(self) -> bool:
-        """Whether the endpoint, not the model's answer or the images, is at fault."""
-        return self.is_unreachable or self in (Reason.REQUEST_REFUSED, Reason.BAD_RESPONSE)
+    Raises:
+        NotAllowedError: The endpoint refuses every sample: the key, or the account; exit 4.
+        NetworkError: Samples could not be asked; exit 5.
+        AgentError: The address, the model or the journal is wrong; exit 2.
+    """
+    try:
+        yield
+    except EndpointError as error:
+        raise _client_error(error) from None
 
 
-_UNREACHABLE = frozenset(
-    {Reason.RATE_LIMITED, Reason.SERVER_ERROR, Reason.TIMEOUT, Reason.CONNECTION}
-)
-
-
-class NoAnswerError(Exception):
-    """One sample has no answer: the reason, a sentence, and the raw answer where there was one."""
-
-    def __init__(self, reason: Reason, detail: str, raw: str | None = None) -> None:
-        self.reason = reason
-        self.detail = detail
-        self.raw = raw
-        super().__init__(f"{reason}: {detail}")
+def _client_error(error: EndpointError) -> ExceptionDriveError:
+    if isinstance(error, EndpointRefusesError):
+        return NotAllowedError("endpoint_refuses", error.sentence, error.advice)
+    if isinstance(error, EndpointGoneError):
+        return NetworkError("endpoint_gone", error.sentence, error.advice)
+    return AgentError(error.sentence, error.advice)

@@ -13,19 +13,19 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from exceptiondrive_agent.answers import (
-    Schema,
     decision_schema,
     read_reminder,
     read_strategy,
     reminder_schema,
 )
-from exceptiondrive_agent.images import CleanImage
 from exceptiondrive_agent.journal import JournalHeader, JournalLine
+from exceptiondrive_endpoints.answers import Schema
+from exceptiondrive_endpoints.endpoint import Message, ModelSettings, picture_part, text_part
+from exceptiondrive_endpoints.images import CleanImage
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
-Message = dict[str, Any]
 _STRATEGIES = "\n".join(f"{strategy.value}: {strategy.action}" for strategy in Strategy)
 _SCENE = (
     "You see camera images of one driving scene, all taken at the same moment from one car, "
@@ -107,25 +107,11 @@ def messages(
     parts: list[dict[str, Any]] = []
     for number, image in enumerate(images, start=1):
         view = f" ({views[number - 1]})" if views else ""
-        parts.append(_text(f"Image {number} of {len(images)}{view}:"))
-        parts.append({"type": "image_url", "image_url": {"url": image.data_url}})
+        parts.append(text_part(f"Image {number} of {len(images)}{view}:"))
+        parts.append(picture_part(image))
     if reminder is not None:
-        parts.append(_text(reminder))
+        parts.append(text_part(reminder))
     return [{"role": "system", "content": instructions}, {"role": "user", "content": parts}]
-
-
-def _text(text: str) -> dict[str, Any]:
-    return {"type": "text", "text": text}
-
-
-@dataclass(frozen=True)
-class ModelSettings:
-    """What is asked of the model beside the messages."""
-
-    model: str
-    temperature: float = 0.0
-    max_tokens: int = 1000
-    extra: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

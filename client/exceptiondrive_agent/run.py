@@ -4,20 +4,15 @@ Every unfinished sample is asked once, several at a time, and each outcome is jo
 """
 
 import asyncio
-import sys
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
 from exceptiondrive.checking import read_manifest, write_file
-from exceptiondrive_agent.endpoint import Endpoint, EndpointSettings
-from exceptiondrive_agent.errors import AgentError, EndpointGoneError, NoAnswerError, Reason
-from exceptiondrive_agent.images import ImagePaths, find_images, load_images
+from exceptiondrive_agent.errors import AgentError, as_client_errors
+from exceptiondrive_agent.images import ImagePaths, find_images
 from exceptiondrive_agent.journal import (
     MAX_RAW_CHARACTERS,
     Journal,
@@ -26,14 +21,16 @@ from exceptiondrive_agent.journal import (
     read_journal,
 )
 from exceptiondrive_agent.questions import (
-    Message,
-    ModelSettings,
     Question,
     decide_question,
     messages,
     remind_question,
 )
 from exceptiondrive_agent.report import Prices, RunReport, run_report
+from exceptiondrive_endpoints.asking import ask_all, progress_bar
+from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, Message, ModelSettings
+from exceptiondrive_endpoints.errors import NoAnswerError, Reason
+from exceptiondrive_endpoints.images import load_images
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import (
@@ -42,33 +39,6 @@ from exceptiondrive_schemas.submission_files import (
     StrategySubmission,
 )
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
-
-GIVE_UP_AFTER = 20
-Ask = Callable[[str], Awaitable[JournalLine]]
-Take = Callable[[JournalLine], None]
-
-
-@contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Callable[[JournalLine], None]]:
-    """Give a function that moves the bar on by one journal line."""
-    columns = (
-        TextColumn(title),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[failed]} failed"),
-    )
-    console = Console(stderr=True)
-    failed = 0
-    with Progress(*columns, console=console, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(title, total=total, failed=0)
-
-        def advance(line: JournalLine) -> None:
-            nonlocal failed
-            failed += not line.is_done
-            bar.update(task, advance=1, failed=failed)
-
-        yield advance
 
 
 def strategy_submission(
@@ -139,45 +109,6 @@ def _request(sample_id: str, question: Question, images: ImagePaths) -> list[Mes
         raise NoAnswerError(Reason.WRONG_IMAGE_COUNT, detail)
     reminder = question.reminders.get(sample_id)
     return messages(question.instructions, loaded, question.views, reminder)
-
-
-async def ask_all(sample_ids: Iterable[str], ask: Ask, take: Take, concurrency: int) -> None:
-    """Ask the samples in order, at most `concurrency` at a time; hand each line to `take`.
-
-    Raises:
-        ExceptionDriveError: The endpoint refuses the run, or failed for 20 samples in a row.
-    """
-    queue = iter(sample_ids)
-    watch = _Watch()
-
-    async def work() -> None:
-        for sample_id in queue:
-            line = await ask(sample_id)
-            take(line)
-            watch.note(line)
-
-    try:
-        async with asyncio.TaskGroup() as group:
-            for _ in range(concurrency):
-                group.create_task(work())
-    except ExceptionGroup as errors:
-        raise errors.exceptions[0] from None
-
-
-class _Watch:
-    """Stops a run whose endpoint has gone, before every sample has waited for it in vain."""
-
-    def __init__(self) -> None:
-        self._failures_in_a_row = 0
-
-    def note(self, line: JournalLine) -> None:
-        failed = line.reason is not None and line.reason.is_from_endpoint
-        self._failures_in_a_row = self._failures_in_a_row + 1 if failed else 0
-        if self._failures_in_a_row >= GIVE_UP_AFTER:
-            raise EndpointGoneError(
-                f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time with: "
-                f"{line.detail}."
-            )
 
 
 @dataclass(frozen=True)
@@ -299,7 +230,8 @@ def _run(
     finished = answers(journal.lines, question)
     open_ids = [key for key in sample_ids if key not in finished][: settings.limit]
     n_before = len(journal.lines)
-    n_requests = asyncio.run(_ask(question, open_ids, images, journal, settings))
+    with as_client_errors():
+        n_requests = asyncio.run(_ask(question, open_ids, images, journal, settings))
     return run_report(
         journal.lines[n_before:],
         samples=len(sample_ids),

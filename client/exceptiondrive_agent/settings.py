@@ -6,11 +6,10 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from exceptiondrive.checking import chosen_protocol
-from exceptiondrive_agent.endpoint import EndpointSettings
 from exceptiondrive_agent.errors import AgentError
-from exceptiondrive_agent.questions import ModelSettings
 from exceptiondrive_agent.report import Prices
 from exceptiondrive_agent.run import RunSettings
+from exceptiondrive_endpoints.endpoint import EndpointSettings, ModelSettings
 
 _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
 
@@ -33,6 +32,8 @@ def run_settings(given: Mapping[str, Any], environment: Mapping[str, str]) -> Ru
             timeout_s=given["timeout_s"],
             max_retries=given["max_retries"],
             requests_per_minute=given["requests_per_minute"],
+            key_advice="Set EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY.",
+            address_advice="Correct --base-url or --model.",
         ),
         model=ModelSettings(
             model=given["model"],

@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exceptiondrive_agent.answers import json_object, read_reminder, read_strategy
-from exceptiondrive_agent.errors import NoAnswerError, Reason
+from exceptiondrive_agent.answers import read_reminder, read_strategy
+from exceptiondrive_endpoints.answers import json_object
+from exceptiondrive_endpoints.errors import NoAnswerError, Reason
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.taxonomy import Strategy
 

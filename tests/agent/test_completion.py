@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from exceptiondrive_agent.answers import read_reminder
-from exceptiondrive_agent.endpoint import read_completion
-from exceptiondrive_agent.errors import NoAnswerError
+from exceptiondrive_endpoints.endpoint import read_completion
+from exceptiondrive_endpoints.errors import NoAnswerError
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 TAXONOMY = packaged_protocol().taxonomy

@@ -1,10 +1,10 @@
-from exceptiondrive_agent.endpoint import (
+from exceptiondrive_endpoints.endpoint import (
     AnswerForm,
     Dialect,
+    ModelSettings,
     plainer,
     request_body,
 )
-from exceptiondrive_agent.questions import ModelSettings
 
 MODEL = ModelSettings(model="m", max_tokens=77, extra={"seed": 1})
 

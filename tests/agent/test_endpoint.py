@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive_agent.endpoint import Endpoint, EndpointSettings
-from exceptiondrive_agent.questions import ModelSettings, messages
+from exceptiondrive_agent.questions import messages
+from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
 
 if TYPE_CHECKING:
     from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen

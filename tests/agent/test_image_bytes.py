@@ -2,7 +2,7 @@ from collections.abc import Callable
 
 import pytest
 
-from exceptiondrive_agent.images import ImageDataError, clean_image
+from exceptiondrive_endpoints.images import ImageDataError, clean_image
 
 Made = Callable[..., bytes]
 SECRET = b"/data/n008/SE1-sample-007 task=LB1"

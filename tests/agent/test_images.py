@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive_agent.errors import AgentError, NoAnswerError, Reason
-from exceptiondrive_agent.images import MAX_IMAGE_BYTES, find_images, load_images
+from exceptiondrive_agent.errors import AgentError
+from exceptiondrive_agent.images import find_images
+from exceptiondrive_endpoints.errors import NoAnswerError, Reason
+from exceptiondrive_endpoints.images import MAX_IMAGE_BYTES, load_images
 
 
 def test_images_of_a_folder_come_in_order_of_file_name(tmp_path: Path) -> None:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive_agent.errors import AgentError, Reason
+from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_agent.journal import Journal, JournalHeader, JournalLine, read_journal
+from exceptiondrive_endpoints.errors import Reason
 
 HEADER = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
 HOLDER = """

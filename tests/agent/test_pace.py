@@ -1,6 +1,6 @@
 import pytest
 
-from exceptiondrive_agent.endpoint import Pace
+from exceptiondrive_endpoints.endpoint import Pace
 
 
 def test_slots_lie_a_minute_divided_by_the_rate_apart() -> None:

@@ -2,13 +2,13 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from exceptiondrive_agent.answers import decision_schema, reminder_schema
-from exceptiondrive_agent.images import CleanImage
 from exceptiondrive_agent.questions import (
     DECISION_INSTRUCTIONS,
     messages,
     reminder_instructions,
     reminder_text,
 )
+from exceptiondrive_endpoints.images import CleanImage
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import RegionKind, Strategy, Taxonomy

@@ -1,6 +1,6 @@
-from exceptiondrive_agent.errors import Reason
 from exceptiondrive_agent.journal import JournalLine
 from exceptiondrive_agent.report import Prices, cost, run_report
+from exceptiondrive_endpoints.errors import Reason
 
 LINES = (
     JournalLine(sample_id="a", form="json_schema", prompt_tokens=1_500_000, completion_tokens=100),

@@ -188,11 +188,17 @@ def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
         acceptable=np.array(
             [_acceptable(s, taxonomy.tasks[position[s.task]].acceptable) for s in ordered]
         ),
-        recorded_m=_recorded_m([sample.recorded for sample in ordered]),
+        recorded_m=recorded_m(ordered),
     )
 
 
-def _recorded_m(paths: Sequence[Sequence[Sequence[float]] | None]) -> FloatArray | None:
+def recorded_m(samples: Iterable[Sample]) -> FloatArray | None:
+    """Return recorded paths, (N, T, 2) metres, NaN where they are not told; None without any.
+
+    Raises:
+        ValueError: They are of different lengths.
+    """
+    paths = [sample.recorded for sample in samples]
     lengths = {len(path) for path in paths if path is not None}
     if not lengths:
         return None

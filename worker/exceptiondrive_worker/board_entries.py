@@ -1,7 +1,8 @@
 """From scored entries to the rows of a board (docs/protocol.md section 4). Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,12 +11,15 @@ from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, Rem
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
 from exceptiondrive_scoring.rank import rank_intervals, ranks
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_store import LoadedSplit
+
+_A_REFERENCE = "a reference, for comparison"
 
 
 @dataclass(frozen=True)
@@ -27,10 +31,22 @@ class ScoredEntry:
     effect: ReminderEffect | None = None
 
 
+@dataclass(frozen=True)
+class ScoredReference:
+    """A reference that the worker made, its published sheet and how sure its numbers are."""
+
+    reference: Reference
+    sheet: ScoreSheet
+    uncertainty: Uncertainty
+
+
 def board_entries(
-    entries: Sequence[ScoredEntry], challenge: Challenge, protocol: ProtocolDocument
+    entries: Sequence[ScoredEntry],
+    made: Sequence[ScoredReference],
+    challenge: Challenge,
+    protocol: ProtocolDocument,
 ) -> tuple[BoardEntry, ...]:
-    """Return the rows of scored and reference entries: ranked ones first, references last.
+    """Return the rows of a board: ranked entries first, then references, those of teams last.
 
     Entries that take no rank for their flags follow the ranked ones, in the order that they would
     have among them; then those that have no rank to take.
@@ -50,7 +66,12 @@ def board_entries(
         for entry, rank, place in zip(of_teams, places, would_be, strict=True)
     ]
     scored.sort(key=lambda it: (it[0].rank is None, it[1] is None, it[1] or 0, it[0].submitted_at))
-    return (*(row for row, _ in scored), *(rows.reference(entry) for entry in references))
+    missing = set(REFERENCES.get(challenge.id, ())) - {each.reference for each in made}
+    return (
+        *(row for row, _ in scored),
+        *(rows.made(each, missing) for each in made),
+        *(rows.reference(entry) for entry in references),
+    )
 
 
 def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[FamilyHead, ...]:
@@ -111,12 +132,32 @@ class _Rows:
         return row.model_copy(update={"rank": rank, "rank_interval": interval})
 
     def reference(self, entry: ScoredEntry) -> BoardEntry:
+        """The row of a team that never ranks."""
         return self._row(entry).model_copy(
-            update={"source": "reference", "unranked_because": "a reference, for comparison"}
+            update={"source": "reference", "unranked_because": _A_REFERENCE}
+        )
+
+    def made(self, made: ScoredReference, missing: Collection[Reference]) -> BoardEntry:
+        """The row of a reference that no team sent; it names those that the split cannot have."""
+        description = made.reference.description
+        if missing:
+            names = " and ".join(sorted(each.method for each in missing))
+            description += f" {names} would need recorded paths, which the split does not have."
+        return BoardEntry(
+            source="reference",
+            rank=None,
+            rank_interval=None,
+            unranked_because=_A_REFERENCE,
+            submission_id=None,
+            method=made.reference.method,
+            team=TEAM,
+            description=description,
+            submitted_at=None,
+            **self._numbers(made.sheet, made.uncertainty),
         )
 
     def _row(self, entry: ScoredEntry) -> BoardEntry:
-        record, sheet, sure = entry.record, entry.record.sheet, entry.uncertainty
+        record = entry.record
         return BoardEntry(
             source="scored",
             rank=None,
@@ -127,20 +168,26 @@ class _Rows:
             description=record.description,
             links=record.links,
             submitted_at=record.submitted_at,
-            metrics=self._headline(sheet),
-            micro=sheet.micro,
-            macro_family=sheet.macro_family,
-            intervals=self._intervals(self._overall(sure), self._headline(sheet)),
-            families={
+            reminder_effect=entry.effect,
+            is_late=record.is_late,
+            **self._numbers(record.sheet, entry.uncertainty),
+        )
+
+    def _numbers(self, sheet: ScoreSheet, sure: Uncertainty) -> dict[str, Any]:
+        """What a row says of its sheet."""
+        return {
+            "metrics": self._headline(sheet),
+            "micro": sheet.micro,
+            "macro_family": sheet.macro_family,
+            "intervals": self._intervals(self._overall(sure), self._headline(sheet)),
+            "families": {
                 family.id: self._family(sheet, family.id, sure.families[index])
                 for index, family in enumerate(self._protocol.families)
                 if family.id in sheet.families
             },
-            coverage={"edited": sheet.coverage.edited, "source": sheet.coverage.source},
-            flags=sheet.plausibility.flags,
-            reminder_effect=entry.effect,
-            is_late=record.is_late,
-        )
+            "coverage": {"edited": sheet.coverage.edited, "source": sheet.coverage.source},
+            "flags": sheet.plausibility.flags,
+        }
 
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:
         cell = sheet.families[family_id]

@@ -20,8 +20,8 @@ from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_scoring.aliases import IntArray
-from exceptiondrive_scoring.arrays import SplitArrays, split_arrays
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
+from exceptiondrive_scoring.arrays import SplitArrays, recorded_m, split_arrays
 from exceptiondrive_worker.private_store import array_digest
 from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
 
@@ -51,6 +51,7 @@ class LoadedSplit:
         scenes_digest: Digest of what the bootstrap reads besides.
         rows: (N,) places of the samples that count among the manifest's; None: all count.
         control_rows: Places of the controls; empty without any.
+        recorded_m: (M, T, 2) recorded paths of all samples that a file answers; None without any.
     """
 
     manifest: Manifest
@@ -61,6 +62,7 @@ class LoadedSplit:
     scenes_digest: str
     rows: IntArray | None = None
     control_rows: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    recorded_m: FloatArray | None = None
 
     @property
     def rows_digest(self) -> str | None:
@@ -144,6 +146,7 @@ def load_split(
         scenes_digest=array_digest(arrays.scene_index),
         rows=None if len(rows) == len(samples) else np.array(rows, dtype=np.int64),
         control_rows=control_rows,
+        recorded_m=recorded_m(samples),
     )
 
 

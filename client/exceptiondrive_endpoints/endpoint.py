@@ -1,4 +1,4 @@
-"""The network edge: one chat completion from any OpenAI-compatible endpoint.
+"""The network edge: a chat completion, or an edited picture, from an OpenAI-compatible endpoint.
 
 Endpoints differ in structured output and in the name of the token limit: every refusal leads to a
 plainer dialect, never back, so asking ends after a few tries. Retries with back-off and Retry-After
@@ -8,26 +8,47 @@ given and nowhere else.
 """
 
 import asyncio
+import base64
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Self
 
 import openai
 from pydantic import BaseModel, ValidationError
 
-from exceptiondrive_agent.answers import Schema
-from exceptiondrive_agent.errors import (
-    AgentError,
+from exceptiondrive_endpoints.answers import Schema
+from exceptiondrive_endpoints.errors import (
     EndpointRefusesError,
+    EndpointUnknownError,
     NoAnswerError,
     Reason,
 )
-from exceptiondrive_agent.questions import Message, ModelSettings
+from exceptiondrive_endpoints.images import CleanImage
 
+Message = dict[str, Any]
 Sleep = Callable[[float], Awaitable[None]]
 _RAW_RESPONSE = "x-stainless-raw-response"  # the library reads it back from the request
-_KEY_ADVICE = "Set EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY."
+
+
+def text_part(text: str) -> dict[str, Any]:
+    """A text within a message."""
+    return {"type": "text", "text": text}
+
+
+def picture_part(image: CleanImage) -> dict[str, Any]:
+    """A picture within a message."""
+    return {"type": "image_url", "image_url": {"url": image.data_url}}
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """What is asked of the model beside the messages."""
+
+    model: str
+    temperature: float = 0.0
+    max_tokens: int = 1000
+    extra: dict[str, Any] = field(default_factory=dict)
 
 
 class Pace:
@@ -148,7 +169,7 @@ class Completion(BaseModel):
         if choice.finish_reason == "content_filter":
             raise NoAnswerError(Reason.FILTERED, "the endpoint's filter cut the answer", content)
         if choice.finish_reason == "length":
-            detail = "the answer hit the token limit; raise --max-tokens"
+            detail = "the answer hit the token limit; raise it"
             raise NoAnswerError(Reason.TRUNCATED, detail, content)
         if content is None or not content.strip():
             raise NoAnswerError(Reason.EMPTY, "the answer is empty")
@@ -170,6 +191,45 @@ def read_completion(body: bytes) -> Completion:
         ) from None
 
 
+class _Picture(BaseModel):
+    b64_json: str | None = None
+
+
+class EditedPicture(BaseModel):
+    """The part of an answer of `images/edits` that we read."""
+
+    data: tuple[_Picture, ...]
+    usage: dict[str, Any] | None = None
+
+    @property
+    def picture(self) -> bytes:
+        """The picture's bytes, whatever they are.
+
+        Raises:
+            NoAnswerError: `no_picture`: there is none, more than one, or an address instead.
+        """
+        if len(self.data) != 1 or not self.data[0].b64_json:
+            detail = f"expected one picture as base64, got {len(self.data)} without it"
+            raise NoAnswerError(Reason.NO_PICTURE, detail)
+        try:
+            return base64.b64decode(self.data[0].b64_json, validate=True)
+        except ValueError:
+            raise NoAnswerError(Reason.NO_PICTURE, "the picture is no base64") from None
+
+
+def read_edit(body: bytes) -> EditedPicture:
+    """Return the answer of `images/edits` in a response body.
+
+    Raises:
+        NoAnswerError: `bad_response`: the body is no such answer.
+    """
+    try:
+        return EditedPicture.model_validate_json(body)
+    except ValidationError:
+        raw = body.decode("utf-8", errors="replace")
+        raise NoAnswerError(Reason.BAD_RESPONSE, "the response is no edited picture", raw) from None
+
+
 @dataclass(frozen=True)
 class EndpointSettings:
     """Where and how to reach the endpoint."""
@@ -179,6 +239,8 @@ class EndpointSettings:
     timeout_s: float = 120.0
     max_retries: int = 5
     requests_per_minute: float | None = None
+    key_advice: str = ""
+    address_advice: str = ""
 
 
 class Endpoint:
@@ -188,10 +250,12 @@ class Endpoint:
         self, settings: EndpointSettings, model: ModelSettings, sleep: Sleep = asyncio.sleep
     ) -> None:
         self._sleep = sleep
+        self._settings = settings
         self._key = settings.key
         self._model = model
         self._pace = Pace(settings.requests_per_minute)
         self._dialect = Dialect()
+        self._untaken: tuple[str, ...] = ()
         self.n_requests = 0
         self._client = openai.AsyncOpenAI(
             base_url=settings.base_url,
@@ -226,7 +290,7 @@ class Endpoint:
 
         Raises:
             NoAnswerError: The endpoint did not answer, refused this request or answered nonsense.
-            ExceptionDriveError: No sample can be asked: key, account or model name is refused.
+            EndpointError: No sample can be asked: key, account or model name is refused.
         """
         dialect: Dialect | None = self._dialect
         while dialect is not None:
@@ -241,12 +305,50 @@ class Endpoint:
                 return completion, dialect
         raise self._refused(refusal) from None
 
+    async def edit(
+        self, image: CleanImage, instruction: str, seed: int | None
+    ) -> tuple[EditedPicture, tuple[str, ...]]:
+        """Have one picture edited.
+
+        Args:
+            image: The source.
+            instruction: What is to be changed.
+            seed: Seed of the model's random numbers, if it takes one.
+
+        Returns:
+            The edited picture, and the names of fields that this endpoint does not take.
+
+        Raises:
+            NoAnswerError: The endpoint did not answer, refused this request or answered nonsense.
+            EndpointError: No picture can be edited: key, account or model name is refused.
+        """
+        while True:
+            fields = {"response_format": "b64_json", "seed": seed, **self._model.extra}
+            untaken = self._untaken
+            extra = {name: fields[name] for name in fields if name not in untaken}
+            request = self._client.images.with_raw_response.edit(
+                model=self._model.model,
+                image=(f"source.{image.extension}", image.data, image.media_type),
+                prompt=instruction,
+                extra_body={name: value for name, value in extra.items() if value is not None},
+            )
+            try:
+                return read_edit(await self._sent(request)), untaken
+            except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
+                if error.param not in extra:
+                    raise self._refused(error) from None
+                self._untaken = (*untaken, error.param)
+
     async def _post(self, body: dict[str, Any]) -> bytes:
-        try:
-            response = await self._client.chat.completions.with_raw_response.create(
+        return await self._sent(
+            self._client.chat.completions.with_raw_response.create(
                 model=body["model"], messages=body["messages"], extra_body=body
             )
-            return bytes(response.content)
+        )
+
+    async def _sent(self, request: Awaitable[Any]) -> bytes:
+        try:
+            return bytes((await request).content)
         except openai.APITimeoutError:
             raise NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries") from None
         except openai.APIConnectionError as error:
@@ -261,12 +363,16 @@ class Endpoint:
     def _stop_if_hopeless(self, error: openai.APIStatusError) -> None:
         said = self._clean(error.message)
         if error.status_code == 401:
-            raise EndpointRefusesError(f"The endpoint refuses the key: {said}.", _KEY_ADVICE)
+            raise EndpointRefusesError(
+                f"The endpoint refuses the key: {said}.", self._settings.key_advice
+            )
         if error.status_code == 402 or error.code == "insufficient_quota":
             raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
         if error.status_code == 404:
-            advice = "Correct --base-url or --model."
-            raise AgentError(f"The endpoint knows no such address or model: {said}.", advice)
+            raise EndpointUnknownError(
+                f"The endpoint knows no such address or model: {said}.",
+                self._settings.address_advice,
+            )
 
     def _refused(self, error: openai.APIStatusError) -> NoAnswerError:
         reason = Reason.REQUEST_REFUSED

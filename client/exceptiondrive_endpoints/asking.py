@@ -1,0 +1,113 @@
+"""Many questions, several at a time, with progress; an end when the endpoint has gone."""
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Protocol, TypeVar
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from exceptiondrive_endpoints.errors import EndpointGoneError, Reason
+
+GIVE_UP_AFTER = 20
+
+
+class Outcome(Protocol):
+    """What came of a question: a reason and a sentence where it has no answer."""
+
+    @property
+    def reason(self) -> Reason | None:
+        """Why there is none."""
+
+    @property
+    def detail(self) -> str | None:
+        """The same in words."""
+
+
+Item = TypeVar("Item")
+Found = TypeVar("Found", bound=Outcome)
+
+
+async def ask_all(
+    items: Iterable[Item],
+    ask: Callable[[Item], Awaitable[Found]],
+    take: Callable[[Found], None],
+    concurrency: int,
+) -> None:
+    """Ask about the items in order, at most `concurrency` at a time; hand each outcome to `take`.
+
+    Raises:
+        EndpointError: The endpoint refuses the run, or failed 20 times in a row.
+    """
+    queue = iter(items)
+    watch = _Watch()
+
+    async def work() -> None:
+        for item in queue:
+            outcome = await ask(item)
+            take(outcome)
+            watch.note(outcome)
+
+    try:
+        async with asyncio.TaskGroup() as group:
+            for _ in range(concurrency):
+                group.create_task(work())
+    except ExceptionGroup as errors:
+        raise errors.exceptions[0] from None
+
+
+class _Watch:
+    """Stops a run whose endpoint has gone, before every question has waited for it in vain."""
+
+    def __init__(self) -> None:
+        self._failures_in_a_row = 0
+
+    def note(self, outcome: Outcome) -> None:
+        failed = outcome.reason is not None and outcome.reason.is_from_endpoint
+        self._failures_in_a_row = self._failures_in_a_row + 1 if failed else 0
+        if self._failures_in_a_row >= GIVE_UP_AFTER:
+            raise EndpointGoneError(
+                f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time with: "
+                f"{outcome.detail}.",
+                "Answers so far are kept; run the same command to go on.",
+            )
+
+
+class _Rate(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        return Text("" if task.speed is None else f"{60 * task.speed:.3g} a minute")
+
+
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Callable[[Outcome], None]]:
+    """Give a function that moves the bar on by one outcome; it is drawn on terminals alone."""
+    columns = (
+        TextColumn(title),
+        BarColumn(),
+        MofNCompleteColumn(),
+        _Rate(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[failed]} failed"),
+    )
+    console = Console(stderr=True)
+    failed = 0
+    with Progress(*columns, console=console, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=total, failed=0)
+
+        def advance(outcome: Outcome) -> None:
+            nonlocal failed
+            failed += outcome.reason is not None
+            bar.update(task, advance=1, failed=failed)
+
+        yield advance

@@ -1,0 +1,131 @@
+"""A workshop folder: settings, records that stay, pictures under their digests."""
+
+import hashlib
+import sqlite3
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from exceptiondrive_build.cli import app
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.records import Author, Kind, Record, Records, newest
+from exceptiondrive_build.workshop import Workshop, new_workshop
+
+ADA, GRACE = Author(person="ada"), Author(person="grace")
+KEY = "0" * 64
+
+
+@pytest.fixture
+def workshop(tmp_path: Path) -> Workshop:
+    new_workshop(tmp_path / "shop", "made-2027", KEY)
+    return Workshop(tmp_path / "shop")
+
+
+def word(candidate: str, by: Author, passed: bool, supersedes: int | None = None) -> Record:
+    return Record(
+        kind=Kind.INSPECT,
+        candidate=candidate,
+        by=by,
+        inputs=("sha256:a",),
+        value={"passed": passed},
+        supersedes=supersedes,
+    )
+
+
+def test_a_new_workshop_opens_with_words_for_every_task(workshop: Workshop) -> None:
+    assert workshop.settings.name == "made-2027"
+    assert len(workshop.tasks) == 21
+    assert set(workshop.task_texts) == {task.id for task in workshop.tasks}
+    assert workshop.keyframes == {}
+
+
+def test_the_command_makes_one_and_does_not_write_over_it(tmp_path: Path) -> None:
+    command = ["new", str(tmp_path / "shop"), "--name", "made-2027"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    key = Workshop(tmp_path / "shop").settings.id_key
+    again = CliRunner().invoke(app, command)
+    assert (again.exit_code, "already" in again.output) == (2, True)
+    assert Workshop(tmp_path / "shop").settings.id_key == key
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('endpoint = "editor"', 'endpoint = "nowhere"', "nowhere"),
+        ("min_mark = 3", "min_mark = 9", "review.min_mark"),
+        ("min_mark = 3", "min_marc = 3", "review.min_marc"),
+        ("[review]", "[review", "workshop.toml"),
+    ],
+)
+def test_wrong_settings_are_named(workshop: Workshop, old: str, new: str, said: str) -> None:
+    path = workshop.folder / "workshop.toml"
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(BuildError, match=said):
+        Workshop(workshop.folder)
+
+
+def test_records_are_appended_and_superseded_and_taken_back(workshop: Workshop) -> None:
+    (first,) = workshop.append(word("a", ADA, True))
+    workshop.append(word("a", GRACE, True))
+    assert [r.by for r in workshop.records.standing(Kind.INSPECT)["a"]] == [ADA, GRACE]
+    (second,) = workshop.append(word("a", ADA, False, supersedes=first.id))
+    assert workshop.current(Kind.INSPECT)["a"] == second
+    workshop.append(second.model_copy(update={"value": None, "supersedes": second.id}))
+    assert [r.by for r in workshop.records.standing(Kind.INSPECT)["a"]] == [GRACE]
+    assert len(list(workshop.records.read())) == 4
+
+
+def test_what_is_superseded_cannot_be_superseded_again(workshop: Workshop) -> None:
+    (first,) = workshop.append(word("a", ADA, True))
+    workshop.append(word("a", ADA, False, supersedes=first.id))
+    with pytest.raises(BuildError, match="superseded already"):
+        workshop.append(word("b", ADA, True), word("a", GRACE, False, supersedes=first.id))
+    assert "b" not in workshop.current(Kind.INSPECT)
+
+
+def test_the_database_refuses_to_change_or_remove_a_record(workshop: Workshop) -> None:
+    workshop.append(word("a", ADA, True))
+    with sqlite3.connect(workshop.folder / "records.sqlite3") as connection:
+        for change in ("DELETE FROM records", "UPDATE records SET value = 'null'"):
+            with pytest.raises(sqlite3.IntegrityError, match="records are never"):
+                connection.execute(change)
+
+
+def test_a_record_counts_for_what_was_looked_at() -> None:
+    old, new = word("a", ADA, True), word("a", ADA, False).model_copy(update={"inputs": ("b",)})
+    assert newest([old, new], ("sha256:a",)) == old
+    assert newest([old, new], ("b",)) == new
+    assert newest([old, new], ("c",)) is None
+    assert newest([old, new], ("b",), by=GRACE) is None
+
+
+def test_the_digest_of_a_record_is_blind_to_when(workshop: Workshop) -> None:
+    (kept,) = workshop.append(word("a", ADA, True))
+    later = word("a", ADA, True).model_copy(update={"at": "2030-01-01T00:00:00+00:00"})
+    assert kept.digest == later.digest != word("a", ADA, False).digest
+
+
+def test_a_file_that_is_no_table_of_records_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "records.sqlite3"
+    path.write_bytes(b"something else, and long enough to be read as a header" * 20)
+    with pytest.raises(BuildError, match="not a database"):
+        Records(path)
+
+
+def test_pictures_are_kept_under_their_digest(workshop: Workshop) -> None:
+    name = workshop.keep_image(b"picture", "png")
+    assert name == f"{hashlib.sha256(b'picture').hexdigest()}.png"
+    assert workshop.keep_image(b"picture", "png") == name
+    assert workshop.image(name) == b"picture"
+    workshop.image_path(name).write_bytes(b"changed")
+    with pytest.raises(BuildError, match="damaged"):
+        workshop.image(name)
+
+
+def test_sample_ids_tell_nothing_without_the_key(workshop: Workshop, tmp_path: Path) -> None:
+    new_workshop(tmp_path / "other", "made-2027", "1" * 64)
+    other = Workshop(tmp_path / "other")
+    found = workshop.sample_id("token", "SE1")
+    assert found == workshop.sample_id("token", "SE1")
+    assert found not in (workshop.sample_id("token", "SE2"), other.sample_id("token", "SE1"))

@@ -1,0 +1,183 @@
+"""What two blind readers of a region and, where they differ, a third one come to; how well they agree.
+
+Two regions agree by their intersection over union and by the greatest distance of their corners;
+two words, accepted or rejected, by Krippendorff's alpha (K. Krippendorff, Content Analysis, chapter
+on reliability; nominal data), as the package `krippendorff` computes it.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import krippendorff
+import numpy as np
+import shapely
+
+from exceptiondrive_build.records import Record
+from exceptiondrive_build.settings import VerifySection
+from exceptiondrive_build.values import Corners, Verified
+from exceptiondrive_scoring.aliases import FloatArray
+
+N_BLIND = 2
+State = Literal["open", "third", "verified", "rejected"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the readings of one candidate come to.
+
+    Attributes:
+        state: `open`: a blind reading is missing; `third`: two differ, and a third reader decides.
+        corners: The region, where it is verified.
+        people: Who decided it, in the order of their readings.
+    """
+
+    state: State
+    corners: Corners | None = None
+    people: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well blind readers agree, over all candidates that two of them have read.
+
+    Attributes:
+        n: Candidates with two blind readings.
+        both_accepted: Of these, those that both accepted.
+        same_word: Of all, those that both accepted or both rejected.
+        beyond: Those that need a third reader.
+        iou_mean: Mean intersection over union of regions that both accepted.
+        iou_median: Their median.
+        corner_m_max: Greatest distance of two corners among them.
+        alpha: Krippendorff's alpha over accepted and rejected; None where all words are the same.
+    """
+
+    n: int
+    both_accepted: int
+    same_word: int
+    beyond: int
+    iou_mean: float | None
+    iou_median: float | None
+    corner_m_max: float | None
+    alpha: float | None
+
+
+def readings(records: Sequence[Record]) -> list[tuple[str, Verified]]:
+    """The newest reading of each person, in the order of the records."""
+    newest = {str(record.by.person): record for record in records if record.value is not None}
+    ordered = sorted(newest.items(), key=lambda item: item[1].id or 0)
+    return [
+        (person, Verified.model_validate(record.value, strict=False)) for person, record in ordered
+    ]
+
+
+def blind_pair(records: Sequence[Record]) -> tuple[tuple[str, Verified], ...]:
+    """The first two blind readings, or fewer."""
+    return tuple(one for one in readings(records) if one[1].blind)[:N_BLIND]
+
+
+def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
+    """What the verifications of one candidate come to.
+
+    The region of two that agree lies in the middle between theirs; a third reader's word is final.
+
+    Args:
+        records: Standing verifications of one candidate, oldest first.
+        limits: How far two readers may lie apart.
+    """
+    pair = blind_pair(records)
+    if len(pair) < N_BLIND:
+        return Outcome("open")
+    people, (first, second) = tuple(person for person, _ in pair), (word for _, word in pair)
+    if not first.accepted and not second.accepted:
+        return Outcome("rejected", people=people)
+    between = (
+        middle(first.corners, second.corners, limits) if first.accepted == second.accepted else None
+    )
+    if between is not None:
+        return Outcome("verified", between, people)
+    for person, word in reversed(readings(records)):
+        if not word.blind:
+            everybody = (*people, person)
+            if word.accepted:
+                return Outcome("verified", word.corners, everybody)
+            return Outcome("rejected", people=everybody)
+    return Outcome("third", people=people)
+
+
+def middle(one: Corners | None, other: Corners | None, limits: VerifySection) -> Corners | None:
+    """The region between two that agree, to the centimetre; None if they lie too far apart."""
+    if one is None or other is None:
+        return None
+    if one == other:
+        return one
+    a, b = np.array(one), aligned(np.array(one), np.array(other))
+    between: FloatArray = ((a + b) / 2).round(2) + 0.0
+    agree = (
+        iou(one, other) >= limits.min_iou
+        and corner_distance_m(one, other) <= limits.max_corner_distance_m
+        and bool(shapely.is_valid(shapely.polygons(between)))
+    )
+    return tuple((float(x), float(y)) for x, y in between) if agree else None  # type: ignore[return-value]
+
+
+def iou(one: Corners, other: Corners) -> float:
+    """Intersection over union of two quadrilaterals; 0 where one of them crosses itself."""
+    a, b = shapely.Polygon(one), shapely.Polygon(other)
+    if not (a.is_valid and b.is_valid):
+        return 0.0
+    return float(a.intersection(b).area / a.union(b).area)
+
+
+def corner_distance_m(one: Corners, other: Corners) -> float:
+    """Greatest distance of corners that belong together, wherever each list begins."""
+    a = np.array(one)
+    return float(np.hypot(*(a - aligned(a, np.array(other))).T).max())
+
+
+def aligned(one: FloatArray, other: FloatArray) -> FloatArray:
+    """The corners of the other, (4, 2), begun and turned so that they lie nearest to those of one."""
+    orders = [
+        np.roll(turned, shift, axis=0) for turned in (other, other[::-1]) for shift in range(4)
+    ]
+    return min(orders, key=lambda corners: float(np.hypot(*(one - corners).T).max()))
+
+
+def agreement(verifications: Mapping[str, Sequence[Record]], limits: VerifySection) -> Agreement:
+    """How well blind readers agree.
+
+    Args:
+        verifications: Standing verifications of each candidate, oldest first.
+        limits: Beyond which a third reader decides.
+    """
+    pairs = [
+        pair for records in verifications.values() if len(pair := blind_pair(records)) == N_BLIND
+    ]
+    words = [(first, second) for (_, first), (_, second) in pairs]
+    accepted = [
+        (first.corners, second.corners)
+        for first, second in words
+        if first.accepted and second.accepted and first.corners and second.corners
+    ]
+    overlaps = [iou(*corners) for corners in accepted]
+    same_word = sum(first.accepted == second.accepted for first, second in words)
+    near = sum(middle(*corners, limits) is not None for corners in accepted)
+    return Agreement(
+        n=len(pairs),
+        both_accepted=len(accepted),
+        same_word=same_word,
+        beyond=len(pairs) - near - sum(not (a.accepted or b.accepted) for a, b in words),
+        iou_mean=float(np.mean(overlaps)) if overlaps else None,
+        iou_median=float(np.median(overlaps)) if overlaps else None,
+        corner_m_max=max((corner_distance_m(*corners) for corners in accepted), default=None),
+        alpha=_alpha(pairs),
+    )
+
+
+def _alpha(pairs: Iterable[tuple[tuple[str, Verified], ...]]) -> float | None:
+    given = [{person: float(word.accepted) for person, word in pair} for pair in pairs]
+    people = sorted({person for words in given for person in words})
+    table = np.array([[words.get(person, np.nan) for words in given] for person in people])
+    if len(np.unique(table[~np.isnan(table)])) < 2:
+        return None
+    return float(krippendorff.alpha(reliability_data=table, level_of_measurement="nominal"))

@@ -1,0 +1,79 @@
+"""`exceptiondrive-build`: a table of commands, each in a module that is imported when called."""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_group
+
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_schemas.printable import printable
+
+COMMANDS = {
+    "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
+    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
+}
+"""Where each command lives and what `--help` says of it. Its module has `register(app)`."""
+
+WorkshopFolder = Annotated[
+    Path, typer.Option("--workshop", "-w", help="The workshop folder; by default this one.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
+
+
+class _Commands(TyperGroup):
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in self.commands and cmd_name in COMMANDS:
+            part = typer.Typer(rich_markup_mode=None)
+            try:
+                import_module(COMMANDS[cmd_name][0]).register(part)
+            except ModuleNotFoundError as error:
+                if error.name and error.name.startswith("exceptiondrive"):
+                    raise
+                advice = 'Install it: pip install "exceptiondrive[build]"'
+                raise BuildError(f"{error.name} is not installed.", advice) from None
+            self.commands.update(get_group(part).commands)
+        return self.commands.get(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, words) for name, (_, words) in COMMANDS.items()])
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BuildError as error:
+            typer.echo(printable(f"exceptiondrive-build: {error.sentence}"), err=True)
+            if error.advice:
+                typer.echo(printable(error.advice), err=True)
+            ctx.exit(2)
+
+
+app = typer.Typer(
+    name="exceptiondrive-build",
+    cls=_Commands,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.callback(help="From driving scenes to a frozen split, in a workshop folder.")
+def _root() -> None:
+    """Carry the help of the whole."""
+
+
+def main() -> None:
+    """Run the command line."""
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="replace")
+    app()

@@ -1,0 +1,26 @@
+"""Commands about the workshop itself."""
+
+import secrets
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive_build.workshop import new_workshop
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to a command line."""
+    app.command()(new)
+
+
+def new(
+    folder: Path,
+    name: Annotated[str, typer.Option(help="Name of the split that is to be made.")],
+    id_key: Annotated[
+        str | None, typer.Option(help="Key of the sample ids; by default a random one.")
+    ] = None,
+) -> None:
+    """Make a workshop folder: settings to be filled in, prompts, and the words of all tasks."""
+    new_workshop(folder, name, id_key or secrets.token_hex(32))
+    typer.echo(f"{folder}: fill in workshop.toml, then `exceptiondrive-build scenes read SOURCE`")

@@ -1,0 +1,243 @@
+"""The append-only table of decisions: who decided what about which candidate, and having seen what.
+
+A record is never changed or removed; the database itself refuses it. A later record supersedes an
+earlier one by naming it. Commits wait for the disk, so what was said to be kept is kept, whatever
+ends the process; several processes may append at once.
+"""
+
+import json
+import sqlite3
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_schemas.base import Document, canonical_json, content_digest
+
+_TABLE = """
+CREATE TABLE IF NOT EXISTS records (
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  at TEXT NOT NULL,
+  kind TEXT NOT NULL,
+  candidate TEXT NOT NULL,
+  by TEXT NOT NULL,
+  inputs TEXT NOT NULL,
+  value TEXT NOT NULL,
+  supersedes INTEGER REFERENCES records (id)
+) STRICT;
+CREATE INDEX IF NOT EXISTS records_of_kind ON records (kind, candidate);
+CREATE TRIGGER IF NOT EXISTS records_stay BEFORE UPDATE ON records
+  BEGIN SELECT RAISE(ABORT, 'records are never changed'); END;
+CREATE TRIGGER IF NOT EXISTS records_are_kept BEFORE DELETE ON records
+  BEGIN SELECT RAISE(ABORT, 'records are never removed'); END;
+"""
+_COLUMNS = "id, at, kind, candidate, by, inputs, value, supersedes"
+
+
+class Kind(StrEnum):
+    """What is decided."""
+
+    SCREEN = "screen"
+    EDIT = "edit"
+    REVIEW = "review"
+    INSPECT = "inspect"
+    LOCALIZE = "localize"
+    VERIFY = "verify"
+    WITHDRAW = "withdraw"
+
+
+class Author(Document):
+    """Who or what decided: a person by name, or a model with digests of its prompt and settings."""
+
+    person: str | None = None
+    model: str | None = None
+    prompt: str | None = None
+    settings: str | None = None
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Self:
+        if (self.person is None) == (self.model is None):
+            raise ValueError("a record is by a person or by a model")
+        return self
+
+
+def now_text() -> str:
+    """The time as records and answers hold it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+class Record(Document):
+    """One decision.
+
+    Attributes:
+        kind: What is decided.
+        candidate: Sample id of the keyframe and task.
+        by: Who decided.
+        inputs: Digests of what was looked at, in a fixed order.
+        value: What was decided, as the document of its kind in `values`; null takes back the
+            record that is superseded and decides nothing.
+        supersedes: Id of the record that no longer counts.
+        at: When, in UTC.
+        id: Number in the table, once it is there.
+    """
+
+    kind: Kind
+    candidate: str
+    by: Author
+    inputs: tuple[str, ...]
+    value: dict[str, Any] | None
+    supersedes: int | None = None
+    at: str = Field(default_factory=now_text)
+    id: int | None = None
+
+    @property
+    def digest(self) -> str:
+        """Digest of the decision: the same, whenever and in whatever order it was made."""
+        return content_digest(self.model_dump(mode="json", exclude={"id", "at", "supersedes"}))
+
+
+class Records:
+    """The table in a file; use it as a context manager."""
+
+    def __init__(self, path: Path) -> None:
+        """Open or create it.
+
+        Raises:
+            BuildError: The file cannot be opened, or is no table of records.
+        """
+        self._path = path
+        with self._told():
+            self._connection = sqlite3.connect(path, timeout=60, isolation_level=None)
+            self._connection.execute("PRAGMA journal_mode = WAL")
+            self._connection.execute("PRAGMA synchronous = FULL")
+            self._connection.execute("PRAGMA foreign_keys = ON")
+            self._connection.executescript(_TABLE)
+
+    def __enter__(self) -> Self:
+        """Return the table."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            advice = "Everything that was appended before is kept; see to the file or the disk."
+            raise BuildError(f"{self._path}: {error}.", advice) from None
+
+    def append(self, *records: Record) -> tuple[Record, ...]:
+        """Append decisions, all or none, and return them with their ids, once they are on the disk.
+
+        Raises:
+            BuildError: They cannot be written, or one supersedes what is superseded already.
+        """
+        with self._told(), self._transaction() as write:
+            return tuple(self._insert(write, record) for record in records)
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield self._connection
+        except BaseException:
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            raise
+        self._connection.execute("COMMIT")
+
+    def _insert(self, write: sqlite3.Connection, record: Record) -> Record:
+        if record.supersedes is not None:
+            already = write.execute(
+                "SELECT 1 FROM records WHERE supersedes = ?", (record.supersedes,)
+            ).fetchone()
+            if already:
+                raise BuildError(
+                    f"Record {record.supersedes} is superseded already.",
+                    "Somebody decided anew meanwhile; look again.",
+                )
+        row = (
+            record.at,
+            record.kind.value,
+            record.candidate,
+            canonical_json(record.by.model_dump(exclude_none=True)).decode(),
+            canonical_json(list(record.inputs)).decode(),
+            canonical_json(record.value).decode(),
+            record.supersedes,
+        )
+        columns = _COLUMNS.removeprefix("id, ")
+        done = write.execute(f"INSERT INTO records ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", row)
+        return record.model_copy(update={"id": done.lastrowid})
+
+    def read(self, *kinds: Kind, after: int = 0) -> Iterator[Record]:
+        """Yield records in the order in which they were appended, superseded ones too.
+
+        Args:
+            kinds: Of these kinds alone; of all where none is named.
+            after: Only records with a larger id.
+        """
+        wanted = kinds or tuple(Kind)
+        marks = ", ".join("?" for _ in wanted)
+        query = f"SELECT {_COLUMNS} FROM records WHERE kind IN ({marks}) AND id > ? ORDER BY id"
+        with self._told():
+            rows = self._connection.execute(query, (*(kind.value for kind in wanted), after))
+            for row in rows:
+                yield _record(row)
+
+    def standing(self, kind: Kind) -> dict[str, tuple[Record, ...]]:
+        """The records of a kind that nothing supersedes, oldest first, by candidate."""
+        return standing(tuple(self.read(kind)))
+
+
+def standing(records: Sequence[Record]) -> dict[str, tuple[Record, ...]]:
+    """Those of the records that decide something and that none of them supersedes."""
+    gone = {record.supersedes for record in records}
+    found: dict[str, list[Record]] = defaultdict(list)
+    for record in records:
+        if record.id not in gone and record.value is not None:
+            found[record.candidate].append(record)
+    return {candidate: tuple(decisions) for candidate, decisions in found.items()}
+
+
+def newest(
+    records: Iterable[Record], inputs: tuple[str, ...], by: Author | None = None
+) -> Record | None:
+    """The newest of a candidate's records that was decided by looking at just this.
+
+    Args:
+        records: Oldest first, of one kind.
+        inputs: What would be looked at now.
+        by: The model, prompt and settings that would be asked now; anybody where left out.
+    """
+    found = None
+    for record in records:
+        if record.inputs == inputs and by in (None, record.by):
+            found = record
+    return found
+
+
+def _record(row: tuple[Any, ...]) -> Record:
+    number, at, kind, candidate, by, inputs, value, supersedes = row
+    return Record(
+        id=number,
+        at=at,
+        kind=Kind(kind),
+        candidate=candidate,
+        by=Author.model_validate(json.loads(by)),
+        inputs=tuple(json.loads(inputs)),
+        value=json.loads(value),
+        supersedes=supersedes,
+    )

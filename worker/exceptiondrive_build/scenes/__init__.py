@@ -1,0 +1,1 @@
+"""Scenes in: keyframes with their camera views, whatever data set they come from."""

@@ -1,0 +1,54 @@
+"""Commands about scenes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive_build.cli import WorkshopFolder
+from exceptiondrive_build.scenes.generated import make_scenes
+from exceptiondrive_build.scenes.read_in import read_in
+from exceptiondrive_build.workshop import Workshop
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to a command line."""
+    scenes = typer.Typer(rich_markup_mode=None, no_args_is_help=True)
+    scenes.command()(make)
+    scenes.command()(read)
+    app.add_typer(scenes, name="scenes", help="Make a set of scenes, or read one into a workshop.")
+
+
+def make(
+    folder: Path,
+    n_scenes: Annotated[int, typer.Option("--scenes", min=1)] = 3,
+    n_samples: Annotated[int, typer.Option("--samples", min=7, help="Of each scene.")] = 8,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    width_px: Annotated[int, typer.Option("--width", min=64, help="Of the pictures.")] = 480,
+) -> None:
+    """Make up a set in nuScenes form: flat roads, seen by six cameras that are true to them."""
+    make_scenes(folder, n_scenes=n_scenes, n_samples=n_samples, seed=seed, width_px=width_px)
+    typer.echo(f"{folder}: {n_scenes} scenes of {n_samples} keyframes, six views each")
+
+
+def read(
+    source: Annotated[
+        Path, typer.Argument(help="A nuScenes folder, or a file of keyframes, one a line.")
+    ],
+    workshop: WorkshopFolder = Path(),
+    per_scene: Annotated[
+        int, typer.Option(min=1, help="Keyframes of each scene, spread evenly.")
+    ] = 1,
+    version: Annotated[
+        str | None, typer.Option(help="Which tables, such as v1.0-trainval.")
+    ] = None,
+) -> None:
+    """Read scenes into the workshop: calibration, recorded paths, and the pictures."""
+    with Workshop(workshop) as shop:
+        keyframes = read_in(shop, source, per_scene=per_scene, version=version)
+        n_tasks = len(shop.tasks)
+    n_scenes = len({keyframe.scene_id for keyframe in keyframes})
+    typer.echo(
+        f"{len(keyframes)} keyframes of {n_scenes} scenes; with {n_tasks} tasks "
+        f"{len(keyframes) * n_tasks} combinations"
+    )

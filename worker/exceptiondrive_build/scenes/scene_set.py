@@ -1,0 +1,70 @@
+"""A set of keyframes and the folder that their pictures stand in."""
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+from PIL import Image
+
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.scenes.keyframe import Camera, Keyframe
+
+
+@dataclass(frozen=True)
+class SceneSet:
+    """Keyframes in the order of scene and time, with pictures relative to a folder."""
+
+    folder: Path
+    keyframes: tuple[Keyframe, ...]
+
+    def spread(self, per_scene: int) -> "SceneSet":
+        """Return as many keyframes of each scene, spread evenly; of one, that in the middle."""
+        of_scene: dict[str, list[Keyframe]] = defaultdict(list)
+        for keyframe in self.keyframes:
+            of_scene[keyframe.scene_id].append(keyframe)
+        return SceneSet(
+            self.folder,
+            tuple(one for keyframes in of_scene.values() for one in _spread(keyframes, per_scene)),
+        )
+
+    def path(self, camera: Camera) -> Path:
+        """Return where the picture of a camera stands."""
+        return self.folder / camera.image
+
+    def place(self, keyframe: Keyframe, camera: Camera) -> str:
+        """Return file, camera, keyframe and scene in words."""
+        return (
+            f"{self.path(camera)} ({camera.view} of keyframe {keyframe.keyframe_id}, "
+            f"scene {keyframe.scene or keyframe.scene_id})"
+        )
+
+    def picture(self, keyframe: Keyframe, camera: Camera) -> bytes:
+        """Return the file of a source view, once it is sure that it can be shown.
+
+        Raises:
+            BuildError: It is missing, no picture, or of another size than the calibration's.
+        """
+        where = self.place(keyframe, camera)
+        try:
+            data = self.path(camera).read_bytes()
+            with Image.open(BytesIO(data)) as picture:
+                picture.load()
+                size = picture.size
+        except FileNotFoundError:
+            raise BuildError(f"Missing picture: {where}.") from None
+        except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+            raise BuildError(f"Unreadable picture: {where}: {error}.") from None
+        if size != (camera.width_px, camera.height_px):
+            raise BuildError(
+                f"Picture of {size[0]} x {size[1]} pixels where the calibration is for "
+                f"{camera.width_px} x {camera.height_px}: {where}."
+            )
+        return data
+
+
+def _spread(keyframes: list[Keyframe], count: int) -> Iterable[Keyframe]:
+    if count >= len(keyframes):
+        return keyframes
+    return [keyframes[(2 * place + 1) * len(keyframes) // (2 * count)] for place in range(count)]

@@ -1,0 +1,129 @@
+"""What a record of each kind decides: the documents in `Record.value`."""
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.submission_files import Waypoint
+
+Corners = tuple[Waypoint, Waypoint, Waypoint, Waypoint]
+
+
+class Mark(StrEnum):
+    """What an edit is judged by, from 1 (bad) to 5 (good)."""
+
+    HAZARD_CORRECTNESS = "hazard_correctness"
+    PHYSICAL_PLAUSIBILITY = "physical_plausibility"
+    VISIBILITY = "visibility"
+    CROSS_VIEW_CONSISTENCY = "cross_view_consistency"
+    SOURCE_PRESERVATION = "source_preservation"
+    CONFLICT_CLARITY = "conflict_clarity"
+
+
+class Unanswered(Document):
+    """A model was asked as often as the settings say, and gave nothing that can be used."""
+
+    failure: str
+    detail: str
+
+
+class ViewEdit(Document):
+    """One view to edit, and what the editing model is told of it."""
+
+    view: str
+    instruction: str
+
+
+class Screened(Document):
+    """Whether the task suits the scene; if so where, and which views are to be edited.
+
+    Attributes:
+        suitable: Whether it does.
+        reason: Code of the rejection rule, where it does not.
+        target_m: Place of the hazard in metres ahead and left of the rear axle.
+        views: Views in which the hazard is seen.
+        note: The model's words.
+    """
+
+    suitable: bool
+    reason: str | None = None
+    target_m: Waypoint | None = None
+    views: tuple[ViewEdit, ...] = ()
+    note: str = ""
+
+
+class Edited(Document):
+    """The edited picture of each view, by name in the workshop's `images` folder."""
+
+    images: dict[str, str]
+
+
+class Change(Document):
+    """How much a view changed: 1 - structural similarity, mean over the pixels of the area.
+
+    Attributes:
+        inside: Within the target area as projected into the view; none where it is not in view.
+        outside: Everywhere else.
+    """
+
+    inside: float | None
+    outside: float
+
+
+class Reviewed(Document):
+    """The model's marks, and the measured change of each view."""
+
+    marks: dict[Mark, Annotated[int, Field(ge=1, le=5)]]
+    changes: dict[str, Change]
+    note: str = ""
+
+
+class Inspected(Document):
+    """A person's word about the pictures of a candidate."""
+
+    passed: bool
+    note: str = ""
+
+
+class Localized(Document):
+    """A proposal for the region: four corners in order round it, ego frame, metres.
+
+    Attributes:
+        corners: Corners.
+        source: `detector`, or `by_hand` for a rectangle at the target that waits to be moved.
+        score: The detector's confidence.
+    """
+
+    corners: Corners
+    source: Literal["detector", "by_hand"]
+    score: float | None = None
+
+
+Checked = Literal["location", "views", "calibration", "task"]
+
+
+class Verified(Document):
+    """A person's word about the region: accepted with these corners, or rejected.
+
+    Attributes:
+        accepted: Whether the sample may stand in a split.
+        corners: The corners as the person left them.
+        checked: Which of the four things was checked: the intended location, the views, the
+            calibration, the task.
+        note: The person's words.
+        blind: Whether the person decided without seeing what others said; a third reader does see.
+    """
+
+    accepted: bool
+    corners: Corners | None = None
+    checked: tuple[Checked, ...] = ()
+    note: str = ""
+    blind: bool = True
+
+
+class Withdrawn(Document):
+    """A sample that a later revision counts no more, and why, in words for readers."""
+
+    reason: Annotated[str, Field(min_length=1)]

@@ -1,0 +1,244 @@
+"""The workshop folder: settings, prompts, scenes, records, answers and pictures in one place.
+
+workshop.toml      settings, with the prompts by file        prompts/, tasks.toml
+scenes.jsonl       keyframes, one a line                     images/<sha256>.<ext>
+records.sqlite3    decisions, append-only                    answers/<stage>.jsonl
+"""
+
+import hashlib
+import hmac
+import os
+import tomllib
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Self
+
+from pydantic import TypeAdapter, ValidationError
+
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.records import Kind, Record, Records
+from exceptiondrive_build.scenes.keyframe import Keyframe
+from exceptiondrive_build.settings import TaskTexts, WorkshopSettings
+from exceptiondrive_schemas.protocol import (
+    ProtocolDocument,
+    ProtocolError,
+    packaged_protocol,
+    parse_protocol,
+)
+from exceptiondrive_schemas.taxonomy import Task
+
+SETTINGS = "workshop.toml"
+SCENES = "scenes.jsonl"
+RECORDS = "records.sqlite3"
+IMAGES = "images"
+ANSWERS = "answers"
+_ADVICE = "`exceptiondrive-build new FOLDER` makes a workshop with all files that it needs."
+
+
+class Workshop:
+    """One workshop; use it as a context manager."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open it.
+
+        Raises:
+            BuildError: There is no workshop, its settings are wrong, or its records cannot be read.
+        """
+        self.folder = folder
+        if not (folder / SETTINGS).is_file():
+            raise BuildError(f"{folder}: no workshop: there is no {SETTINGS} in it.", _ADVICE)
+        self.settings = self._settings()
+        (folder / IMAGES).mkdir(exist_ok=True)
+        self.records = Records(folder / RECORDS)
+
+    def __enter__(self) -> Self:
+        """Return the workshop."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the records."""
+        self.records.close()
+
+    def append(self, *records: Record) -> tuple[Record, ...]:
+        """Append decisions, all or none, and return them with their ids.
+
+        Raises:
+            BuildError: They cannot be written, or one supersedes what is superseded already.
+        """
+        return self.records.append(*records)
+
+    def current(self, kind: Kind) -> dict[str, Record]:
+        """The newest record of a kind that nothing supersedes, by candidate.
+
+        Whether what it looked at is still what would be looked at is for `candidates.walk`.
+        """
+        return {key: found[-1] for key, found in self.records.standing(kind).items()}
+
+    def text(self, name: str) -> str:
+        """Return a text file of the workshop, such as a prompt.
+
+        Raises:
+            BuildError: It cannot be read.
+        """
+        try:
+            return (self.folder / name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise BuildError(f"{self.folder / name}: {_why(error)}.", _ADVICE) from None
+
+    def _settings(self) -> WorkshopSettings:
+        try:
+            document = tomllib.loads(self.text(SETTINGS))
+            return WorkshopSettings.model_validate(document, strict=False)
+        except (tomllib.TOMLDecodeError, ValidationError) as error:
+            raise BuildError(f"{self.folder / SETTINGS}: {_why(error)}.") from None
+
+    @cached_property
+    def protocol(self) -> ProtocolDocument:
+        """The protocol whose taxonomy and geometry are in force.
+
+        Raises:
+            BuildError: Its file cannot be read.
+        """
+        if not self.settings.protocol:
+            return packaged_protocol()
+        try:
+            return parse_protocol(self.text(self.settings.protocol))
+        except ProtocolError as error:
+            raise BuildError(f"{self.folder / self.settings.protocol}: {error}") from None
+
+    @cached_property
+    def tasks(self) -> tuple[Task, ...]:
+        """The tasks in use, in the order of the taxonomy.
+
+        Raises:
+            BuildError: The settings name a task that the protocol does not know.
+        """
+        known = {task.id: task for task in self.protocol.taxonomy.tasks}
+        unknown = sorted(set(self.settings.tasks) - known.keys())
+        if unknown:
+            raise BuildError(
+                f"{self.folder / SETTINGS}: tasks that the protocol does not know: "
+                f"{', '.join(unknown)}."
+            )
+        wanted = self.settings.tasks or tuple(known)
+        return tuple(task for task in known.values() if task.id in wanted)
+
+    @cached_property
+    def task_texts(self) -> dict[str, TaskTexts]:
+        """What models are told of each task in use.
+
+        Raises:
+            BuildError: The file is wrong, or lacks a task.
+        """
+        path = self.folder / self.settings.task_texts
+        try:
+            document = tomllib.loads(self.text(self.settings.task_texts))
+            found = TypeAdapter(dict[str, TaskTexts]).validate_python(document, strict=False)
+        except (tomllib.TOMLDecodeError, ValidationError) as error:
+            raise BuildError(f"{path}: {_why(error)}.") from None
+        missing = [task.id for task in self.tasks if task.id not in found]
+        if missing:
+            raise BuildError(f"{path}: no words for the tasks {', '.join(missing)}.")
+        return found
+
+    @cached_property
+    def keyframes(self) -> dict[str, Keyframe]:
+        """The keyframes of `scenes.jsonl` by id, in its order; none before scenes are read in.
+
+        Raises:
+            BuildError: A line is no keyframe, or an id stands twice.
+        """
+        path = self.folder / SCENES
+        found: dict[str, Keyframe] = {}
+        if not path.is_file():
+            return found
+        for number, line in enumerate(self.text(SCENES).splitlines(), start=1):
+            try:
+                keyframe = Keyframe.model_validate_json(line)
+            except ValidationError as error:
+                raise BuildError(f"{path}, line {number}: {_why(error)}.") from None
+            if keyframe.keyframe_id in found:
+                raise BuildError(f"{path}, line {number}: {keyframe.keyframe_id} stands twice.")
+            found[keyframe.keyframe_id] = keyframe
+        return found
+
+    def sample_id(self, keyframe_id: str, task_id: str) -> str:
+        """The id of a candidate: 16 hex digits that tell neither without the workshop's key."""
+        text = f"{keyframe_id}\n{task_id}".encode()
+        return hmac.new(self.settings.id_key.encode(), text, hashlib.sha256).hexdigest()[:16]
+
+    def keep_image(self, data: bytes, extension: str) -> str:
+        """Keep a picture under its digest and return its name, `<sha256>.<ext>`.
+
+        It is whole and on the disk when this returns.
+
+        Raises:
+            BuildError: It cannot be written.
+        """
+        name = f"{hashlib.sha256(data).hexdigest()}.{extension}"
+        path = self.folder / IMAGES / name
+        if path.is_file():
+            return name
+        part = path.with_name(f"{name}.{os.getpid()}.part")
+        try:
+            with part.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(path)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            advice = "Everything decided so far is kept; make room and run the command again."
+            raise BuildError(f"{path}: {_why(error)}.", advice) from None
+        return name
+
+    def image_path(self, name: str) -> Path:
+        """Where a picture is kept."""
+        return self.folder / IMAGES / name
+
+    def image(self, name: str) -> bytes:
+        """Return a picture's bytes.
+
+        Raises:
+            BuildError: It is not there, cannot be read, or is not what its name says.
+        """
+        path = self.image_path(name)
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise BuildError(f"{path}: {_why(error)}.", "Read the scenes in again.") from None
+        if hashlib.sha256(data).hexdigest() != path.stem:
+            raise BuildError(f"{path}: the picture is damaged.", "Put the original back.")
+        return data
+
+
+def new_workshop(folder: Path, name: str, id_key: str) -> None:
+    """Make a workshop: settings to be filled in, prompts, and the words of all tasks.
+
+    Raises:
+        BuildError: There is one already, or the folder cannot be written.
+    """
+    if (folder / SETTINGS).exists():
+        raise BuildError(f"{folder}: there is a workshop already.")
+    template = files("exceptiondrive_build") / "template"
+    try:
+        (folder / "prompts").mkdir(parents=True, exist_ok=True)
+        for path in ("prompts/screen.md", "prompts/edit.md", "prompts/review.md", "tasks.toml"):
+            (folder / path).write_text((template / path).read_text("utf-8"), encoding="utf-8")
+        settings = (template / SETTINGS).read_text("utf-8")
+        settings = settings.replace("NAME", name).replace("ID_KEY", id_key)
+        (folder / SETTINGS).write_text(settings, encoding="utf-8")
+        (folder / SETTINGS).chmod(0o600)
+    except OSError as error:
+        raise BuildError(f"{folder}: {_why(error)}.") from None
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, OSError):
+        return error.strerror or type(error).__name__
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        return f"{place}: {first['msg']}" if place else first["msg"]
+    return str(error)
