@@ -149,7 +149,7 @@ def paired_site(site: Any, lively_board: Board) -> Any:
 
 
 async def test_several_are_set_side_by_side_and_each_against_each(paired_site: Any) -> None:
-    address = "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq&more=ref-freeze"
+    address = "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq&more=reference-freeze"
     text = (await paired_site.get(address)).text
     assert "4 planners side by side" in text
     assert (
@@ -175,7 +175,7 @@ async def test_the_address_of_a_comparison_holds_all_of_it(paired_site: Any) -> 
 
 
 async def test_at_most_six_are_compared_at_once(paired_site: Any) -> None:
-    more = "".join(f"&more=s000000{at}kq" for at in range(2, 6)) + "&more=ref-freeze"
+    more = "".join(f"&more=s000000{at}kq" for at in range(2, 6)) + "&more=reference-freeze"
     text = (await paired_site.get(f"/compare?a=s0000000kq&b=s0000001kq{more}")).text
     assert "6 planners side by side" in text
     assert "add one more" not in text

@@ -98,7 +98,7 @@ async def test_the_badge_says_rank_and_score_and_follows_the_board(lively_site: 
     assert "rank 1, HCC 61.40 %" in Xml.fromstring(answer.text).itertext().__next__()
     flagged = await lively_site.get("/badges/s0000005kq.svg")
     assert "rank 6, HCC 22.18 %, flagged: Blind to the edit" in flagged.text
-    freeze = await lively_site.get("/badges/ref-freeze.svg?phase=sample")
+    freeze = await lively_site.get("/badges/reference-freeze.svg?phase=sample")
     assert "reference, HCC 97.20 %, flagged: Stands still" in freeze.text
     assert (await lively_site.get("/badges/unknown.svg")).status_code == 404
 
