@@ -116,6 +116,8 @@ def report_view(
         elif group.n_samples > EXAMPLES_SHOWN:
             rest = counted(group.n_samples - EXAMPLES_SHOWN, "sample")
             yield Text(f"  ... and {rest} more; --all names every one", style="dim")
+        elif not group.n_samples and group.count > EXAMPLES_SHOWN:
+            yield Text(f"  ... and {group.count - EXAMPLES_SHOWN:,} more", style="dim")
     for note in report.notes:
         yield Text(f"note: {note}", style="yellow")
     yield from profile_view(report)
