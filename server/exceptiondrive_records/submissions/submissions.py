@@ -9,7 +9,12 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
-from exceptiondrive_records.db.identifiers import checked_link, checked_text, random_id
+from exceptiondrive_records.db.identifiers import (
+    checked_link,
+    checked_name,
+    checked_text,
+    random_id,
+)
 from exceptiondrive_records.phases.phases import find_phase, is_open
 from exceptiondrive_records.phases.policy import takes_late_entries
 from exceptiondrive_records.phases.quotas import require_quota
@@ -149,7 +154,7 @@ def accept(
         id=random_id(),
         phase_id=phase.id,
         team_id=team_id,
-        method=checked_text("method name", method, max_length=80),
+        method=checked_name("method name", method),
         description=checked_text(
             "description", description, max_length=2000, may_be_empty=True, may_have_lines=True
         ),
