@@ -267,8 +267,8 @@ def test_convert_takes_two_runs_and_checks_them_with_the_manifest(
         )
     )
     sideways = [[[0.0, 2.0 * step] for step in range(1, 7)]]
-    command = ("convert", "-o", output, "--from", "uniad", "--source-run", run_file)
-    command = (*command, "--edited-run", run_file, "--manifest", manifest_file)
+    runs = ("--from", "uniad", "--source-run", run_file, "--edited-run", run_file)
+    command = ("convert", "-o", output, *runs, "--manifest", manifest_file)
     run_file.write_text(json.dumps(dict.fromkeys(known, sideways)))
     done = run(*command)
     assert done.exit_code == 0, done.stderr

@@ -35,7 +35,7 @@ def x_to_the_right() -> list[list[float]]:
 
 
 def increments(points: list[list[float]]) -> list[list[float]]:
-    return [[x - x0, y - y0] for (x0, y0), (x, y) in zip([[0, 0], *points], points, strict=False)]
+    return [[x - x0, y - y0] for (x0, y0), (x, y) in itertools.pairwise([[0.0, 0.0], *points])]
 
 
 def finer(n_between: int, n_beyond: int) -> list[list[float]]:

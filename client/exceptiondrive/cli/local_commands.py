@@ -10,9 +10,9 @@ from exceptiondrive.checking import check_file, chosen_protocol, manifest_of, re
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.cli.tables import report_view, sheet_view
+from exceptiondrive.cli.tables import outlook_view, report_view, sheet_view
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive.evaluation import evaluate_file, read_split
+from exceptiondrive.evaluation import read_split, score, sound_file
 from exceptiondrive.plot import plot_file
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import counted
@@ -90,12 +90,13 @@ def evaluate(
     """Score a file on this machine.
 
     It is done exactly as the worker does it. The table is rounded as the board is; --json prints
-    the exact score sheet. Needs the extra `evaluate` (numpy) and a split with regions: see `split
+    the exact score sheet. Below it stands what the file looks like. Needs the extra `evaluate` (numpy) and a split with regions: see `split
     download`.
     """
     rules = chosen_protocol(protocol)
-    sheet = evaluate_file(file, split=split, protocol=rules)
-    show_result(sheet, json, *sheet_view(sheet, rules))
+    sound = sound_file(file, split, rules)
+    sheet = score(sound.document, sound.split, rules)
+    show_result(sheet, json, *sheet_view(sheet, rules), *outlook_view(sound.report))
 
 
 def plot(
