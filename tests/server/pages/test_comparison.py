@@ -149,7 +149,9 @@ def paired_site(site: Any, lively_board: Board) -> Any:
 
 
 async def test_several_are_set_side_by_side_and_each_against_each(paired_site: Any) -> None:
-    address = "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq&more=reference-freeze"
+    address = (
+        "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq&more=reference-freeze"
+    )
     text = (await paired_site.get(address)).text
     assert "4 planners side by side" in text
     assert (

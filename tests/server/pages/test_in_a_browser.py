@@ -100,7 +100,13 @@ def test_sorting_filtering_and_hiding_columns_work_without_script(visit: Visit) 
 
 def test_everything_can_be_read_without_script(visit: Visit) -> None:
     page = visit.open("/", java_script_enabled=False)
-    for words in ("Kestrel-2", "61.40", "Stands still", "its own table", "Which hazards are hardest"):
+    for words in (
+        "Kestrel-2",
+        "61.40",
+        "Stands still",
+        "its own table",
+        "Which hazards are hardest",
+    ):
         assert page.get_by_text(words).first.is_visible()
 
 
