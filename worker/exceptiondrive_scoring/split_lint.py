@@ -300,7 +300,7 @@ class _Drives:
         self.split = split
         self._geometry = geometry
         self._regions = prepare_regions(split.arrays.regions_m)
-        self._times_s = np.arange(geometry.waypoints + 1) * geometry.time_step_s
+        self._times_s: FloatArray = np.array(range(geometry.waypoints + 1)) * geometry.time_step_s
         first_step_m = np.linalg.norm(split.recorded_m[:, 0], axis=-1)
         self._speed_mps = first_step_m / geometry.time_step_s
 
@@ -337,12 +337,11 @@ class _Drives:
 
     def avoids(self) -> BoolArray:
         """Whether a car that moves can keep clear of the region."""
-        speed_mps: FloatArray = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
+        speed_mps = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
         braking_s = np.minimum(self._times_s, speed_mps[:, None] / BRAKE_MPS2)
         stopping_m = speed_mps[:, None] * braking_s - BRAKE_MPS2 * braking_s**2 / 2
         cruising_m = speed_mps[:, None] * self._times_s
-        gripping_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)
-        sideways_mps2 = np.asarray(gripping_mps2, dtype=np.float64)[:, None]
+        sideways_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)[:, None]
 
         def drives() -> Iterator[FloatArray]:
             for road in (_straight, _Road(self._recorded(), self._geometry).positions_m):
