@@ -72,13 +72,17 @@ class Audit(Document):
 class Agreement(Document):
     """How far two readers, blind to each other, agree about regions."""
 
-    twice_read: Count
-    third_read: Count
-    alpha: float | None
-    """Krippendorff's alpha over accept and reject; undefined where all say the same."""
+    n: Count
+    """Candidates that two people have read."""
+    both_accepted: Count
+    same_word: Count
+    beyond: Count
+    """Those that a third reader has to decide."""
+    iou_mean: float | None
     iou_median: float | None
-    corner_distance_median_m: float | None
-    corner_distance_max_m: float | None
+    corner_m_max: float | None
+    alpha: float | None
+    """Krippendorff's alpha over accepted and rejected; null where all words are the same."""
 
 
 class Decider(Document):
