@@ -1,11 +1,12 @@
 """The split (withheld) and its manifest (public, derived)."""
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.submission_files import SampleId, Waypoint
+from exceptiondrive_schemas.submission_files import SampleId, Trajectory, Waypoint
 from exceptiondrive_schemas.taxonomy import Strategy
 
 SPLIT_NAME_PATTERN = r"^[a-z0-9][a-z0-9.-]{0,63}$"
@@ -67,6 +68,10 @@ class Manifest(Document):
     waypoints: int
     time_step_s: float
     sample_ids: tuple[SampleId, ...]
+    recorded: Mapping[str, Trajectory] | None = Field(
+        default=None, exclude_if=lambda it: it is None
+    )
+    """Sample id to the path that was really driven; left out where that is not public."""
 
     @property
     def ref(self) -> SplitRef:

@@ -34,6 +34,7 @@ from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
+from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring import challenge as scoring
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
@@ -105,7 +106,7 @@ class GapRules:
             )
         return gap
 
-    def finish(self) -> None:
+    def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> None:
         pass
 
     def notes(self, n_predictions: int) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from exceptiondrive.errors import ServerError, utc_text
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, UnknownChallengeError
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
@@ -93,23 +94,43 @@ def metric_text(
     return f"{value:.{publication.metre_decimals if publication else 2}f}"
 
 
-def report_view(report: CheckReport, name: str = "The file") -> Iterator[RenderableType]:
+def report_view(
+    report: CheckReport, name: str = "The file", with_all: bool = False
+) -> Iterator[RenderableType]:
     """Yield what to print for a report.
 
     Args:
         report: Outcome of a check.
         name: What to call the file.
+        with_all: Whether every sample with a fault is named.
     """
     yield Text(_headline(report, name), style="bold red" if report.faults else "bold green")
     for group in report.faults:
         yield ""
-        yield Text.assemble((group.code.value, "bold"), f"  x {group.count}  {group.message}")
+        yield Text.assemble(
+            (group.code.value, "bold"), f"  {group.extent(report.n_predictions)}  {group.message}"
+        )
         yield _examples(group)
-        rest = group.count - min(len(group.examples), EXAMPLES_SHOWN)
-        if rest > 0:
-            yield Text(f"  ... and {rest} more", style="dim")
+        if with_all and group.sample_ids:
+            yield Text(f"  {' '.join(group.sample_ids)}", style="dim")
+        elif group.n_samples > EXAMPLES_SHOWN:
+            rest = counted(group.n_samples - EXAMPLES_SHOWN, "sample")
+            yield Text(f"  ... and {rest} more; --all names every one", style="dim")
     for note in report.notes:
         yield Text(f"note: {note}", style="yellow")
+    yield from profile_view(report)
+
+
+def profile_view(report: CheckReport) -> Iterator[RenderableType]:
+    """Yield what a planning file looks like, and what is probably wrong with it."""
+    if report.profile is None:
+        return
+    table = Table(box=None, padding=(0, 1), show_header=False)
+    for label, words in report.profile.lines:
+        table.add_row(Text(label, style="dim"), words)
+    yield table
+    for warning in report.profile.warnings:
+        yield Text(f"warning: {warning}", style="bold yellow")
 
 
 def _headline(report: CheckReport, name: str) -> str:
