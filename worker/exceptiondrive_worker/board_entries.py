@@ -1,7 +1,8 @@
 """From scored entries to the rows of a board (docs/protocol.md section 4). Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,12 +10,15 @@ from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
 from exceptiondrive_scoring.rank import rank_intervals, ranks
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_store import LoadedSplit
+
+_A_REFERENCE = "a reference, for comparison"
 
 
 @dataclass(frozen=True)
@@ -26,10 +30,22 @@ class ScoredEntry:
     effect: ReminderEffect | None = None
 
 
+@dataclass(frozen=True)
+class ScoredReference:
+    """A reference that the worker made, its published sheet and how sure its numbers are."""
+
+    reference: Reference
+    sheet: ScoreSheet
+    uncertainty: Uncertainty
+
+
 def board_entries(
-    entries: Sequence[ScoredEntry], challenge: Challenge, protocol: ProtocolDocument
+    entries: Sequence[ScoredEntry],
+    made: Sequence[ScoredReference],
+    challenge: Challenge,
+    protocol: ProtocolDocument,
 ) -> tuple[BoardEntry, ...]:
-    """Return the rows of scored and reference entries: ranked ones first, references last."""
+    """Return the rows of a board: ranked entries first, then references, those of teams last."""
     rows = _Rows(challenge, protocol)
     of_teams = [entry for entry in entries if not entry.record.is_reference]
     references = [entry for entry in entries if entry.record.is_reference]
@@ -43,7 +59,12 @@ def board_entries(
         for entry, rank in zip(of_teams, places, strict=True)
     ]
     scored.sort(key=lambda row: (row.rank is None, row.rank or 0, row.submitted_at))
-    return (*scored, *(rows.reference(entry) for entry in references))
+    missing = set(REFERENCES.get(challenge.id, ())) - {each.reference for each in made}
+    return (
+        *scored,
+        *(rows.made(each, missing) for each in made),
+        *(rows.reference(entry) for entry in references),
+    )
 
 
 def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[FamilyHead, ...]:
@@ -86,13 +107,32 @@ class _Rows:
         return row.model_copy(update={"rank": rank, "rank_interval": interval})
 
     def reference(self, entry: ScoredEntry) -> BoardEntry:
+        """The row of a team that never ranks."""
         return self._row(entry).model_copy(
-            update={"source": "reference", "unranked_because": "a reference, for comparison"}
+            update={"source": "reference", "unranked_because": _A_REFERENCE}
+        )
+
+    def made(self, made: ScoredReference, missing: Collection[Reference]) -> BoardEntry:
+        """The row of a reference that no team sent; it names those that the split cannot have."""
+        description = made.reference.description
+        if missing:
+            names = " and ".join(sorted(each.method for each in missing))
+            description += f" {names} would need recorded paths, which the split does not have."
+        return BoardEntry(
+            source="reference",
+            rank=None,
+            rank_interval=None,
+            unranked_because=_A_REFERENCE,
+            submission_id=None,
+            method=made.reference.method,
+            team=TEAM,
+            description=description,
+            submitted_at=None,
+            **self._numbers(made.sheet, made.uncertainty),
         )
 
     def _row(self, entry: ScoredEntry) -> BoardEntry:
-        record, sheet, sure = entry.record, entry.record.sheet, entry.uncertainty
-        overall = sure.micro if self._protocol.grading.headline == "micro" else sure.macro_family
+        record = entry.record
         return BoardEntry(
             source="scored",
             rank=None,
@@ -103,20 +143,27 @@ class _Rows:
             description=record.description,
             links=record.links,
             submitted_at=record.submitted_at,
-            metrics=self._headline(sheet),
-            micro=sheet.micro,
-            macro_family=sheet.macro_family,
-            intervals=self._intervals(overall, self._headline(sheet)),
-            families={
+            reminder_effect=entry.effect,
+            is_late=record.is_late,
+            **self._numbers(record.sheet, entry.uncertainty),
+        )
+
+    def _numbers(self, sheet: ScoreSheet, sure: Uncertainty) -> dict[str, Any]:
+        """What a row says of its sheet."""
+        overall = sure.micro if self._protocol.grading.headline == "micro" else sure.macro_family
+        return {
+            "metrics": self._headline(sheet),
+            "micro": sheet.micro,
+            "macro_family": sheet.macro_family,
+            "intervals": self._intervals(overall, self._headline(sheet)),
+            "families": {
                 family.id: self._family(sheet, family.id, sure.families[index])
                 for index, family in enumerate(self._protocol.families)
                 if family.id in sheet.families
             },
-            coverage={"edited": sheet.coverage.edited, "source": sheet.coverage.source},
-            flags=sheet.plausibility.flags,
-            reminder_effect=entry.effect,
-            is_late=record.is_late,
-        )
+            "coverage": {"edited": sheet.coverage.edited, "source": sheet.coverage.source},
+            "flags": sheet.plausibility.flags,
+        }
 
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:
         cell = sheet.families[family_id]
