@@ -30,6 +30,7 @@ from exceptiondrive_schemas.datasheet import (
     Revision,
     SplitWarning,
     WithdrawnSamples,
+    Words,
 )
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
 from exceptiondrive_worker.split_faults import split_faults
@@ -272,7 +273,7 @@ def _datasheet(
         n_recorded=sum(sample.recorded is not None for sample in split.samples),
         withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
         changes=None if previous is None else _revision(previous, split, words),
-        words=own_words,
+        words=Words(**own_words),
         stages=stages(candidates.values(), settings.verify, {it.sample_id for it in split.samples}),
         families=cells(taxonomy.families, candidates.values(), counted),
         tasks=cells(workshop.tasks, candidates.values(), counted),
