@@ -29,6 +29,7 @@ PATHS = (
     "/entries/l0000000kq",
     "/compare",
     "/protocols/1.0",
+    "/splits/sample",
     "/submit",
     "/problems",
     "/problems/file_invalid",
@@ -189,7 +190,7 @@ def test_axe_finds_nothing_wrong_in_the_dark_nor_on_a_phone(
 ) -> None:
     page = visit.open("/", width=width, color_scheme=scheme, bypass_csp=True)
     sample = "/entries/s0000000kq/samples/worst-bypass_and_gap_conflict"
-    for path in ("/", "/entries/s0000000kq", sample, "/protocols/1.0"):
+    for path in ("/", "/entries/s0000000kq", sample, "/protocols/1.0", "/splits/sample"):
         page.goto(visit.address + path)
         assert violations(page) == [], path
 
