@@ -17,13 +17,13 @@ Exit codes: 0 done, 2 invalid file or arguments, 3 quota used up, 4 not allowed,
 6 scoring failed, 7 timed out.
 """
 COMMANDS = {
-    "check": (".local_commands", "Check a file and list every fault."),
+    "check": (".local_commands", "Check a file, list every fault, and say what it looks like."),
     "evaluate": (".local_commands", "Score a file on this machine."),
     "plot": (
         ".local_commands",
         "Draw samples: trajectories, footprints, tube, region, clearance.",
     ),
-    "convert": (".local_commands", "Make a submission of a planner's own files."),
+    "convert": (".convert_command", "Make a submission of a planner's own files."),
     "version": (".local_commands", "Print the versions of client and protocol."),
     "login": (".account_commands", "Keep a team token for a server."),
     "logout": (".account_commands", "Forget the token of a server."),
