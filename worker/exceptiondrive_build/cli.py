@@ -20,6 +20,7 @@ from exceptiondrive_schemas.printable import printable
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
     "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
+    "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
     "lint": (
         "exceptiondrive_build.freeze_commands",
         "Warn of what makes the split a bad benchmark.",
