@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from tests.support import extract, naive_scorer, realdata
 from tests.support.processes import wait_until
+from tests.support.reference import held_to
 from tests.support.system import System, running_system
 
 from exceptiondrive import evaluate_file
@@ -120,11 +121,6 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
             system.open_phase(name, name, "--shows-reported")
         system.open_phase("disturbed", extract.NAME)
         yield Job(system, base / "files")
-
-
-def held_to(row: dict[str, Any], reference: Any) -> dict[str, Any]:
-    """What a reference says something of; a later metric stands beside it."""
-    return {key: row[key] for key in reference}
 
 
 def assert_exact(computed: dict[str, Any], naive: naive_scorer.Sheet) -> None:
