@@ -184,6 +184,9 @@ EFFECT = ReminderEffect(
         "under_warning": PairedDifference(
             difference=-0.1525, interval=(-0.22, -0.09), discordant=0.4, verdict="with is better"
         ),
+        "over_warning": PairedDifference(
+            difference=-0.01, interval=(-0.05, 0.03), discordant=0.1, verdict="not separable"
+        ),
     },
 )
 
@@ -191,6 +194,20 @@ EFFECT = ReminderEffect(
 def values(row: tuple[float, ...]) -> dict[str, float | None]:
     scale = (100, 100, 100, 1, 1, 1)
     return {key: round(v / s, 6) for key, v, s in zip(KEYS, row, scale, strict=True)}
+
+
+def counted_values(row: tuple[float, ...], progress: float | None) -> dict[str, float | None]:
+    """Values as a scorer gives them that counts outcomes and progress."""
+    hcc, ur = row[0] / 100, row[1] / 100
+    clear, unmoved = round(hcc * 0.6, 4), round(ur * 0.3, 4)
+    return {
+        **values(row),
+        "progress": progress,
+        "clear": clear,
+        "close": round(1 - ur - clear, 4),
+        "hit_reacting": round(ur - unmoved, 4),
+        "hit_unmoved": unmoved,
+    }
 
 
 def _interval(value: float, half: float) -> tuple[float, float]:
@@ -215,7 +232,7 @@ def _families(hcc: float, ur: float) -> dict[str, FamilyCell]:
 
 def scored(index: int, started: datetime) -> BoardEntry:
     method, team, hcc, ur, hpr, cts, cts_x, cts_y, interval, previous = INVENTED[index]
-    metrics = values((hcc, ur, hpr, cts, cts_x, cts_y))
+    metrics = counted_values((hcc, ur, hpr, cts, cts_x, cts_y), 0.62 + 0.05 * index)
     return BoardEntry(
         source="scored",
         rank=index + 1,
@@ -229,12 +246,13 @@ def scored(index: int, started: datetime) -> BoardEntry:
         submitted_at=started - timedelta(days=9 - index, hours=index),
         metrics=metrics,
         macro_family=metrics,
-        micro=values((hcc - 0.7, ur + 0.4, hpr - 0.5, cts, cts_x, cts_y)),
+        micro=counted_values((hcc - 0.7, ur + 0.4, hpr - 0.5, cts, cts_x, cts_y), 0.6),
         intervals={
             "hcc": _interval(hcc / 100, 0.041 - 0.002 * index),
             "ur": _interval(ur / 100, 0.038),
             "hpr": _interval(hpr / 100, 0.03),
             "cts": (cts - 0.1, cts + 0.1),
+            "progress": _interval(0.62 + 0.05 * index, 0.03),
         },
         families=_families(hcc / 100, ur / 100),
         coverage={"edited": 1.0, "source": 1.0},
@@ -242,8 +260,10 @@ def scored(index: int, started: datetime) -> BoardEntry:
     )
 
 
-def reference(method: str, row: tuple[float, ...], flags: tuple[Flag, ...] = ()) -> BoardEntry:
-    metrics = values(row)
+def reference(
+    method: str, row: tuple[float, ...], progress: float, flags: tuple[Flag, ...] = ()
+) -> BoardEntry:
+    metrics = counted_values(row, progress)
     return BoardEntry(
         source="reference",
         rank=None,
@@ -329,7 +349,7 @@ def lively_entries() -> tuple[BoardEntry, ...]:
     return (
         *(scored(index, started) for index in range(len(INVENTED))),
         unscored(started),
-        reference("FREEZE", (97.20, 0.0, 12.44, 3.61, 3.60, 0.02), (STILL,)),
-        reference("CONSTANT VELOCITY", (8.13, 90.02, 7.90, 0.0, 0.0, 0.0), (BLIND,)),
+        reference("FREEZE", (97.20, 0.0, 12.44, 3.61, 3.60, 0.02), 0.0, (STILL,)),
+        reference("CONSTANT VELOCITY", (8.13, 90.02, 7.90, 0.0, 0.0, 0.0), 1.0, (BLIND,)),
         *(reported(method) for method in PAPER),
     )
