@@ -233,7 +233,10 @@ def test_equal_published_values_share_a_rank(job: Job) -> None:
 
 @pytest.mark.parametrize(
     ("phase", "method", "words"),
-    [(extract.NAME, extract.UNRANKED, "66.25% of the scenes with hazard and"), ("nuscenes-real", "gpt-4.1", "66.96%")],
+    [
+        (extract.NAME, extract.UNRANKED, "66.25% of the scenes with hazard and"),
+        ("nuscenes-real", "gpt-4.1", "66.96%"),
+    ],
 )
 def test_who_covers_too_little_is_told_why_there_is_no_rank(
     job: Job, phase: str, method: str, words: str
