@@ -19,6 +19,7 @@ from exceptiondrive_schemas.printable import printable
 
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
+    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
     "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
     "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
     "lint": (
@@ -30,7 +31,6 @@ COMMANDS = {
         "exceptiondrive_build.freeze_commands",
         "Count samples no more from a revision on.",
     ),
-    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
 }
 """Where each command lives and what `--help` says of it. Its module has `register(app)`."""
 
