@@ -14,6 +14,15 @@ from exceptiondrive_schemas.printable import printable
 
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
+    "lint": (
+        "exceptiondrive_build.freeze_commands",
+        "Warn of what makes the split a bad benchmark.",
+    ),
+    "freeze": ("exceptiondrive_build.freeze_commands", "Write the split and its datasheet."),
+    "withdraw": (
+        "exceptiondrive_build.freeze_commands",
+        "Count samples no more from a revision on.",
+    ),
     "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
 }
 """Where each command lives and what `--help` says of it. Its module has `register(app)`."""
