@@ -119,12 +119,15 @@ def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: Mak
     file = planning_file(predictions=predictions)
     refused = submit(working, file, "--wait")
     assert refused.exit_code == 2
-    assert "cover 75.00% of the samples; ranking takes 99%. Nothing was sent." in refused.stderr
+    assert (
+        "75.00% of the scenes with hazard are answered; ranking takes 99%. Nothing was sent."
+        in refused.stderr
+    )
     assert "add --allow-unranked" in refused.stderr
     assert run(working, "submissions").stdout == "no submissions\n"
     done = submit(working, file, "--wait", "--allow-unranked")
     assert done.exit_code == 0, done.stderr
-    assert "not ranked in phase dev: scenes with hazard cover 75.00%" in done.stdout
+    assert "not ranked in phase dev: 75.00% of the scenes with hazard are answered" in done.stdout
 
 
 def test_the_same_bytes_are_the_same_submission_and_cost_nothing(

@@ -219,7 +219,7 @@ WALK: dict[str, Row] = {
     "x right, y forward": Row(
         lambda: paths(lambda path: rotated(path, 1)),
         {"wrong_frame": "1 fault"},
-        ["looks like x right / y forward: exceptiondrive convert --rotate -90"],
+        ["looks like x right / y forward: swap to (y, -x) (exceptiondrive convert --rotate -90)"],
     ),
     "x and y exchanged": Row(
         lambda: paths(swapped),
