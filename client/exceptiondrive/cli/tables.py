@@ -206,7 +206,7 @@ def _sheet_table(sheet: ScoreSheet, protocol: ProtocolDocument | None, with_task
     challenge = challenge_of(sheet.challenge)
     table = plain_table("")
     table.add_column("n", justify="right")
-    for metric in challenge.metrics:
+    for metric in challenge.columns:
         table.add_column(metric_head(metric), justify="right", no_wrap=True)
     headline = protocol.grading.headline if protocol else "macro_family"
     for key in sorted(AGGREGATES, key=lambda key: key != headline):
@@ -239,7 +239,7 @@ def _add_rows(
 
 def _cells(challenge: Challenge, row: MetricRow, protocol: ProtocolDocument | None) -> list[str]:
     digits = protocol.publication if protocol else None
-    return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.metrics]
+    return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.columns]
 
 
 def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterator[Text]:
@@ -375,7 +375,7 @@ def _board_table(board: Board, challenge: Challenge) -> Table:
     table.add_column("range", justify="right", no_wrap=True)
     table.add_column("method", overflow="fold")
     table.add_column("team", overflow="fold")
-    for metric in challenge.metrics:
+    for metric in challenge.columns:
         table.add_column(metric_head(metric), justify="right", no_wrap=True)
     table.add_column("source", no_wrap=True)
     table.add_column("flags", overflow="fold")
@@ -391,7 +391,7 @@ def _entry_cells(entry: BoardEntry, challenge: Challenge) -> list[Text]:
         "" if interval is None else f"{interval[0]}-{interval[1]}",
         entry.method,
         entry.team,
-        *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.metrics),
+        *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.columns),
         entry.source,
         ", ".join([*(["late"] if entry.is_late else []), *(flag.label for flag in entry.flags)]),
     ]
