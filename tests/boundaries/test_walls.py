@@ -27,6 +27,7 @@ MAY_OPEN_SPLITS = {
     "context.py": "opens the store",
     "exact_sheet.py": "takes loaded arrays",
     "operator_cli.py": "checks and registers",
+    "references.py": "takes ids and recorded paths, which references are made of",
     "scoring_run.py": "asks for the split of a job",
     "splits_admin.py": "registers and publishes",
     "stages.py": "takes loaded arrays",
