@@ -23,7 +23,7 @@ COMMANDS = {
         ".local_commands",
         "Draw samples: trajectories, footprints, tube, region, clearance.",
     ),
-    "convert": (".local_commands", "Make a submission of a planner's own files."),
+    "convert": (".convert_command", "Make a submission of a planner's own files."),
     "version": (".local_commands", "Print the versions of client and protocol."),
     "login": (".account_commands", "Keep a team token for a server."),
     "logout": (".account_commands", "Forget the token of a server."),

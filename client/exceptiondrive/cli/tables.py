@@ -116,13 +116,18 @@ def report_view(
         elif group.n_samples > EXAMPLES_SHOWN:
             rest = counted(group.n_samples - EXAMPLES_SHOWN, "sample")
             yield Text(f"  ... and {rest} more; --all names every one", style="dim")
+        elif not group.n_samples and group.count > EXAMPLES_SHOWN:
+            yield Text(f"  ... and {group.count - EXAMPLES_SHOWN:,} more", style="dim")
     for note in report.notes:
         yield Text(f"note: {note}", style="yellow")
-    yield from profile_view(report)
+    yield from outlook_view(report)
 
 
-def profile_view(report: CheckReport) -> Iterator[RenderableType]:
-    """Yield what a planning file looks like, and what is probably wrong with it."""
+def outlook_view(report: CheckReport) -> Iterator[RenderableType]:
+    """Yield what a file looks like, what is probably wrong with it, and whether it would rank."""
+    if report.unranked_because is not None:
+        unranked = f"it will be scored but not ranked: {report.unranked_because}"
+        yield Text(f"warning: {unranked}", style="bold yellow")
     if report.profile is None:
         return
     table = Table(box=None, padding=(0, 1), show_header=False)
