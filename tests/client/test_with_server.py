@@ -81,7 +81,7 @@ def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: Mak
     ]
     done = submit(working, planning_file(predictions=predictions), "--wait")
     assert done.exit_code == 0, done.stderr
-    assert "not ranked in phase dev: edited trajectories cover 75.00%" in done.stdout
+    assert "not ranked in phase dev: 75.00% of the scenes with hazard are answered" in done.stdout
 
 
 def test_the_same_bytes_are_the_same_submission_and_cost_nothing(
