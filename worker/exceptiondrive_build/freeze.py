@@ -7,6 +7,7 @@ they were taken and however often the work broke off. Regions go into `split.jso
 import gzip
 import io
 import json
+from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -328,13 +329,13 @@ def _examples(
 
 
 def _shown(data: bytes) -> bytes:
-    """A smaller JPEG without what cameras write into files."""
+    """A smaller JPEG, base64, without what cameras write into files."""
     with Image.open(io.BytesIO(data)) as picture:
         small = picture.convert("RGB")
     small.thumbnail((EXAMPLE_WIDTH_PX, EXAMPLE_WIDTH_PX))
     kept = io.BytesIO()
     small.save(kept, "JPEG", quality=85)
-    return kept.getvalue()
+    return b64encode(kept.getvalue())
 
 
 def _provenance(
