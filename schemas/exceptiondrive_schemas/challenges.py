@@ -102,8 +102,8 @@ PLANNING_WORDS = ChallengeWords(
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
         by_share=(
-            (0.501, "Even the leading planner drives into the hazard {often}."),
-            (0.1, "The leading planner still drives into {cases}."),
+            (0.501, "Even the leading planner hits the hazard {often}."),
+            (0.1, "The leading planner still hits {cases}."),
             (0.0, "The leading planner keeps clear {rest}."),
         ),
     ),

@@ -29,11 +29,11 @@ def flagged(board: Board, *places: int) -> Board:
 @pytest.mark.parametrize(
     ("ur", "title"),
     [
-        (1.0, "Even the leading planner drives into the hazard every time."),
-        (0.996, "Even the leading planner drives into the hazard more than 99 times in 100."),
-        (0.78, "Even the leading planner drives into the hazard about 7 times in 9."),
-        (0.5, "The leading planner still drives into one hazard in 2."),
-        (0.311, "The leading planner still drives into about 3 hazards in 10."),
+        (1.0, "Even the leading planner hits the hazard every time."),
+        (0.996, "Even the leading planner hits the hazard more than 99 times in 100."),
+        (0.78, "Even the leading planner hits the hazard about 7 times in 9."),
+        (0.5, "The leading planner still hits one hazard in 2."),
+        (0.311, "The leading planner still hits about 3 hazards in 10."),
         (0.02, "The leading planner keeps clear 98 times in 100."),
         (0.0033, "The leading planner keeps clear more than 99 times in 100."),
         (0.0, "The leading planner keeps clear every time."),
