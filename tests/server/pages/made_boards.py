@@ -11,6 +11,7 @@ from tests.server.pages.invented_board import COUNTS, MANIFEST, PROTOCOL, N
 from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
+    EntrySource,
     FamilyCell,
     FamilyHead,
     PairedComparison,
@@ -64,7 +65,7 @@ def _around(draw: Any, value: float | None) -> Interval | None:
     return (round(max(0.0, value - half), 4), round(min(1.0, value + half), 4))
 
 
-def _entry(draw: Any, challenge: Challenge, source: str, has_intervals: bool) -> BoardEntry:
+def _entry(draw: Any, challenge: Challenge, source: EntrySource, has_intervals: bool) -> BoardEntry:
     number = next(_numbers)
     rows = {family: _values(draw, challenge, n) for family, n in COUNTS.items()}
     micro, macro = _mean(rows, COUNTS), _mean(rows, dict.fromkeys(COUNTS, 1))

@@ -128,8 +128,11 @@ def check_the_tiles(page: Node, board: Board) -> None:
         for tile in page.one("dl", "stats").all("div")
     }
     said = {key: value for key, value in tiles.items() if key.endswith("of the leader")}
-    assert len(said) == (0 if leader is None else 2)
-    for metric in challenge_of(board).metrics[:2] if leader else ():
+    if leader is None:
+        assert said == {}
+        return
+    assert len(said) == 2
+    for metric in challenge_of(board).metrics[:2]:
         value, name = said[f"{metric.label} of the leader"]
         assert name == leader.method
         assert value.startswith(percent(leader.metrics[metric.key]) or "?")

@@ -55,7 +55,7 @@ def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
     said = headline(flagged(lively_board, 0), PLANNING, 21, Digits())
     assert said.findings[0].startswith("Of 6 ranked planners, LaneKeeper XL")
     assert said.findings[1] == (
-        "AlwaysBrake (\u201cStands still\u201d) ranks above it, but its flags bar it from leading."
+        "AlwaysBrake (\u201cStands still\u201d) ranks above it and, flagged as that, does not lead."
     )
     assert all(fact.note != "AlwaysBrake" for fact in said.facts)
 
