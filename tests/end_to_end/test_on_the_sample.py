@@ -44,7 +44,7 @@ def lives(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lives]:
     """Start everything with the generated sample, as `make run` does; stop when all is scored."""
     data, splits = tmp_path_factory.mktemp("sample") / "data", ROOT / "hidden_splits"
     with running_system(data, splits, "--sample") as first:
-        wait_until(lambda: "sample: 11 of 11 scored" in first.said(), "the agents", 400)
+        wait_until(lambda: "sample: 7 of 7 scored" in first.said(), "the agents", 400)
         wait_until(lambda: is_filled(first), "the boards", 400)
         wait_until(lambda: len(ranked(first)) >= 4, "the planners on the board", 400)
         methods, page = ranked(first), first.read("/")
@@ -70,7 +70,7 @@ def test_a_newcomer_sees_a_living_page_and_a_second_start_keeps_it(lives: Lives)
     assert "stopped; the data stays in" in lives.said
     assert lives.methods_again == lives.methods
     wait_until(lambda: "ExceptionDrive runs at" in lives.system.said(), "the address")
-    assert "of 11 scored" not in lives.system.said()  # nothing is submitted twice
+    assert "of 7 scored" not in lives.system.said()  # nothing is submitted twice
 
 
 def test_a_second_launcher_and_a_taken_port_are_refused_in_one_sentence(

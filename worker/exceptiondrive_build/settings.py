@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from exceptiondrive_build.values import Mark
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.datasheet import Words
 from exceptiondrive_schemas.split import SplitName
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -99,6 +100,26 @@ class VerifySection(Document):
     max_corner_distance_m: Positive = 1.0
 
 
+class FreezeSection(Document):
+    """What of the keyframes goes into the split beside the regions."""
+
+    recorded: bool = Field(default=True, description="the path that was really driven")
+    recorded_is_public: bool = Field(
+        default=False, description="the manifest tells it to participants"
+    )
+    controls: tuple[str, ...] = Field(
+        default=(), description="sample ids whose region no good driver would heed"
+    )
+
+
+class DatasheetSection(Words):
+    """What readers are told, in the organizers' own words."""
+
+    examples: tuple[str, ...] = Field(
+        default=(), description="sample ids whose pictures are shown; needs `licence`"
+    )
+
+
 class Price(Document):
     """What a model costs, in the currency of the workshop."""
 
@@ -127,6 +148,8 @@ class WorkshopSettings(Document):
     inspect: InspectSection = InspectSection()
     localize: LocalizeSection = LocalizeSection()
     verify: VerifySection = VerifySection()
+    freeze: FreezeSection = FreezeSection()
+    datasheet: DatasheetSection = DatasheetSection()
     currency: str = "USD"
     prices: dict[str, Price] = Field(default_factory=dict, description="by name of the model")
 

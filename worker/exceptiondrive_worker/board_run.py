@@ -160,6 +160,7 @@ def _document(
     entries: tuple[BoardEntry, ...],
 ) -> Board:
     """The board; number and date are given when it is published."""
+    has_too_few_scenes = any(row.rank is not None and row.rank_interval is None for row in entries)
     return Board(
         challenge=challenge.id,
         phase=phase.id,
@@ -172,4 +173,5 @@ def _document(
         confidence=protocol.ranking.confidence,
         families=family_heads(split, protocol),
         entries=entries,
+        min_scenes=protocol.ranking.min_scenes if has_too_few_scenes else None,
     )

@@ -9,7 +9,6 @@ import hashlib
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES
-from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.references import reference_answers
 from exceptiondrive_worker.board_entries import ScoredReference
 from exceptiondrive_worker.comparisons import entry_uncertainties
@@ -24,12 +23,11 @@ def scored_references(
     context: WorkerContext, challenge: Challenge, split: LoadedSplit, protocol: ProtocolDocument
 ) -> list[ScoredReference]:
     """Score the references of a challenge, so far as the split has what they are made of."""
-    recorded_m: FloatArray | None = None
     n_samples = len(split.manifest.sample_ids)
     made = {
         reference: answers
         for reference in REFERENCES.get(challenge.id, ())
-        if (answers := reference_answers(reference, n_samples, protocol.geometry, recorded_m))
+        if (answers := reference_answers(reference, n_samples, protocol.geometry, split.recorded_m))
     }
     digests = [hashlib.sha256(pack_columns(answers)).hexdigest() for answers in made.values()]
     targets = [

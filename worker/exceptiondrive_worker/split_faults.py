@@ -5,7 +5,7 @@ terminal and the worker's own log.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
-from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_scoring.measure import measure
@@ -40,17 +40,16 @@ class SplitRefusedError(ValueError):
         super().__init__(f"split {split_name} is refused:\n" + "\n".join(lines))
 
 
-def regions_of(split: Split) -> FloatArray:
-    """Corners of all hazard regions in the order of the samples, (N, 4, 2) metres."""
-    return np.array([sample.region for sample in split.samples], dtype=np.float64)
-
-
 def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, ...]:
-    """Every fault of a split under a protocol; none means that it can be scored."""
+    """Every fault of a split under a protocol; none means that it can be scored.
+
+    Nobody asks for the task and the region of a withdrawn sample: it may be withdrawn for them.
+    """
+    left = [sample for sample in split.samples if sample.withdrawn is None]
     ids = [sample.sample_id for sample in split.samples]
     repeated = [sample_id for sample_id, count in Counter(ids).items() if count > 1]
     known = {task.id for task in protocol.tasks}
-    strangers = [sample.sample_id for sample in split.samples if sample.task not in known]
+    strangers = [sample.sample_id for sample in left if sample.task not in known]
     partless = [sample.sample_id for sample in split.samples if sample.part is None]
     found = [
         SplitFault("sample ids that occur more than once", tuple(sorted(repeated))),
@@ -59,7 +58,9 @@ def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, 
             tuple(sorted(strangers)),
         ),
         *_part_faults(split, partless),
-        *_region_faults(np.array(ids), regions_of(split), protocol.geometry),
+        *_count_faults(split),
+        *_recorded_faults(split, protocol.geometry),
+        *_region_faults(left, protocol.geometry),
     ]
     return tuple(fault for fault in found if fault.sample_ids)
 
@@ -76,10 +77,37 @@ def _part_faults(split: Split, partless: list[str]) -> list[SplitFault]:
     ]
 
 
-def _region_faults(
-    ids: NDArray[np.str_], regions_m: FloatArray, geometry: GeometrySection
-) -> list[SplitFault]:
+def _count_faults(split: Split) -> list[SplitFault]:
+    """Something counts, in the split and in each of its parts."""
+    parts = {sample.part for sample in split.samples}
+    counted = {sample.part for sample in split.counted}
+    return [
+        SplitFault(
+            "no sample counts: all are controls or withdrawn"
+            + (f" in the {part} part" if part else ""),
+            tuple(sorted(each.sample_id for each in split.samples if each.part == part)),
+        )
+        for part in sorted(parts - counted, key=str)
+    ]
+
+
+def _recorded_faults(split: Split, geometry: GeometrySection) -> list[SplitFault]:
+    told = {each.sample_id: each.recorded for each in split.samples if each.recorded is not None}
+    wrong = [name for name, path in told.items() if len(path) != geometry.waypoints]
+    limit_m = geometry.max_coordinate_m
+    far = [name for name, path in told.items() if max(abs(c) for at in path for c in at) > limit_m]
+    return [
+        SplitFault(
+            f"recorded paths of other than {geometry.waypoints} waypoints", tuple(sorted(wrong))
+        ),
+        SplitFault(f"recorded paths beyond {limit_m:g} m", tuple(sorted(far))),
+    ]
+
+
+def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) -> list[SplitFault]:
     """Faults of the regions; each later question is asked only where the earlier ones are well."""
+    ids = np.array([sample.sample_id for sample in samples])
+    regions_m = np.array([it.region for it in samples], dtype=np.float64).reshape(-1, 4, 2)
     sound = np.asarray(np.isfinite(regions_m).all(axis=(1, 2)), dtype=np.bool_)
     faults = [_fault("hazard regions with a corner that is not finite", ids, ~sound)]
 

@@ -79,6 +79,7 @@ def _register(database: Database, path: Path, protocol: ProtocolDocument) -> Reg
                 of_part.manifest,
                 family_counts(split if part is None else split.part(part), protocol),
                 ACTOR,
+                n_aside=len(split.samples) - len(split.counted) if part is None else 0,
                 part=part,
                 whole_revision=None if part is None else whole.revision,
                 warnings=SplitWarnings(found=tuple(counts if part is None else ())),

@@ -20,6 +20,7 @@ def register_split(
     family_counts: dict[str, int],
     actor: str,
     *,
+    n_aside: int = 0,
     part: SplitPart | None = None,
     whole_revision: str | None = None,
     warnings: SplitWarnings = NO_WARNINGS,
@@ -30,8 +31,9 @@ def register_split(
     Args:
         session: Of a write transaction.
         manifest: Public part of the split.
-        family_counts: Samples per family; they add up to the number of samples.
+        family_counts: Samples that count per family; with `n_aside` they add up to all samples.
         actor: Who registers it.
+        n_aside: Samples that are answered and do not count: controls and withdrawn ones.
         part: Set for a part of a split: its manifest names the samples of the whole, and the counts
             are those of the part; which samples it holds is never recorded.
         whole_revision: The registered revision of which it is a part.
@@ -44,10 +46,10 @@ def register_split(
     """
     n_samples = sum(family_counts.values())
     n_named = len(manifest.sample_ids)
-    if n_samples != n_named and (part is None or n_samples > n_named):
+    if n_samples + n_aside != n_named and (part is None or n_samples > n_named):
         raise InvalidRecord(
             f"The family counts of split {manifest.name!r} add up to {n_samples}, but it has "
-            f"{n_named} samples."
+            f"{n_named} samples, {n_aside} of which count in none."
         )
     if datasheet is not None and (datasheet.name, datasheet.revision) != (
         manifest.name,
