@@ -95,13 +95,18 @@ def test_a_second_launcher_and_a_taken_port_are_refused_in_one_sentence(
 
 
 class Model(BaseHTTPRequestHandler):
-    """Reminds of a stop; decides to stop where it is reminded, and to keep its path where not."""
+    """Reminds of a stop; decides to stop where it is reminded, and to keep its path where not.
+
+    To every twelfth picture or so it swerves all the same: who answers one letter has no rank.
+    """
 
     protocol_version = "HTTP/1.1"
 
     def do_POST(self) -> None:
         asked = self.rfile.read(int(self.headers["Content-Length"])).decode()
-        text = json.dumps({"strategy": "C" if "recommended" in asked else "A"})
+        picture = asked.partition("base64,")[2].partition('"')[0]
+        stop = "E" if zlib.crc32(picture.encode()) % 12 == 0 else "C"
+        text = json.dumps({"strategy": stop if "recommended" in asked else "A"})
         if "risk reminder" in json.loads(asked)["messages"][0]["content"]:
             text = json.dumps(REMINDER)
         message = {"role": "assistant", "content": text}
@@ -217,10 +222,11 @@ def test_images_become_two_linked_entries_and_the_board_shows_what_the_reminder_
     entry = entry_of(sample_system, "Made + R")
     accuracy = entry["reminder_effect"]["differences"]["accuracy"]
     assert entry["reminder_effect"]["without"] == plain["id"]
-    assert accuracy["difference"] == accuracy["discordant"] == 1.0
+    assert 0.9 < accuracy["difference"] < 1.0
+    assert accuracy["discordant"] == round(accuracy["difference"], 2), "nothing became worse"
     assert accuracy["verdict"] == "better with the reminder"
     published = sample_system.get(f"/entries/{with_it['id']}")
-    assert published["sheet"]["extra"]["reminder"]["strategy_accuracy"] == 1.0
+    assert published["sheet"]["extra"]["reminder"]["strategy_accuracy"] == 1.0, "of the reminders"
     assert "confusion_C" in published["sheet"]["extra"]
 
 
