@@ -195,10 +195,13 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("workshop", type=Path)
     parser.add_argument("--port", type=int, default=8000)
+    for name, share in (("suitable", 0.5), ("low", 0.1), ("repainted", 0.05)):
+        parser.add_argument(f"--{name}", type=float, default=share, help="share of answers")
     arguments = parser.parse_args()
     with Workshop(arguments.workshop) as workshop:
         server = StandIn.of(workshop, arguments.port)
-    server.keeps_seen = False
+    server.suitable, server.low = arguments.suitable, arguments.low
+    server.repainted, server.keeps_seen = arguments.repainted, False
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

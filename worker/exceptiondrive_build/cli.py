@@ -21,6 +21,7 @@ COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
     "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
     "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
+    "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
     "lint": (
         "exceptiondrive_build.freeze_commands",
         "Warn of what makes the split a bad benchmark.",

@@ -1,4 +1,4 @@
-"""`exceptiondrive-build run`: the stages that ask a model."""
+"""`exceptiondrive-build run` and `localize`: the stages that ask a model, and proposals for regions."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +10,7 @@ from exceptiondrive_build.chat import ReviewStage, ScreenStage
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.dry_run import StagePlan, dry_run
 from exceptiondrive_build.editing import EditStage
+from exceptiondrive_build.localizing import localize, localize_by_hand
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.printable import counted, printable
@@ -24,8 +25,9 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what it would take,
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to a command line."""
+    """Add the commands to a command line."""
     app.command()(run)
+    app.command("localize")(localize_command)
 
 
 def run(
@@ -51,6 +53,34 @@ def run(
     typer.echo(report.model_dump_json(indent=2) if json else report_text(report))
     if report.is_unreachable:
         raise typer.Exit(5)
+
+
+def localize_command(
+    detections: Annotated[
+        Path | None,
+        typer.Option(
+            help="A detector's file: corners by sample id in metres of the ego frame, or boxes of "
+            "nuScenes results. The box nearest to the target is proposed."
+        ),
+    ] = None,
+    by_hand: Annotated[
+        bool,
+        typer.Option("--by-hand", help="Propose a rectangle at the target, to be moved by people."),
+    ] = False,
+    workshop: WorkshopFolder = Path(),
+    json: Json = False,
+) -> None:
+    """Propose a region for every accepted candidate."""
+    if (detections is None) != by_hand:
+        raise typer.BadParameter("give either --detections FILE or --by-hand")
+    with Workshop(workshop) as opened:
+        report = localize(opened, detections) if detections else localize_by_hand(opened)
+    if json:
+        typer.echo(report.model_dump_json(indent=2))
+        return
+    typer.echo(f"proposed     {report.proposed:,}, as before {report.unchanged:,}")
+    for why, count in report.without.items():
+        typer.echo(f"  without    {count:,} {why}")
 
 
 def _plan(stage: Stage, limit: int | None, json: bool) -> None:

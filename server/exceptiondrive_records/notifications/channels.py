@@ -255,9 +255,8 @@ def _entry_lines(entry: ChangedEntry) -> list[str]:
 def _standing(standing: Standing | None) -> str:
     if standing is None:
         return "not on the board"
-    rank = "unranked" if standing.rank is None else f"rank {standing.rank}"
     values = [f"{key} {value:g}" for key, value in standing.metrics.items() if value is not None]
-    return ", ".join([rank, *values, *_effect_words(standing)])
+    return ", ".join([one_line(standing.place), *values, *_effect_words(standing)])
 
 
 def _effect_words(standing: Standing) -> list[str]:
