@@ -21,7 +21,7 @@ from exceptiondrive_build.datasheet_text import html_of, markdown_of
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.numbers import audit, cells, deciders, stages
 from exceptiondrive_build.records import Kind, Record
-from exceptiondrive_build.values import Corners, Edited, Screened
+from exceptiondrive_build.values import Corners, Edited
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.datasheet import (
@@ -203,16 +203,16 @@ def auxiliary(workshop: Workshop, candidates: Mapping[str, Candidate], split: Sp
 
 
 def _likely_region(workshop: Workshop, candidate: Candidate) -> Corners | None:
-    if not isinstance(candidate.edited, Edited) or not isinstance(candidate.screened, Screened):
+    if not isinstance(candidate.edited, Edited) or candidate.place is None:
         return None
     verified = outcome(candidate.verifications, workshop.settings.verify).corners
     if verified is not None:
         return verified
     if candidate.localized is not None:
         return candidate.localized.corners
-    if candidate.screened.target_m is None:
+    if candidate.place.target_m is None:
         return None
-    ahead_m, left_m = candidate.screened.target_m
+    ahead_m, left_m = candidate.place.target_m
     length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
     near, far, right, left = (
         ahead_m - length_m / 2,
