@@ -69,8 +69,8 @@ class Clients:
         return answer.raise_for_status().content if answer.status_code != 404 else b'{"entries":[]}'
 
     def n_entries(self) -> int:
-        """Return how many entries the public board has."""
-        return len(json.loads(self.board())["entries"])
+        """Return how many submissions stand on the public board."""
+        return sum(row["submission_id"] is not None for row in json.loads(self.board())["entries"])
 
     def close(self) -> None:
         """Close all connections."""

@@ -53,15 +53,7 @@ def check_file(
 
 def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
     """Return what a participant may know of a split, for a split that is at hand."""
-    return Manifest(
-        schema_="exceptiondrive.manifest/1",
-        name=split.name,
-        title=split.title,
-        revision=split.revision,
-        waypoints=protocol.geometry.waypoints,
-        time_step_s=protocol.geometry.time_step_s,
-        sample_ids=tuple(sorted(sample.sample_id for sample in split.samples)),
-    )
+    return Manifest.of(split, protocol.geometry)
 
 
 def read_file(file: str | os.PathLike[str]) -> bytes:

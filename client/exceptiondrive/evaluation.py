@@ -92,16 +92,19 @@ def score(document: CheckedDocument, split: Split, protocol: ProtocolDocument) -
     from exceptiondrive_scoring.challenge import SCORING, document_columns, exact_sheet
 
     try:
-        arrays = split_arrays(split.samples, protocol.taxonomy)
+        arrays = split_arrays(split.counted, protocol.taxonomy)
         _ = arrays.prepared_regions  # made now: it names regions that cross themselves
     except ValueError as error:
         raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
-    sample_ids = sorted(sample.sample_id for sample in split.samples)
     scoring = SCORING[document.challenge]
-    answers = document_columns(document, sample_ids)
+    answers = document_columns(document, [sample.sample_id for sample in split.counted])
     measured = scoring.measure(answers, arrays, protocol.geometry)
     split_ref = SplitRef(name=split.name, revision=split.revision)
-    return exact_sheet(scoring, measured, arrays, split_ref, protocol)
+    of_controls = None
+    if split.controls:
+        control_ids = [sample.sample_id for sample in split.controls]
+        of_controls = scoring.of_controls(document_columns(document, control_ids), protocol)
+    return exact_sheet(scoring, measured, arrays, split_ref, protocol, of_controls)
 
 
 def require_numpy() -> None:

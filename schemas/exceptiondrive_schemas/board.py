@@ -8,6 +8,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -82,6 +83,9 @@ class BoardEntry(Document):
     rank_interval: tuple[int, int] | None
     previous_rank: int | None = None
     unranked_because: str | None = None
+    unranked_flags: tuple[str, ...] = Field(default=(), exclude_if=lambda it: not it)
+    """Codes of the flags for which it takes no rank. It stands below the ranked entries, in the
+    order that it would have; left out where there are none."""
     submission_id: str | None
     method: str
     team: str
@@ -100,6 +104,11 @@ class BoardEntry(Document):
     """Left out where there is none: such an entry reads as it did before there were links."""
     is_late: bool = Field(default=False, exclude_if=lambda it: not it)
     """It came after the deadline: on the late view alone."""
+
+    @property
+    def may_lead(self) -> bool:
+        """Whether it may be named as the best where it is: ranked, without a flag that bars that."""
+        return self.rank is not None and not bars_leading(flag.code for flag in self.flags)
 
 
 class FamilyHead(Document):
@@ -130,6 +139,17 @@ class Board(Document):
     """`late` ranks late entries among the others, and moves no rank of the board."""
     part: SplitPart | None = Field(default=None, exclude_if=lambda it: it is None)
     """Which part of the split counts; left out where all samples do."""
+    min_scenes: int | None = Field(default=None, exclude_if=lambda it: it is None)
+    """Told where the split has fewer scenes than intervals take: no entry has any."""
+
+    @property
+    def leader(self) -> BoardEntry | None:
+        """The best ranked entry that may be named as the best; None where no entry may.
+
+        Equal ranks: the one that stands first.
+        """
+        fit = (entry for entry in self.entries if entry.may_lead)
+        return min(fit, key=lambda entry: entry.rank or 0, default=None)
 
     @cached_property
     def content_digest(self) -> str:

@@ -192,6 +192,9 @@ class Metric(Document):
     aggregation: Literal["mean", "share", "minimum", "quantile"] = "mean"
     level: float | None = Field(default=None, gt=0, le=1)
     """Of a quantile: 0.5 is the median."""
+    shown: Literal["column", "extra column", "details"] = "column"
+    """Where: a column of the board; one that is off until it is chosen; or only with the details of
+    an entry, in comparisons and exports. What is a column, on or off, has intervals."""
 
     @model_validator(mode="after")
     def _a_quantile_has_a_level(self) -> Self:
@@ -220,6 +223,8 @@ class Challenge(Document):
     file_schema: str
     metrics: tuple[Metric, ...]
     words: ChallengeWords
+    of_controls: tuple[Metric, ...] = ()
+    """Metrics over the controls of a split: in the total `micro` alone, where it has controls."""
     has_waypoints: bool = False
     """Whether its files hold as many waypoints as the protocol says."""
     is_ordered_by_protocol: bool = False
@@ -232,6 +237,16 @@ class Challenge(Document):
     def metric_keys(self) -> tuple[str, ...]:
         """Keys of all metrics, in column order."""
         return tuple(metric.key for metric in self.metrics)
+
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """Metrics that are columns of a board unless a reader hides them."""
+        return tuple(metric for metric in self.metrics if metric.shown == "column")
+
+    @property
+    def interval_metrics(self) -> tuple[Metric, ...]:
+        """Metrics with intervals, which are compared in pairs."""
+        return tuple(metric for metric in self.metrics if metric.shown != "details")
 
     @property
     def primary_order(self) -> tuple[RankKey, ...]:
@@ -250,11 +265,16 @@ class Challenge(Document):
         Raises:
             KeyError: This challenge has no such metric.
         """
-        for metric in self.metrics:
+        for metric in (*self.metrics, *self.of_controls):
             if metric.key == key:
                 return metric
         raise KeyError(key)
 
+
+_SOURCE_L2 = (
+    "Mean distance of the source trajectory from the drive that was recorded in the unedited scene: "
+    "whether the file plans for these scenes at all."
+)
 
 PLANNING = Challenge(
     id=ChallengeId("planning"),
@@ -327,6 +347,102 @@ PLANNING = Challenge(
             role="diagnostic",
             meaning="Lateral part of the shift.",
             part_of="cts",
+        ),
+        Metric(
+            key="progress",
+            label="Progress",
+            title="Progress along the source path",
+            unit="fraction",
+            better=None,
+            role="diagnostic",
+            shown="extra column",
+            meaning="How far along the planner's own source path the edited trajectory ends: 0 for "
+            "standing still, backing and sliding sideways. Driving on is not the same as driving "
+            "safely.",
+            formula=formulas.PROGRESS,
+        ),
+        Metric(
+            key="clear",
+            label="Clear",
+            title="Keeps the required clearance",
+            unit="fraction",
+            better="higher",
+            role="diagnostic",
+            aggregation="share",
+            shown="details",
+            meaning="Share of samples whose clearance is the required one or more.",
+        ),
+        Metric(
+            key="close",
+            label="Close",
+            title="Clear but too close",
+            unit="fraction",
+            better=None,
+            role="diagnostic",
+            aggregation="share",
+            shown="details",
+            meaning="Share of samples clear of the hazard whose clearance is below the required one.",
+        ),
+        Metric(
+            key="hit_reacting",
+            label="Hit, reacting",
+            title="In the hazard although it reacted",
+            unit="fraction",
+            better="lower",
+            role="diagnostic",
+            aggregation="share",
+            shown="details",
+            meaning="Share of samples in the hazard whose trajectory moved once the hazard appeared, "
+            "but not enough or the wrong way.",
+        ),
+        Metric(
+            key="hit_unmoved",
+            label="Hit, unmoved",
+            title="In the hazard, unmoved",
+            unit="fraction",
+            better="lower",
+            role="diagnostic",
+            aggregation="share",
+            shown="details",
+            meaning="Share of samples in the hazard whose trajectory hardly moved, or is missing.",
+        ),
+        *(
+            Metric(
+                key=f"source_l2_{span}m",
+                label=f"Source L2{at}",
+                title=f"Source trajectory against the recorded drive{at}",
+                unit="metre",
+                better="lower",
+                role="diagnostic",
+                shown="details",
+                meaning=meaning,
+                part_of="source_l2_m" if span else "",
+            )
+            for span, at, meaning in (
+                ("", "", _SOURCE_L2),
+                *(
+                    (
+                        f"{seconds}s_",
+                        f" at {seconds} s",
+                        f"Distance at the waypoint at {seconds} s.",
+                    )
+                    for seconds in (1, 2, 3)
+                ),
+            )
+        ),
+    ),
+    of_controls=(
+        Metric(
+            key="over_caution",
+            label="Over-caution",
+            title="Over-caution",
+            unit="fraction",
+            better="lower",
+            role="diagnostic",
+            aggregation="share",
+            shown="details",
+            meaning="Of the controls, where no good driver would heed the hazard, the share in which "
+            "the planner gives up more than half of its way.",
         ),
     ),
 )

@@ -6,9 +6,11 @@ from types import MappingProxyType
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.file_profile import FileProfile
+from exceptiondrive_schemas.printable import counted
 
 MAX_EXAMPLES = 20
-"""Examples of one code in a report; the count always tells all."""
+"""Examples of one code in a report, each of another sample; the counts always tell all."""
 
 
 class FaultCode(StrEnum):
@@ -47,6 +49,26 @@ class FaultCode(StrEnum):
     INVALID_TEXT = "invalid_text"
 
 
+NOUNS: Mapping[FaultCode, str] = MappingProxyType(
+    {
+        FaultCode.DUPLICATE_KEY: "key",
+        FaultCode.UNKNOWN_KEY: "key",
+        FaultCode.MISSING_KEY: "key",
+        FaultCode.WRONG_TYPE: "value",
+        FaultCode.UNKNOWN_SAMPLE: "sample",
+        FaultCode.MISSING_SAMPLE: "sample",
+        FaultCode.DUPLICATE_SAMPLE: "prediction",
+        FaultCode.WRONG_WAYPOINT_COUNT: "trajectory",
+        FaultCode.WRONG_WAYPOINT_SHAPE: "waypoint",
+        FaultCode.NON_FINITE: "number",
+        FaultCode.OUT_OF_BOUNDS: "number",
+        FaultCode.STEP_TOO_LONG: "step",
+    }
+)
+"""What is counted; else it is a fault."""
+PLURALS: Mapping[str, str] = MappingProxyType({"trajectory": "trajectories"})
+
+
 class Fault(Document):
     """One fault at one place."""
 
@@ -58,12 +80,27 @@ class Fault(Document):
 
 
 class FaultGroup(Document):
-    """All faults of one code: a sentence, how many there are, and the first examples."""
+    """All faults of one code: a sentence, how many there are, where, and the first examples."""
 
     code: FaultCode
     message: str
     count: int
+    n_samples: int = 0
+    """In how many samples they are; 0 where they are in none."""
+    sample_ids: tuple[str, ...] = ()
+    """These samples, in the order of the file."""
     examples: tuple[Fault, ...]
+    """At most one of a sample."""
+
+    def extent(self, n_predictions: int | None = None) -> str:
+        """Say how many there are: "120 numbers in 10 of 3,181 samples", "1 fault"."""
+        noun = NOUNS.get(self.code, "fault")
+        words = counted(self.count, noun, PLURALS.get(noun))
+        if not self.n_samples or noun == "sample":
+            return words
+        if n_predictions is None or n_predictions < self.n_samples:
+            return f"{words} in {counted(self.n_samples, 'sample')}"
+        return f"{words} in {self.n_samples:,} of {counted(n_predictions, 'sample')}"
 
 
 class CheckReport(Document):
@@ -76,6 +113,8 @@ class CheckReport(Document):
     size_bytes: int
     faults: tuple[FaultGroup, ...] = ()
     notes: tuple[str, ...] = ()
+    profile: FileProfile | None = None
+    """What a planning file looks like."""
 
     @property
     def is_valid(self) -> bool:

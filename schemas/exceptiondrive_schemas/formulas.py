@@ -70,3 +70,9 @@ UNDER_WARNING = _mean(
         _signs("]"),
     ),
 )
+PROGRESS = _mean(
+    "<mfrac>",
+    _row("<mi>s</mi>", _signs("("), _at("T", "e"), _signs(")")),
+    _row("<mi>s</mi>", _signs("("), _at("T", "o"), _signs(")")),
+    "</mfrac>",
+)

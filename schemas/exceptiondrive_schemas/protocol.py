@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, RankKey
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol_faults import faults_of, unkeepable
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
@@ -57,6 +58,8 @@ class GradingSection(Document):
     headline: Literal["micro", "macro_family"]
     d_safe_scale: Annotated[float, Field(gt=0, le=10)] = 1.0
     sensitivity_factors: Annotated[tuple[ClearanceFactor, ...], Field(max_length=8)] = ()
+    clearance_curve_step: Annotated[float, Field(ge=0.01, le=1)] = 0.1
+    clearance_curve_until: Annotated[float, Field(ge=1, le=10)] = 2.0
     caution: dict[str, Annotated[int, Field(ge=0, le=100)]]
 
     @field_validator("sensitivity_factors")
@@ -84,17 +87,31 @@ class GradingSection(Document):
 
 
 class RankingSection(Document):
-    """Read by rank: order, coverage that ranks, bootstrap."""
+    """Read by rank: order, coverage and flags that keep from ranking, bootstrap."""
 
     order: dict[str, Annotated[tuple[RankKey, ...], Field(min_length=1)]]
     min_coverage: Share
     bootstrap_draws: Annotated[int, Field(ge=100, le=100_000)]
     bootstrap_seed: Annotated[int, Field(ge=0, lt=2**63)]
     confidence: Annotated[float, Field(gt=0.5, lt=1)]
+    min_scenes: Annotated[int, Field(ge=2)] = 2
+    """A mean over fewer scenes has no interval, and a split of fewer no rank intervals."""
+    unranked_flags: tuple[str, ...] = ()
+    """Flags with which an entry is listed and takes no rank."""
 
     def order_of(self, challenge: Challenge) -> tuple[RankKey, ...]:
         """What ranks the entries of a challenge, the first key before the others."""
         return self.order.get(challenge.id, challenge.primary_order)
+
+    @field_validator("unranked_flags")
+    @classmethod
+    def _flags_are_known(cls, codes: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        unknown = [code for code in codes if code not in FLAGS]
+        if unknown and info.context != FORGIVING:
+            raise ValueError(f"no flag is called {unknown[0]!r}; there are {', '.join(FLAGS)}")
+        if len(set(codes)) < len(codes):
+            raise ValueError("unranked_flags must differ from one another")
+        return codes
 
     @model_validator(mode="after")
     def _order_names_primary_metrics(self, info: ValidationInfo) -> Self:
@@ -115,7 +132,10 @@ class RankingSection(Document):
 
 
 class PlausibilitySection(Document):
-    """Published beside the score, never folded into it; and the frame check at upload."""
+    """Published beside the score, never folded into it; and the frame check at upload.
+
+    What has a default came after protocol 1.0 (docs/protocol.md section 9).
+    """
 
     stationary_below_m: PositiveMetres
     blind_shift_below_m: PositiveMetres
@@ -128,15 +148,33 @@ class PlausibilitySection(Document):
     frame_check_min_motion_m: PositiveMetres
     frame_check_max_angle_deg: Annotated[float, Field(gt=0, lt=180)]
     frame_check_min_samples: Annotated[int, Field(ge=1)]
+    reaction_shift_m: PositiveMetres = 0.5
+    progress_min_path_m: PositiveMetres = 2.0
+    over_caution_below: Share = 0.5
+    first_step_from_mps: Annotated[float, Field(gt=0, le=60)] = 2.0
+    flag_first_step: Share = 0.01
+    flag_reverses_excess: Share = 0.05
+    flag_off_course_m: PositiveMetres = 5.0
+    flag_progress: Share = 0.2
+    flag_family_progress: Share = 0.1
+    flag_family_min_samples: Annotated[int, Field(ge=1)] = 20
+    flag_same_answer: Share = 0.95
 
 
 class PublicationSection(Document):
-    """How many digits leave the server: per cent for fractions, metres for shifts."""
+    """What leaves the server: digits (per cent for fractions, metres for lengths), cells, curves."""
 
     percent_decimals: Annotated[int, Field(ge=0, le=4)]
     metre_decimals: Annotated[int, Field(ge=0, le=4)]
     min_samples_per_cell: Annotated[int, Field(ge=1)]
     compared_entries: Annotated[int, Field(ge=0, le=50)] = 0
+    clearance_curve: Literal["public_splits", "all_splits", "never"] = "public_splits"
+
+    def shows_curve(self, *, is_public_split: bool) -> bool:
+        """Whether the sheets of a split are published with their clearance curve."""
+        return self.clearance_curve == "all_splits" or (
+            is_public_split and self.clearance_curve == "public_splits"
+        )
 
 
 class ProtocolDocument(Document):
@@ -274,6 +312,10 @@ def parse_protocol(toml: str) -> ProtocolDocument:
         raise
     except ValueError:
         raise ProtocolError(["not a protocol: a number has too many digits"]) from None
+
+
+NEWEST = "1.1"
+"""Version of the packaged protocol that a new phase takes."""
 
 
 def packaged_protocol_toml(version: str = "1.0") -> str:

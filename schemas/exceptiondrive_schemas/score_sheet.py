@@ -29,10 +29,23 @@ class ProtocolRef(Document):
 
 
 class Coverage(Document):
-    """Share of samples that carry an answer."""
+    """Share of samples that carry an answer, and their exact numbers.
+
+    A sheet of before there were numbers leaves them out.
+    """
 
     edited: float
     source: float | None = None
+    n_edited: int | None = Field(default=None, exclude_if=lambda it: it is None)
+    n_source: int | None = Field(default=None, exclude_if=lambda it: it is None)
+
+    def exact_shares(self, n: int) -> dict[str, float]:
+        """Share by side of the n samples: of the numbers where they are told, else as rounded."""
+        told = {"edited": (self.n_edited, self.edited), "source": (self.n_source, self.source)}
+        shares = {
+            side: share if count is None else count / n for side, (count, share) in told.items()
+        }
+        return {side: share for side, share in shares.items() if share is not None}
 
 
 class Flag(Document):
@@ -48,6 +61,18 @@ class Plausibility(Document):
 
     shares: dict[str, float | None]
     flags: tuple[Flag, ...] = ()
+
+
+class ClearanceCurve(Document):
+    """Share of samples that keep at least a multiple of the required clearance.
+
+    Point k stands for k times `step` of the required clearance. The first is the share clear of the
+    hazard, 1 - UR; the area up to 1 is HCC, as exactly as the step allows (docs/protocol.md).
+    """
+
+    step: float
+    micro: tuple[float, ...]
+    macro_family: tuple[float, ...]
 
 
 class BreakdownRow(Document):
@@ -89,3 +114,5 @@ class ScoreSheet(Document):
     plausibility: Plausibility
     extra: dict[str, MetricRow] = {}
     """Further named rows: sensitivity to d_safe, confusion, reminder scores."""
+    clearance_curve: ClearanceCurve | None = Field(default=None, exclude_if=lambda it: it is None)
+    """Left out where the challenge has none or the protocol does not publish it."""

@@ -1,11 +1,13 @@
 """The split (withheld) and its manifest (public, derived)."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.submission_files import SampleId, Waypoint
+from exceptiondrive_schemas.protocol import GeometrySection
+from exceptiondrive_schemas.submission_files import SampleId, Trajectory, Waypoint
 from exceptiondrive_schemas.taxonomy import Strategy
 
 SPLIT_NAME_PATTERN = r"^[a-z0-9][a-z0-9.-]{0,63}$"
@@ -13,7 +15,11 @@ SplitName = Annotated[str, Field(pattern=SPLIT_NAME_PATTERN)]
 
 
 class SplitSample(Document):
-    """One sample: its scene, its task and its hazard region."""
+    """One sample: its scene, its task and its hazard region.
+
+    Every sample is answered by files. A control and a withdrawn sample count in no number of
+    samples and no mean; which samples these are is withheld.
+    """
 
     sample_id: SampleId
     scene_id: Annotated[str, Field(min_length=1, max_length=128)]
@@ -22,6 +28,19 @@ class SplitSample(Document):
     part: Literal["public", "private"] | None = None
     d_safe_m: Annotated[float, Field(gt=0, le=20)] | None = None
     acceptable: Annotated[tuple[Strategy, ...], Field(min_length=1)] | None = None
+    recorded: Trajectory | None = Field(default=None, exclude_if=lambda it: it is None)
+    """The path that was really driven in the source scene: waypoints as a submission has them."""
+    control: bool = Field(default=False, exclude_if=lambda it: not it)
+    """The region lies where no good driver would heed it: only over-caution is taken from it."""
+    withdrawn: Annotated[str, Field(min_length=1, max_length=500)] | None = Field(
+        default=None, exclude_if=lambda it: it is None
+    )
+    """Why it counts no more."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is one of the N samples."""
+        return not self.control and self.withdrawn is None
 
 
 class Split(Document):
@@ -31,6 +50,8 @@ class Split(Document):
     name: SplitName
     title: str
     samples: Annotated[tuple[SplitSample, ...], Field(min_length=1)]
+    recorded_is_public: bool = Field(default=False, exclude_if=lambda it: not it)
+    """Whether the manifest tells the recorded paths."""
 
     @property
     def revision(self) -> str:
@@ -38,6 +59,19 @@ class Split(Document):
         document = self.model_dump(mode="json", by_alias=True, exclude_none=True)
         document["samples"].sort(key=lambda sample: sample["sample_id"])
         return content_digest(document)
+
+    @property
+    def counted(self) -> tuple[SplitSample, ...]:
+        """The N samples that count, by sample id."""
+        return tuple(
+            sorted(filter(lambda it: it.counts, self.samples), key=lambda it: it.sample_id)
+        )
+
+    @property
+    def controls(self) -> tuple[SplitSample, ...]:
+        """The controls that are not withdrawn, by sample id."""
+        found = [each for each in self.samples if each.control and each.withdrawn is None]
+        return tuple(sorted(found, key=lambda each: each.sample_id))
 
     @property
     def has_parts(self) -> bool:
@@ -58,7 +92,7 @@ class SplitRef(Document):
 
 
 class Manifest(Document):
-    """What participants may know of a split: no task, region or scene."""
+    """What participants may know of a split: no task, region, scene or mark of a sample."""
 
     schema_: Literal["exceptiondrive.manifest/1"] = Field(alias="schema")
     name: SplitName
@@ -67,6 +101,32 @@ class Manifest(Document):
     waypoints: int
     time_step_s: float
     sample_ids: tuple[SampleId, ...]
+    recorded: Mapping[str, Trajectory] | None = Field(
+        default=None, exclude_if=lambda it: it is None
+    )
+    """Sample id to the path that was really driven; left out where that is not public."""
+
+    @classmethod
+    def of(cls, split: Split, geometry: GeometrySection, revision: str | None = None) -> Self:
+        """Return what may be known of a split, samples by id.
+
+        Args:
+            split: All samples that a file answers.
+            geometry: How a trajectory is given.
+            revision: Of the part that counts; by default of the whole.
+        """
+        samples = sorted(split.samples, key=lambda sample: sample.sample_id)
+        paths = {each.sample_id: each.recorded for each in samples if each.recorded is not None}
+        return cls(
+            schema_="exceptiondrive.manifest/1",
+            name=split.name,
+            title=split.title,
+            revision=revision or split.revision,
+            waypoints=geometry.waypoints,
+            time_step_s=geometry.time_step_s,
+            sample_ids=tuple(sample.sample_id for sample in samples),
+            recorded=paths if split.recorded_is_public and paths else None,
+        )
 
     @property
     def ref(self) -> SplitRef:

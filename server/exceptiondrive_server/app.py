@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from exceptiondrive_records.db.settings import load_settings
 from exceptiondrive_server.boards.reader import BoardReader
 from exceptiondrive_server.routes import ROUTES
-from exceptiondrive_server.web.body_limit import Overload, RequestLimits
+from exceptiondrive_server.web.body_limit import RequestLimits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
@@ -42,7 +42,6 @@ def create_app(settings: ServerSettings) -> FastAPI:
     if services.provider is not None:
         services.provider.keep_flows(app)
     app.add_middleware(RequestLimits, upload_limit_bytes=limit_bytes)
-    app.add_middleware(Overload, at_once=settings.uploads_at_once)
     app.add_middleware(RequestContext, metrics=services.metrics)
     app.add_middleware(HeadRequests)  # added last: the outermost
     install_problem_handlers(app)

@@ -114,7 +114,9 @@ def _wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:
 def test_of_100_parallel_posts_exactly_the_quota_is_admitted(
     serve: Callable[..., Server], database_url: str
 ) -> None:
-    server = serve(database_url, UPLOADS_AT_ONCE=str(2 * N_POSTS))
+    server = serve(
+        database_url, UPLOADS_AT_ONCE=str(2 * N_POSTS), UPLOADS_AT_ONCE_PER_TEAM=str(N_POSTS)
+    )
     started = datetime.now(UTC)
     answers = server.at_once([f"file {n}".encode() for n in range(N_POSTS)])
     ended = datetime.now(UTC)
@@ -141,7 +143,9 @@ def test_of_100_parallel_posts_exactly_the_quota_is_admitted(
 def test_the_same_bytes_in_parallel_are_one_submission_and_cost_one(
     serve: Callable[..., Server], database_url: str
 ) -> None:
-    server = serve(database_url, UPLOADS_AT_ONCE=str(2 * N_POSTS))
+    server = serve(
+        database_url, UPLOADS_AT_ONCE=str(2 * N_POSTS), UPLOADS_AT_ONCE_PER_TEAM=str(N_POSTS)
+    )
     answers = server.at_once([b"the same"] * N_POSTS)
     assert Counter(answer.status_code for answer in answers) == {202: 1, 200: N_POSTS - 1}
     assert len({answer.json()["id"] for answer in answers}) == 1

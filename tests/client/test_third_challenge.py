@@ -33,7 +33,8 @@ from exceptiondrive_schemas.check.rules import RULES
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
-from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
+from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
+from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring import challenge as scoring
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
@@ -105,7 +106,7 @@ class GapRules:
             )
         return gap
 
-    def finish(self) -> None:
+    def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> None:
         pass
 
     def notes(self, n_predictions: int) -> tuple[str, ...]:
@@ -136,6 +137,9 @@ class GapScoring:
         by_key = {"wide": gap_m >= split.d_safe_m, "closed": gap_m == 0}
         return sample_scores(GAPS.metrics, by_key | {"least_gap": gap_m, "median_gap": gap_m})
 
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
+        return {}
+
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         return {"edited": 1.0}
 
@@ -148,6 +152,9 @@ class GapScoring:
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         return {}
+
+    def clearance_curve(self, *_: Any) -> ClearanceCurve | None:
+        return None
 
     def drawings(self, *_: Any) -> EntryDrawings | None:
         return None

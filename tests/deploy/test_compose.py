@@ -8,6 +8,8 @@ import compose_spec
 import pytest
 import yaml
 
+from exceptiondrive_server.web.settings import ServerSettings
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -141,24 +143,32 @@ def test_the_proxy_hands_on_the_sender_and_nobody_else_is_believed(compose: dict
     assert "$proxy_add_x_forwarded_for" not in nginx, "a sender could name another sender"
 
 
-def test_uploads_and_pages_that_wait_in_the_proxy_fit_into_its_memory(
-    compose: dict[str, Any],
-) -> None:
+def _number(pattern: str, text: str) -> int:
+    (found,) = re.findall(pattern, text)
+    return int(found)
+
+
+def test_what_waits_in_the_proxy_fits_into_its_memory(compose: dict[str, Any]) -> None:
     """A file in a container's /tmp is memory: too many of them would end the proxy."""
     proxy = compose["services"]["proxy"]
     nginx = (ROOT / "deploy/nginx.conf").read_text("utf-8")
-
-    def number(pattern: str, text: str) -> int:
-        (found,) = re.findall(pattern, text)
-        return int(found)
-
-    waiting_mb = number(r"limit_conn uploads (\d+);", nginx) * number(
-        r"client_max_body_size (\d+)m;", nginx
+    bodies_mb = _number(r"limit_conn per_address (\d+);", nginx) * _number(
+        r"\n  client_max_body_size (\d+)m;", nginx
     )
-    kept_mb = number(r"max_size=(\d+)m", nginx)
-    room_mb = number(r"^/tmp:size=(\d+)m", proxy["tmpfs"][0])
-    memory_mb = number(r"(\d+)M", proxy["deploy"]["resources"]["limits"]["memory"])
-    assert waiting_mb + kept_mb <= room_mb <= memory_mb - 128
+    kept_mb = _number(r"max_size=(\d+)m", nginx)
+    room_mb = _number(r"^/tmp:size=(\d+)m", proxy["tmpfs"][0])
+    memory_mb = _number(r"(\d+)M", proxy["deploy"]["resources"]["limits"]["memory"])
+    assert 4 * bodies_mb + kept_mb <= room_mb <= memory_mb - 128
+
+
+def test_uploads_that_come_slowly_fit_into_the_memory_of_a_server(compose: dict[str, Any]) -> None:
+    server = compose["services"]["server"]
+    nginx = (ROOT / "deploy/nginx.conf").read_text("utf-8")
+    at_once = ServerSettings.model_fields["uploads_at_once"].default
+    waiting_mb = at_once * _number(r"\n      client_max_body_size (\d+)m;", nginx)
+    room_mb = _number(r"^/tmp:size=(\d+)m", server["tmpfs"][0])
+    memory_mb = 1024 * _number(r"(\d+)G", server["deploy"]["resources"]["limits"]["memory"])
+    assert waiting_mb <= room_mb <= memory_mb - 256
 
 
 def test_one_server_may_be_stopped_without_a_gap(compose: dict[str, Any]) -> None:

@@ -14,14 +14,14 @@ _CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
 class HeldUpload:
     """An upload of which the last bytes are kept back; the server has begun to read it."""
 
-    def __init__(self, topology: Topology, data: bytes, method: str) -> None:
+    def __init__(self, topology: Topology, data: bytes, method: str, team: str = "alpha") -> None:
         request = httpx.Request(
             "POST",
             f"{topology.url}/api/v1/submissions",
             data={"phase": PHASE, "method": method},
             files={"file": ("f.json", data)},
             headers={
-                "Authorization": f"Bearer {topology.tokens['alpha']}",
+                "Authorization": f"Bearer {topology.tokens[team]}",
                 "Connection": "close",
                 "Expect": "100-continue",
             },

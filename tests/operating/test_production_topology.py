@@ -225,24 +225,21 @@ def _ready(topology: Topology, *hosts: str) -> bool:
     return all(topology.readiness(host).get("is_ready") for host in hosts)
 
 
-def test_an_upload_that_meets_a_dying_server_is_taken_once(run: Run, site: Site) -> None:
-    """It dies between commit and answer; nginx sends the same bytes to the next."""
-    topology, data = run.topology, run.clients.new_file()
+@pytest.mark.usefixtures("trusted")
+def test_an_upload_that_meets_a_dying_server_is_taken_once(
+    run: Run, site: Site, tmp_path: Path
+) -> None:
+    """It dies between commit and answer; the client sends the same bytes again, to the next."""
+    topology, file = run.topology, tmp_path / "planner.json"
+    file.write_bytes(run.clients.new_file())
     order = topology.order("kill-after-commit")
     began_s = run.history.now_s()
-    with site.nginx.browser() as browser:
-        answer = browser.post(
-            "/api/v1/submissions",
-            data={"phase": PHASE, "method": "dying"},
-            files={"file": ("f.json", data)},
-            headers={"Authorization": f"Bearer {topology.tokens['alpha']}"},
-        )
+    with Client(site.nginx.url, topology.tokens["alpha"]) as client:
+        taken = client.submit(file, phase=PHASE, method="dying")
     took_s = run.history.now_s() - began_s
     assert not order.exists(), "a server died"
-    assert answer.status_code == 200, answer.text
-    view = answer.json()
-    assert view["is_duplicate"]
-    call = Call("alpha", digest_of(data), "dying", began_s, took_s, 200, view["id"])
+    assert taken.view.is_duplicate
+    call = Call("alpha", digest_of(file.read_bytes()), "dying", began_s, took_s, 200, taken.id)
     run.history.note(call)
 
 

@@ -181,7 +181,10 @@ class Life:
                     setattr(phase, key, value)
 
     def board(self, query: str = "", phase: str = "test") -> Any:
-        return self.json(f"/api/v1/leaderboard?phase={phase}{query}")
+        """The board as anybody reads it, without the references that the worker makes for it."""
+        board = self.json(f"/api/v1/leaderboard?phase={phase}{query}")
+        board["entries"] = [entry for entry in board["entries"] if entry["submission_id"]]
+        return board
 
     def entry_ids(self, query: str = "") -> list[str]:
         return [entry["submission_id"] for entry in self.board(query)["entries"]]

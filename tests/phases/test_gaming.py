@@ -31,7 +31,7 @@ def watched(life: "Life") -> "Life":
 def enter(life: "Life", split: str) -> dict[str, str]:
     """Enter the reference, one that stands still, one that does not react, and an honest one."""
     ids = {
-        "reference": life.submit("freeze", 0.0, "FREEZE", split),
+        "reference": life.submit("freeze", 0.0, "STANDSTILL", split),
         "stands_still": life.submit("alpha", STANDS_MPS, "Sleeper", split),
         "blind_to_the_edit": life.submit("beta", BLIND_MPS, "Blind", split),
         "honest": life.submit("gamma", 1.5, "Honest", split),
@@ -62,7 +62,7 @@ def on_frozen(life: "Life") -> tuple[dict[str, str], str]:
 def on_late_view(life: "Life") -> tuple[dict[str, str], str]:
     closing: dict[str, Any] = {"closes_at": life.ahead(60), "policy": {"late_entries": "own_view"}}
     life.make_phase(split="plain", **closing)
-    early = life.submit("freeze", 0.0, "FREEZE", "plain")
+    early = life.submit("freeze", 0.0, "STANDSTILL", "plain")
     life.submit("gamma", 2.5, "Early", "plain")
     life.work()
     life.move(closes_at=life.now())
@@ -91,7 +91,7 @@ def test_every_board_of_planners_shows_references_and_flags(watched: "Life", kin
     reference = rows[ids["reference"]]
     assert (reference["source"], reference["rank"]) == ("reference", None)
     page = watched.get(f"/?phase=test{query}").text
-    assert "FREEZE" in page
+    assert "STANDSTILL" in page
     text = watched.get(f"/export/board.csv?phase=test{query}").text
     in_file = {row["submission_id"]: row for row in csv.DictReader(io.StringIO(text))}
     for code, label in FLAGS.items():

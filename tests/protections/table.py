@@ -32,6 +32,12 @@ def _unlocked(_: Any) -> Callable[..., Any]:
     return lambda session, team_id: session.get_one(Team, team_id)
 
 
+def _any_number_of_places(_: Any) -> Callable[..., Any]:
+    from contextlib import nullcontext
+
+    return lambda places, team_id: nullcontext()
+
+
 def _unescaped(environment: Any) -> Callable[..., Any]:
     return lambda **keywords: environment(**{**keywords, "autoescape": False})
 
@@ -103,6 +109,24 @@ PROTECTIONS = (
         f"{RECORDS}.submissions.submissions:_lock_team",
         _unlocked,
         "tests/records/test_quotas.py::test_a_quota_admits_exactly_its_number_under_parallel_threads",
+    ),
+    Protection(
+        "upload-places",
+        f"{SERVER}.web.upload_places:UploadPlaces.held_by",
+        _any_number_of_places,
+        "tests/operating/test_slow_senders.py::test_a_team_that_sends_slowly_holds_its_own_places_alone",
+    ),
+    Protection(
+        "refused-before-stored",
+        f"{SERVER}.submissions.upload:require_acceptable",
+        _nothing,
+        "tests/server/test_submit.py::test_of_a_refused_upload_no_byte_is_stored",
+    ),
+    Protection(
+        "refused-deleted",
+        f"{SERVER}.submissions.upload:remove_orphan",
+        _nothing,
+        "tests/server/test_submit.py::test_what_is_refused_in_the_transaction_is_deleted_unless_somebody_else_sent_it",
     ),
     Protection(
         "body-limit",

@@ -107,13 +107,13 @@ def test_a_sweep_waits_for_an_upload_that_has_looked(
     grow_old(folder, digest)
     swept: list[int] = []
     looks = threading.Event()
-    look = garbage._remove
+    look = garbage.remove_orphan
 
-    def tell_and_look(*arguments: Any) -> bool:
+    def tell_and_look(*arguments: Any, **options: Any) -> bool:
         looks.set()
-        return look(*arguments)
+        return look(*arguments, **options)
 
-    monkeypatch.setattr(garbage, "_remove", tell_and_look)
+    monkeypatch.setattr(garbage, "remove_orphan", tell_and_look)
     sweeper = threading.Thread(target=lambda: swept.append(sweep(world, files)))
 
     def begin_sweep(session: Any) -> None:

@@ -88,7 +88,10 @@ def test_predictions_by_sample_id_are_explained(planning: dict[str, Any], checke
     planning["predictions"] = {each["sample_id"]: each for each in planning["predictions"]}
     code, fault = only_fault(checked(planning))
     assert (code, fault.path) == (FaultCode.WRONG_TYPE, "$.predictions")
-    assert fault.hint == "write a list; the sample id stands inside each prediction"
+    assert fault.hint == (
+        "write a list; the sample id stands inside each prediction "
+        "(exceptiondrive convert makes a submission of it)"
+    )
 
 
 @pytest.mark.parametrize("key", ["schema", "split", "predictions"])

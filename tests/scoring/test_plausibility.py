@@ -7,8 +7,9 @@ import pytest
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Plausibility
+from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
+from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
 from exceptiondrive_scoring.kinematics import (
     peak_acceleration_mps2,
     positions,
@@ -23,15 +24,25 @@ CRUISE = np.stack([3.0 * np.arange(1, 7), np.zeros(6)], axis=-1)
 JUMP = np.stack([[1, 2, 3, 23, 24, 25], np.zeros(6)], axis=-1).astype(float)
 HAIRPIN = np.array([[2, 0], [4, 0], [4, 2], [2, 2], [0, 2], [-2, 2]], dtype=float)
 MISSING = np.full((6, 2), np.nan)
-FAR_AWAY = np.array([[60.0, 60.0], [62.0, 60.0], [62.0, 62.0], [60.0, 62.0]])
+FAR_AWAY = ((60.0, 60.0), (62.0, 60.0), (62.0, 62.0), (60.0, 62.0))
 
 
 def _judge(
-    source: list[FloatArray], edited: list[FloatArray], protocol: ProtocolDocument
+    source: list[FloatArray],
+    edited: list[FloatArray],
+    protocol: ProtocolDocument,
+    recorded: list[tuple[tuple[float, float], ...]] | None = None,
 ) -> Plausibility:
     pairs = TrajectoryPairs.from_columns({"source": np.stack(source), "edited": np.stack(edited)})
-    regions = np.broadcast_to(FAR_AWAY, (len(source), 4, 2))
-    return plausibility(measure(pairs, regions, protocol.geometry), protocol.plausibility)
+    samples = [
+        SplitSample(
+            sample_id=f"s-{i:03d}", scene_id="scene", task="LB1", region=FAR_AWAY, recorded=path
+        )
+        for i, path in enumerate(recorded or [None] * len(source))
+    ]
+    split = split_arrays(samples, protocol.taxonomy)
+    measured = measure(pairs, split.prepared_regions, protocol.geometry, split.recorded_m)
+    return plausibility(measured, split, protocol)
 
 
 def _codes(judged: Plausibility) -> list[str]:
@@ -40,9 +51,7 @@ def _codes(judged: Plausibility) -> list[str]:
 
 def test_an_ordinary_planner_raises_no_flag(protocol: ProtocolDocument) -> None:
     judged = _judge([CRUISE] * 4, [0.8 * CRUISE] * 4, protocol)
-    assert judged.shares == {
-        "edited_stationary": 0.0, "source_stationary": 0.0, "blind": 0.0, "impossible": 0.0,
-    }  # fmt: skip
+    assert set(judged.shares.values()) == {0.0}
     assert judged.flags == ()
 
 
@@ -51,7 +60,7 @@ def test_stopping_for_the_edit_far_more_often_than_without_is_flagged(
 ) -> None:
     judged = _judge([CRUISE] * 4, [STILL, STILL, 0.5 * CRUISE, 0.5 * CRUISE], protocol)
     assert judged.shares["edited_stationary"] == 0.5
-    assert _codes(judged) == ["stands_still"]
+    assert _codes(judged) == ["stands_still", "impossible_motion"]
     assert "50%" in judged.flags[0].detail
 
 
@@ -70,15 +79,20 @@ def test_motion_that_no_car_can_do_is_flagged(
 ) -> None:
     judged = _judge([CRUISE] * 10, [trajectory] + [0.8 * CRUISE] * 9, protocol)
     assert judged.shares["impossible"] == pytest.approx(0.1)
-    assert _codes(judged) == ["impossible_motion"]
+    assert "impossible_motion" in _codes(judged)
 
 
-def test_missing_trajectories_are_in_no_share(protocol: ProtocolDocument) -> None:
-    judged = _judge([CRUISE, MISSING], [MISSING, MISSING], protocol)
-    assert judged.shares == {
-        "edited_stationary": None, "source_stationary": 0.0, "blind": None, "impossible": None,
-    }  # fmt: skip
-    assert judged.flags == ()
+def test_a_missing_trajectory_counts_as_one_that_stands(protocol: ProtocolDocument) -> None:
+    missing = _judge([CRUISE] * 4, [MISSING, 0.8 * CRUISE, 0.8 * CRUISE, MISSING], protocol)
+    zeros = _judge([CRUISE] * 4, [STILL, 0.8 * CRUISE, 0.8 * CRUISE, STILL], protocol)
+    for share in ("edited_stationary", "source_stationary", "edited_behind", "source_behind"):
+        assert missing.shares[share] == zeros.shares[share]
+    assert set(_codes(missing)) <= set(_codes(zeros))
+    assert "are missing or end" in missing.flags[0].detail
+    assert "missing" not in zeros.flags[0].detail
+    nothing = _judge([MISSING], [MISSING], protocol)
+    assert (nothing.shares["blind"], nothing.shares["impossible"]) == (None, None)
+    assert _codes(nothing) == ["source_stands_still"]
 
 
 def test_acceleration_is_the_change_of_velocity_between_steps(protocol: ProtocolDocument) -> None:
@@ -103,5 +117,72 @@ def test_real_planners_are_not_called_impossible(
 ) -> None:
     pairs, split = real_case("nuscenes-real", "recorded-human")
     measured = measure(pairs, split.regions_m, protocol.geometry)
-    judged = plausibility(measured, protocol.plausibility)
+    judged = plausibility(measured, split, protocol)
     assert _codes(judged) == ["blind_to_the_edit"]  # its edited drive is its source drive
+
+
+BACKING = np.stack([-0.1 * np.arange(1, 7), np.zeros(6)], axis=-1)
+SLOW_CRUISE = CRUISE / 2
+
+
+def test_backing_more_often_than_without_the_hazard_is_flagged(protocol: ProtocolDocument) -> None:
+    judged = _judge([SLOW_CRUISE] * 10, [BACKING] + [0.8 * SLOW_CRUISE] * 9, protocol)
+    assert judged.shares["edited_behind"] == pytest.approx(0.1)
+    assert "reverses" in _codes(judged)
+    both = _judge([BACKING] + [CRUISE] * 9, [BACKING] + [0.8 * CRUISE] * 9, protocol)
+    assert "reverses" not in _codes(both)
+
+
+@pytest.mark.parametrize(
+    ("first_step_m", "is_wrong"),
+    [(0.0, True), (0.59, True), (0.61, False), (6.7, False), (6.8, True)],
+)
+def test_the_first_step_is_one_that_the_speed_of_the_source_allows(
+    protocol: ProtocolDocument, first_step_m: float, is_wrong: bool
+) -> None:
+    """At 6 m/s and 30 m/s^2 the car stands after 36 / 60 = 0.6 m, and gets 3 + 3.75 m at most."""
+    edited = first_step_m * np.stack([np.linspace(1, 1.5, 6), np.zeros(6)], axis=-1)
+    judged = _judge([CRUISE], [edited], protocol)
+    assert judged.shares["first_step"] == float(is_wrong)
+
+
+def test_a_source_that_may_have_been_standing_forbids_no_stop(protocol: ProtocolDocument) -> None:
+    assert _judge([CRUISE * 0.33], [STILL], protocol).shares["first_step"] == 0.0
+    assert _judge([CRUISE * 0.34], [STILL], protocol).shares["first_step"] == 1.0
+
+
+def test_a_few_zeros_in_place_of_missing_answers_are_flagged(protocol: ProtocolDocument) -> None:
+    drive = 0.8 * CRUISE
+    assert _codes(_judge([CRUISE] * 100, [STILL] * 1 + [drive] * 99, protocol)) == []
+    assert _codes(_judge([CRUISE] * 100, [STILL] * 2 + [drive] * 98, protocol)) == [
+        "impossible_motion"
+    ]
+
+
+def test_sources_far_from_the_recorded_drive_are_off_course(protocol: ProtocolDocument) -> None:
+    path = tuple((float(x), float(y)) for x, y in CRUISE)
+    sources = [CRUISE + np.array([0.0, 5.1])] * 6 + [CRUISE] * 5
+    edited = [0.8 * source for source in sources]
+    assert _codes(_judge(sources, edited, protocol, [path] * 11)) == ["off_course"]
+    half = [CRUISE + np.array([0.0, 100.0])] * 5 + [CRUISE] * 6
+    judged = _judge(half, [0.8 * source for source in half], protocol, [path] * 11)
+    assert "off_course" not in _codes(judged), "the median does not follow a few wild samples"
+
+
+def test_hardly_moving_is_flagged_overall_and_in_a_family_of_enough_samples(
+    protocol: ProtocolDocument, make_split: Callable[..., SplitArrays]
+) -> None:
+    def judge(n_stuck: int) -> list[str]:
+        edited = [0.05 * CRUISE] * n_stuck + [0.9 * CRUISE] * (100 - n_stuck)
+        columns = {"source": np.stack([CRUISE] * 100), "edited": np.stack(edited)}
+        split = make_split(
+            np.tile(FAR_AWAY, (100, 1, 1)), tasks=[0] * n_stuck + [4] * (100 - n_stuck)
+        )
+        pairs = TrajectoryPairs.from_columns(columns)
+        return _codes(
+            plausibility(measure(pairs, split.regions_m, protocol.geometry), split, protocol)
+        )
+
+    assert "hardly_moves" not in judge(19), "too few samples to judge a family by"
+    assert "hardly_moves" in judge(20)
+    assert "hardly_moves" in judge(90)

@@ -246,6 +246,7 @@ def make_api(tmp_path: Path) -> Iterator[Callable[..., Api]]:
                 "receipt_key_file": tmp_path / "receipt-key.pem",
                 "max_upload_bytes": MAX_UPLOAD_BYTES,
                 "events_every_s": 0.01,
+                "uploads_at_once_per_team": 32,
                 **settings,
             }
             app = create_app(ServerSettings(database_url=as_role(url, Role.API), **given))

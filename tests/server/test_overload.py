@@ -1,55 +1,41 @@
-"""Overload: uploads beyond what one process takes at once are sent away politely."""
+"""Overload: uploads beyond what one process takes at once are sent away before they are read."""
 
-import asyncio
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 
-import httpx
-from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import Route
+import pytest
 
-from exceptiondrive_server.web.body_limit import Overload
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+from exceptiondrive_server.web.upload_places import UploadPlaces
 
-UPLOAD_PATH = "/api/v1/submissions"
-
-
-def client_of(gate: asyncio.Event, at_once: int) -> httpx.AsyncClient:
-    async def upload(request: Request) -> Response:
-        await gate.wait()
-        return PlainTextResponse("taken", 202)
-
-    async def page(request: Request) -> Response:
-        return PlainTextResponse("page")
-
-    routes = [Route(UPLOAD_PATH, upload, methods=["POST"]), Route("/", page)]
-    app = Overload(Starlette(routes=routes), at_once)
-    return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://test")
+ALPHA, BETA, GAMMA = 1, 2, 3
 
 
-async def test_one_upload_too_many_is_told_when_to_come_again_and_pages_are_served() -> None:
-    gate = asyncio.Event()
-    async with client_of(gate, at_once=2) as client:
-        taken = [asyncio.create_task(client.post(UPLOAD_PATH)) for _ in range(2)]
-        for _ in range(10):
-            await asyncio.sleep(0)
-        refused = await client.post(UPLOAD_PATH)
-        assert refused.status_code == 503
-        assert int(refused.headers["Retry-After"]) > 0
-        assert refused.json()["code"] == "store_unavailable"
-        assert (await client.get("/")).status_code == 200
-        gate.set()
-        assert [(await task).status_code for task in taken] == [202, 202]
-        assert (await client.post(UPLOAD_PATH)).status_code == 202, "there is room again"
+def refusal(hold: Callable[[], AbstractContextManager[None]]) -> ApiProblem:
+    with pytest.raises(ApiProblem) as caught, hold():
+        pass
+    assert caught.value.retry_after_s
+    assert "Nothing was taken" in caught.value.detail
+    return caught.value
 
 
-async def test_an_upload_that_breaks_off_leaves_its_place() -> None:
-    gate = asyncio.Event()
-    async with client_of(gate, at_once=1) as client:
-        broken = asyncio.create_task(client.post(UPLOAD_PATH))
-        for _ in range(10):
-            await asyncio.sleep(0)
-        assert (await client.post(UPLOAD_PATH)).status_code == 503
-        broken.cancel()
-        await asyncio.gather(broken, return_exceptions=True)
-        gate.set()
-        assert (await client.post(UPLOAD_PATH)).status_code == 202
+def test_a_team_has_few_places_and_leaves_the_others_free() -> None:
+    places = UploadPlaces(at_once=3, per_team=2)
+    with places.held_by(ALPHA), places.held_by(ALPHA):
+        assert refusal(lambda: places.held_by(ALPHA)).code is ProblemCode.TOO_MANY_REQUESTS
+        with places.held_by(BETA):
+            assert refusal(lambda: places.held_by(GAMMA)).code is ProblemCode.STORE_UNAVAILABLE
+        with places.held_by(GAMMA):
+            pass
+    with places.held_by(ALPHA), places.held_by(ALPHA):
+        pass
+
+
+def test_an_upload_that_breaks_off_leaves_its_place() -> None:
+    places = UploadPlaces(at_once=1, per_team=1)
+    with pytest.raises(ConnectionError), places.held_by(ALPHA):
+        raise ConnectionError
+    with ExitStack() as stack:
+        stack.enter_context(places.held_by(BETA))
+        assert refusal(lambda: places.held_by(ALPHA)).code is ProblemCode.STORE_UNAVAILABLE

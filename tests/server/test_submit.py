@@ -11,11 +11,16 @@ import pytest
 from sqlalchemy import func, select
 from tests.support.work import claim_this
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.operations.dump import file_digests
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.submission import SubmissionView
+from exceptiondrive_server.submissions import upload
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
@@ -26,6 +31,15 @@ Problem = Callable[[Any, int, str], dict[str, Any]]
 def count(api: "Api", table: type) -> int:
     with api.database.read() as session:
         return session.scalar(select(func.count()).select_from(table)) or 0
+
+
+def stored(api: "Api") -> set[str]:
+    return {file.digest for file in api.services.files.stored()}
+
+
+def mentioned(api: "Api") -> set[str]:
+    with api.database.read() as session:
+        return set(file_digests(session))
 
 
 def test_an_upload_is_accepted_kept_and_shown(
@@ -98,6 +112,7 @@ async def test_30_parallel_posts_at_quota_5_give_exactly_5(api_on_both: "Api") -
     statuses = await post_all(api_on_both, [f"file {number}" for number in range(30)])
     assert sorted(statuses) == [202] * 5 + [429] * 25
     assert count(api_on_both, Submission) == 5
+    assert stored(api_on_both) == mentioned(api_on_both), "what was refused is gone"
 
 
 @pytest.mark.row("I18")
@@ -155,6 +170,48 @@ def test_a_closed_phase_takes_nothing(api: "Api", as_problem: Problem, which: st
     api.phase("shut", **{which: dates[which]})
     problem = as_problem(api.submit("a", phase="shut"), 403, "phase_closed")
     assert "UTC" in problem["detail"]
+
+
+@pytest.mark.parametrize("refused", ["closed", "spent", "not approved", "link"])
+def test_of_a_refused_upload_no_byte_is_stored(
+    api: "Api", monkeypatch: pytest.MonkeyPatch, refused: str
+) -> None:
+    """Known before it is stored; else a team could fill the disk with what nobody takes."""
+    phase, fields = "dev", {}
+    if refused == "closed":
+        api.phase("shut", closes_at=datetime.now(UTC) - timedelta(days=1))
+        phase = "shut"
+    elif refused == "spent":
+        api.phase("once", quota_total=1)
+        api.submit("a", phase="once")
+        phase = "once"
+    elif refused == "not approved":
+        with api.database.write() as session:
+            session.get_one(Team, api.team_ids["alpha"]).pending_since = database_now(session)
+    else:
+        fields = {"linked_to": "nothing"}
+    before = stored(api)
+
+    def store(*_: object, **__: object) -> None:
+        raise AssertionError("it was stored")
+
+    monkeypatch.setattr(FileStore, "put_stream", store)
+    assert api.submit("refused", phase=phase, **fields).status_code in (400, 403, 429)
+    assert stored(api) == before
+
+
+def test_what_is_refused_in_the_transaction_is_deleted_unless_somebody_else_sent_it(
+    api: "Api", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two uploads of a team at once: both are acceptable before they are stored, one is after."""
+    api.phase("once", quota_total=1)
+    monkeypatch.setattr(upload, "require_acceptable", lambda *_, **__: None)
+    assert api.submit("a", "beta").status_code == 202
+    assert api.submit("first", phase="once").status_code == 202
+    for content in ("second", "a"):
+        assert api.submit(content, phase="once").status_code == 429
+    assert stored(api) == mentioned(api)
+    assert len(stored(api)) == 2
 
 
 def test_an_unknown_phase_is_404_and_nothing_is_stored(

@@ -41,6 +41,8 @@ class Extract:
 
     split: Document
     files: dict[str, bytes]
+    recorded: dict[str, Path6]
+    """By sample id, what was driven in the source scene."""
 
     def write(self, folder: Path) -> None:
         """Write `split.json.gz` and a file of each planner."""
@@ -68,7 +70,7 @@ def make_extract(seed: int = 20261122) -> Extract:
         planner: _file(answer(drives, chance), chance, is_packed=number % 2 == 0)
         for number, (planner, answer) in enumerate(PLANNERS.items())
     }
-    return Extract(split, files)
+    return Extract(split, files, drives)
 
 
 def unpacked(content: bytes) -> bytes:

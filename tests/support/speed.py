@@ -4,9 +4,12 @@ Statements are compiled once per process: a test has a database of its own and s
 which would compile each statement anew, a quarter of the processor time of a test on the API.
 Certificates of authorities are read once per process, not for every client (45 ms each); one that a
 test names is read every time: it may have been replaced. Files that take longest come first: xdist
-would start with those of most tests, and a browser or a deployment of its own has few.
+would start with those of most tests, and a browser or a deployment of its own has few. What collecting
+the tests has made stays to the end, so the collector of garbage looks at none of it.
 """
 
+import gc
+import os
 import ssl
 from collections.abc import Callable
 from functools import cache
@@ -35,7 +38,8 @@ HEAVIEST = (
     "tests/worker/test_with_real_broker.py",
 )
 """More than 20 s each, by measurement."""
-OF_THE_MACHINE = (None, certifi.where())
+# None: as OpenSSL was built; others as the HTTP libraries choose, which take the environment's word
+OF_THE_MACHINE = (None, certifi.where(), os.environ.get("SSL_CERT_FILE"))
 FIRST: dict[str, Any] = {}
 """By backend, the engine whose dialect and cache the later ones take over."""
 
@@ -43,6 +47,13 @@ FIRST: dict[str, Any] = {}
 def pytest_configure(config: pytest.Config) -> None:
     database._engine = sharing(database._engine)  # type: ignore[assignment]
     ssl.create_default_context = read_once(ssl.create_default_context)
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.enable()
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -105,6 +105,50 @@ def test_check_split_says_that_a_split_is_sound(
     assert out.startswith("tiny: 1 samples, sha256:")
 
 
+def test_check_split_warns_of_a_doubtful_split_and_does_not_refuse_it(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    behind = [[-9.0, -1.0], [-7.0, -1.0], [-7.0, 1.0], [-9.0, 1.0]]
+    path = put(tmp_path, make_split({"good": {}, "bad": {"region": behind}}))
+    code, out, err = operate("check-split", str(path))
+    assert (code, err) == (0, "")
+    assert "warning behind_the_car (1): no corner of the region lies ahead" in out
+    assert out.splitlines()[1].endswith(": bad")
+    code, out, _ = operate("check-split", "--json", str(path))
+    report = json.loads(out)
+    assert (code, report["faults"]) == (0, [])
+    found = {warning["code"]: warning for warning in report["warnings"]}
+    assert (found["behind_the_car"]["count"], found["behind_the_car"]["sample_ids"]) == (1, ["bad"])
+
+
+def test_check_split_says_as_json_why_it_refuses(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    path = put(tmp_path, make_split({"good": {}, "y": {"task": "Q1"}}))
+    code, out, err = operate("check-split", "--json", str(path))
+    report = json.loads(out)
+    assert (code, err, report["warnings"]) == (2, "", [])
+    (fault,) = report["faults"]
+    assert (fault["count"], fault["sample_ids"]) == (1, ["y"])
+
+
+def test_registering_tells_the_server_how_many_samples_are_doubtful_and_not_which(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
+) -> None:
+    behind = [[-9.0, -1.0], [-7.0, -1.0], [-7.0, 1.0], [-9.0, 1.0]]
+    put(tmp_path, make_split({"good": {}, "bad-canary": {"region": behind}}))
+    _, out, _ = operate("register-splits")
+    assert "warning behind_the_car (1)" in out
+    assert "canary" not in out
+    database = Database(sqlite_url)
+    with database.read() as session:
+        (row,) = list_splits(session)
+        warnings = row.warnings
+    database.dispose()
+    assert {found.code: found.count for found in warnings.found}["behind_the_car"] == 1
+    assert "canary" not in warnings.model_dump_json()
+
+
 def test_publishing_an_unknown_split_says_so(operate: Operate) -> None:
     code, _, err = operate("publish-split", "nosuch")
     assert code == 2

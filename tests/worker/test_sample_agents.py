@@ -53,12 +53,6 @@ def test_the_pair_stands_near_the_papers_rows(sheets: dict[str, ScoreSheet]) -> 
     assert reminded["under_warning"] == pytest.approx(0.29, abs=0.03)
 
 
-def test_stopping_always_is_accepted_everywhere_and_that_is_why_it_is_shown(
-    sheets: dict[str, ScoreSheet],
-) -> None:
-    assert sheets["ALWAYS STOP"].micro["accuracy"] == 1.0
-
-
 def test_reminder_records_travel_with_one_agent_and_are_scored(
     sheets: dict[str, ScoreSheet],
 ) -> None:

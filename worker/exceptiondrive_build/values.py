@@ -64,11 +64,11 @@ class Change(Document):
     """How much a view changed: 1 - structural similarity, mean over the pixels of the area.
 
     Attributes:
-        inside: Within the target area as projected into the view.
+        inside: Within the target area as projected into the view; none where it is not in view.
         outside: Everywhere else.
     """
 
-    inside: float
+    inside: float | None
     outside: float
 
 

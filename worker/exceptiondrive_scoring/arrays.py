@@ -3,6 +3,7 @@
 All arrays over samples are in the canonical order of the split (sorted by sample id).
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -86,6 +87,8 @@ class SplitArrays:
         n_scenes: Number of scenes.
         d_safe_m: (N,) required clearance: of the sample if it has one, else of its task.
         acceptable: (N, 5) bool, strategies A..E.
+        recorded_m: (N, T, 2) what was really driven, rows of NaN where that is not told; None
+            where the split tells none.
     """
 
     regions_m: FloatArray
@@ -95,6 +98,7 @@ class SplitArrays:
     n_scenes: int
     d_safe_m: FloatArray
     acceptable: BoolArray
+    recorded_m: FloatArray | None = None
 
     @property
     def n_samples(self) -> int:
@@ -153,12 +157,16 @@ class Sample(Protocol):
     def acceptable(self) -> Sequence[Strategy] | None:
         """Acceptable strategies, where they differ from the task's."""
 
+    @property
+    def recorded(self) -> Sequence[Sequence[float]] | None:
+        """Waypoints that were really driven in the source scene, where they are told."""
+
 
 def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
-    """Arrays of a split, sorted by sample id, under one taxonomy.
+    """Arrays of samples that count, sorted by sample id, under one taxonomy.
 
     Raises:
-        ValueError: The split names tasks that the taxonomy does not list.
+        ValueError: A task is not in the taxonomy, or recorded paths are of different lengths.
     """
     ordered = sorted(samples, key=lambda sample: sample.sample_id)
     position = {task.id: index for index, task in enumerate(taxonomy.tasks)}
@@ -180,7 +188,24 @@ def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
         acceptable=np.array(
             [_acceptable(s, taxonomy.tasks[position[s.task]].acceptable) for s in ordered]
         ),
+        recorded_m=recorded_m(ordered),
     )
+
+
+def recorded_m(samples: Iterable[Sample]) -> FloatArray | None:
+    """Return recorded paths, (N, T, 2) metres, NaN where they are not told; None without any.
+
+    Raises:
+        ValueError: They are of different lengths.
+    """
+    paths = [sample.recorded for sample in samples]
+    lengths = {len(path) for path in paths if path is not None}
+    if not lengths:
+        return None
+    if len(lengths) > 1:
+        raise ValueError("the recorded paths have different numbers of waypoints")
+    unknown = [[math.nan] * 2] * lengths.pop()
+    return np.array([unknown if path is None else path for path in paths], dtype=np.float64)
 
 
 def _family_of_task(taxonomy: Taxonomy) -> IntArray:

@@ -126,8 +126,6 @@ def scene_counts(entry: SceneSums) -> SceneCounts:
 
 BLOCK_DRAWS = 16_000
 """Draws, of all entries of a block together, that are held at once."""
-FEWEST_SCENES = 2
-"""One scene drawn again and again says nothing about another scene."""
 
 
 @dataclass(frozen=True)
@@ -180,24 +178,24 @@ class _Reading:
 def bootstrap(
     entries: Iterable[SceneSums], challenge: Challenge, ranking: RankingSection, headline: str
 ) -> list[Uncertainty]:
-    """Intervals of every metric, overall (both aggregates) and by family.
+    """Intervals of every metric that has some, overall (both aggregates) and by family.
 
     Args:
-        entries: Scene sums over one split; read block by block, so a generator saves memory.
+        entries: Scene sums over one split of `challenge.interval_metrics`; read block by block, so a
+            generator saves memory.
         challenge: Metrics in column order.
         ranking: Draws, seed, confidence, rank order.
         headline: `micro` or `macro_family`.
     """
+    metrics = challenge.interval_metrics
     reading = _Reading(
-        is_fraction=np.array(
-            [m.unit == "fraction" and m.order_level is None for m in challenge.metrics]
-        ),
-        primary=challenge.metric_keys.index(ranking.order_of(challenge)[0].metric),
+        is_fraction=np.array([m.unit == "fraction" and m.order_level is None for m in metrics]),
+        primary=[m.key for m in metrics].index(ranking.order_of(challenge)[0].metric),
         headline=headline,
     )
     return [
         _uncertainty(entry, draws, reading, ranking)
-        for entry, draws in resample(entries, ranking, challenge.metrics)
+        for entry, draws in resample(entries, ranking, metrics)
     ]
 
 
@@ -313,7 +311,7 @@ def _uncertainty(
     def intervals(values: FloatArray, n: FloatArray) -> FloatArray:
         found = percentile_intervals(values, n, ranking.confidence)
         wilson = wilson_at_the_ends(found, n, ranking.confidence)
-        return where_enough(np.where(reading.is_fraction[:, None], wilson, found), n)
+        return where_enough(np.where(reading.is_fraction[:, None], wilson, found), n, ranking)
 
     return Uncertainty(
         micro=intervals(draws.micro, n_scenes.micro),
@@ -328,6 +326,8 @@ def _uncertainty(
     )
 
 
-def where_enough(intervals: FloatArray, n_scenes: FloatArray) -> FloatArray:
+def where_enough(
+    intervals: FloatArray, n_scenes: FloatArray, ranking: RankingSection
+) -> FloatArray:
     """Intervals that rest on too few scenes become NaN."""
-    return np.where((n_scenes >= FEWEST_SCENES)[..., None], intervals, np.nan)
+    return np.where((n_scenes >= ranking.min_scenes)[..., None], intervals, np.nan)

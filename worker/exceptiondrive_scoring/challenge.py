@@ -16,6 +16,7 @@ from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
+    ClearanceCurve,
     Coverage,
     MetricRow,
     Plausibility,
@@ -59,6 +60,9 @@ class ChallengeScoring(typing.Protocol):
     ) -> SampleScores:
         """Metric values of each sample, (N, M)."""
 
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
+        """Metrics over the controls, from the answers about them alone; for the total."""
+
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of samples answered: `edited`, and `source` where there is one."""
 
@@ -71,6 +75,11 @@ class ChallengeScoring(typing.Protocol):
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         """Further named rows of the score sheet."""
+
+    def clearance_curve(
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+    ) -> ClearanceCurve | None:
+        """Share of samples by what they keep of the required clearance; None without clearances."""
 
     def drawings(
         self,
@@ -116,24 +125,41 @@ def exact_sheet(
     split: SplitArrays,
     split_ref: SplitRef,
     protocol: ProtocolDocument,
+    of_controls: MetricRow | None = None,
 ) -> ScoreSheet:
-    """Grade and aggregate measurements (docs/protocol.md section 3); nothing is rounded."""
+    """Grade and aggregate measurements (docs/protocol.md section 3); nothing is rounded.
+
+    Args:
+        scoring: Of the challenge.
+        measured: Of the samples that count.
+        split: The same samples.
+        split_ref: Name and revision of the split.
+        protocol: Everything besides.
+        of_controls: What `scoring.of_controls` says, where the split has controls.
+    """
     scores = scoring.grade(measured, split, protocol)
     breakdown = aggregate(scores, split, protocol.taxonomy)
     coverage = scoring.coverage(measured)
+    edited, source = coverage["edited"] or 0.0, coverage.get("source")
     return ScoreSheet(
         challenge=scoring.challenge.id,
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
         split=split_ref,
         scorer_version=SCORER_VERSION,
         n=breakdown.n,
-        coverage=Coverage(edited=coverage["edited"] or 0.0, source=coverage.get("source")),
-        micro=breakdown.micro,
+        coverage=Coverage(
+            edited=edited,
+            source=source,
+            n_edited=round(edited * breakdown.n),
+            n_source=None if source is None else round(source * breakdown.n),
+        ),
+        micro=breakdown.micro | (of_controls or {}),
         macro_family=breakdown.macro_family,
         families=_rows(breakdown.families),
         tasks=_rows(breakdown.tasks),
         plausibility=scoring.plausibility(measured, split, protocol),
         extra=scoring.extra(measured, split, protocol),
+        clearance_curve=scoring.clearance_curve(measured, split, protocol),
     )
 
 

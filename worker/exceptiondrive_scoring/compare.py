@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
@@ -36,7 +36,7 @@ class Difference:
 
     Attributes:
         difference: Difference of the aggregates; None where nothing is defined.
-        interval: Its bootstrap interval over scenes; None with fewer than two scenes.
+        interval: Its bootstrap interval over scenes; None with too few scenes.
         discordant: Share of the samples in which the two values differ.
         verdict: Plain words.
     """
@@ -76,17 +76,19 @@ def compare(
         challenge: Which way each metric is better.
     """
     headline, taxonomy = protocol.grading.headline, protocol.taxonomy
+    metrics = challenge.interval_metrics
+    a, b = a.only(metrics), b.only(metrics)
     paired = _paired(a, b, split, protocol, scene_sums)
     overall = paired.intervals(paired.draws.headline(headline), headline)
     by_family = paired.intervals(paired.draws.families, "families")
-    first = challenge.metrics[0]
+    first = metrics[0]
     return Comparison(
         overall=_differences(
-            challenge.metrics, paired.values.headline(headline), paired.discordant.micro, overall
+            metrics, paired.values.headline(headline), paired.discordant.micro, overall
         ),
         families={
             family.id: _differences(
-                challenge.metrics,
+                metrics,
                 paired.values.families[family.id].metrics,
                 paired.discordant.families[family.id].metrics,
                 by_family[index],
@@ -107,18 +109,19 @@ class _Paired:
         discordant: Shares of samples that differ.
         draws: Differences in each draw; by family, or by what else the sums were grouped by.
         n_scenes: Scenes that they rest on.
-        confidence: Of intervals.
+        ranking: Confidence of intervals, and the scenes that they take.
     """
 
     values: Breakdown
     discordant: Breakdown
     draws: Draws
     n_scenes: SceneCounts
-    confidence: float
+    ranking: RankingSection
 
     def intervals(self, draws: FloatArray, counted: str) -> FloatArray:
         n: FloatArray = getattr(self.n_scenes, counted)
-        return where_enough(percentile_intervals(draws, n, self.confidence), n)
+        found = percentile_intervals(draws, n, self.ranking.confidence)
+        return where_enough(found, n, self.ranking)
 
 
 def _paired(
@@ -156,7 +159,7 @@ def _paired(
         discordant=aggregate(SampleScores(means, differs), split, taxonomy),
         draws=draws,
         n_scenes=scene_counts(sums),
-        confidence=ranking.confidence,
+        ranking=ranking,
     )
 
 

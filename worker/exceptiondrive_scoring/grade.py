@@ -1,14 +1,15 @@
 """Grade: measurements to metric values of each sample. No geometry, no uploads."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from exceptiondrive_schemas.challenges import PLANNING, Metric
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
-from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
+from exceptiondrive_scoring.kinematics import positions_of_waypoints, progress_along, steps
 from exceptiondrive_scoring.measure import Measurements
 
 
@@ -28,6 +29,11 @@ class SampleScores:
     def metric_keys(self) -> tuple[str, ...]:
         """Keys of the M metrics."""
         return tuple(metric.key for metric in self.metrics)
+
+    def only(self, metrics: Sequence[Metric]) -> "SampleScores":
+        """These metrics alone, in this order."""
+        columns = [self.metric_keys.index(metric.key) for metric in metrics]
+        return SampleScores(tuple(metrics), self.values[:, columns])
 
     @property
     def defined(self) -> BoolArray:
@@ -49,15 +55,51 @@ def proximity_response(
     return np.where(intrusion, 0.0, d_safe_m / (np.abs(clearance_m - d_safe_m) + d_safe_m))
 
 
+def progress(
+    reached_m: FloatArray, path_m: FloatArray, edited_given: BoolArray, section: PlausibilitySection
+) -> FloatArray:
+    """Share of its own source path that each edited trajectory gets along (docs/protocol.md section 9).
+
+    Args:
+        reached_m: (N,) arc length at which the edited end lies on the source path.
+        path_m: (N,) length of that path, NaN where missing.
+        edited_given: (N,).
+        section: The least path that progress is asked of.
+
+    Returns:
+        (N,) in [0, 1]; 0 where edited is missing, NaN where the source is missing or too short.
+    """
+    share = np.full(len(path_m), np.nan)
+    has_path = path_m >= section.progress_min_path_m
+    np.divide(reached_m, path_m, out=share, where=has_path & edited_given)
+    share[has_path & ~edited_given] = 0.0
+    return np.clip(share, 0.0, 1.0, out=share)
+
+
+def measured_progress(measurements: Measurements, section: PlausibilitySection) -> FloatArray:
+    """Return the progress of measured trajectories; (N,)."""
+    m = measurements
+    return progress(m.reached_m, m.source_path_m, m.edited_given, section)
+
+
+def progress_of_pairs(pairs: TrajectoryPairs, section: PlausibilitySection) -> FloatArray:
+    """Return the progress of trajectories that are measured against no region; (N,)."""
+    source, edited = (positions_of_waypoints(each) for each in (pairs.source, pairs.edited))
+    reached_m, path_m = progress_along(source, steps(source), edited.x_m[-1], edited.y_m[-1])
+    return progress(reached_m, path_m, pairs.edited_given, section)
+
+
 def grade(
     measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
 ) -> SampleScores:
-    """Grade measurements of the planning challenge (docs/protocol.md section 3).
+    """Grade measurements of the planning challenge (docs/protocol.md sections 3 and 9).
 
     A missing edited trajectory is an intrusion; a missing source leaves the shift undefined.
     """
     required_m = split.d_safe_m * protocol.grading.d_safe_scale
     clearance, intrusion = measurements.clearance_m, measurements.intrusion
+    is_kept = ~intrusion & (clearance >= required_m)
+    has_reacted = measurements.shift_m >= protocol.plausibility.reaction_shift_m
     by_key: dict[str, FloatArray | BoolArray] = {
         "hcc": clearance_compliance(clearance, intrusion, required_m),
         "ur": intrusion,
@@ -65,6 +107,15 @@ def grade(
         "cts": measurements.shift_m,
         "cts_x": measurements.shift_x_m,
         "cts_y": measurements.shift_y_m,
+        "progress": measured_progress(measurements, protocol.plausibility),
+        "clear": is_kept,
+        "close": ~intrusion & ~is_kept,
+        "hit_reacting": intrusion & has_reacted,
+        "hit_unmoved": intrusion & ~has_reacted,
+        "source_l2_m": measurements.source_l2_m,
+        "source_l2_1s_m": measurements.source_l2_1s_m,
+        "source_l2_2s_m": measurements.source_l2_2s_m,
+        "source_l2_3s_m": measurements.source_l2_3s_m,
     }
     return sample_scores(PLANNING.metrics, by_key)
 

@@ -84,6 +84,77 @@ def has_heading(moves: Steps, geometry: GeometrySection) -> BoolArray:
     return longer
 
 
+class Progress(NamedTuple):
+    """How far trajectories get along paths; each (N,) metres, NaN where the path is missing.
+
+    Attributes:
+        reached_m: Arc length at which the last position lies on the path; NaN where that is missing.
+        path_m: Length of the path.
+    """
+
+    reached_m: FloatArray
+    path_m: FloatArray
+
+
+def progress_along(
+    path: Positions, moves: Steps, end_x_m: FloatArray, end_y_m: FloatArray
+) -> Progress:
+    """Project ends onto the polylines of paths (docs/protocol.md section 9).
+
+    The arc length of the nearest point of the polyline, of the first where several are equally near.
+
+    Args:
+        path: Positions of N paths.
+        moves: Their steps.
+        end_x_m: (N,) what is projected.
+        end_y_m: (N,).
+    """
+    from_x, from_y = end_x_m - path.x_m[:-1], end_y_m - path.y_m[:-1]
+    square = moves.length_m * moves.length_m
+    along = from_x * moves.x_m + from_y * moves.y_m
+    np.divide(along, square, out=along, where=square > 0)
+    share = np.clip(along, 0.0, 1.0)
+    gap_x, gap_y = from_x - share * moves.x_m, from_y - share * moves.y_m
+    nearest = np.argmin(gap_x * gap_x + gap_y * gap_y, axis=0)[None]
+    reached = np.cumsum(moves.length_m, axis=0)
+    arc = reached + (share - 1.0) * moves.length_m
+    return Progress(np.take_along_axis(arc, nearest, axis=0)[0], reached[-1])
+
+
+class PathFit(NamedTuple):
+    """Distance of a source trajectory from the recorded one; each (N,) metres, NaN where undefined."""
+
+    mean_m: FloatArray
+    at_1s_m: FloatArray
+    at_2s_m: FloatArray
+    at_3s_m: FloatArray
+
+
+def path_fit(
+    source_m: FloatArray, recorded_m: FloatArray | None, geometry: GeometrySection
+) -> PathFit:
+    """Mean over the T waypoints, and at 1, 2 and 3 s (docs/protocol.md section 9).
+
+    Args:
+        source_m: (N, T, 2) submitted waypoints, NaN where missing.
+        recorded_m: (N, T, 2) recorded ones, NaN where that is not told; None without any.
+        geometry: Time step: which waypoint stands at a time.
+    """
+    undefined = np.full(len(source_m), np.nan)
+    if recorded_m is None:
+        return PathFit(*[undefined] * 4)
+    x, y = np.moveaxis(source_m - recorded_m, -1, 0)
+    gaps = np.sqrt(x * x + y * y)
+    found = [gaps.mean(axis=1)]
+    for time_s in (1.0, 2.0, 3.0):
+        index = round(time_s / geometry.time_step_s) - 1
+        is_there = 0 <= index < gaps.shape[1] and math.isclose(
+            (index + 1) * geometry.time_step_s, time_s
+        )
+        found.append(gaps[:, index] if is_there else undefined)
+    return PathFit(*found)
+
+
 def net_motion_m(at: Positions) -> FloatArray:
     """Distance of the last position from the start, (N,); NaN where missing."""
     net: FloatArray = np.hypot(at.x_m[-1], at.y_m[-1])

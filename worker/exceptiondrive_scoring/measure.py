@@ -15,8 +15,10 @@ from exceptiondrive_scoring.kinematics import (
     Positions,
     Steps,
     net_motion_m,
+    path_fit,
     peak_acceleration_mps2,
     positions_of_waypoints,
+    progress_along,
     shift,
     steps,
     tightest_turn_m,
@@ -40,6 +42,16 @@ class Measurements:
         source_motion_m: The same of the source trajectory.
         peak_acceleration_mps2: Of the edited trajectory; NaN where missing.
         tightest_turn_m: Of the edited trajectory; infinite where straight or missing.
+        edited_end_x_m: Where the edited trajectory ends, along x; NaN where missing.
+        source_end_x_m: The same of the source trajectory.
+        edited_first_step_m: Length of the first step of the edited trajectory; NaN where missing.
+        source_first_step_m: The same of the source trajectory.
+        source_path_m: Length of the source path; NaN where missing.
+        reached_m: Arc length at which the edited end lies on it; NaN where either is missing.
+        source_l2_m: Mean distance of source and recorded waypoints; NaN where either is missing.
+        source_l2_1s_m: Their distance at 1 s; NaN also where no waypoint has that time.
+        source_l2_2s_m: The same at 2 s.
+        source_l2_3s_m: The same at 3 s.
     """
 
     clearance_m: FloatArray
@@ -53,6 +65,16 @@ class Measurements:
     source_motion_m: FloatArray
     peak_acceleration_mps2: FloatArray
     tightest_turn_m: FloatArray
+    edited_end_x_m: FloatArray
+    source_end_x_m: FloatArray
+    edited_first_step_m: FloatArray
+    source_first_step_m: FloatArray
+    source_path_m: FloatArray
+    reached_m: FloatArray
+    source_l2_m: FloatArray
+    source_l2_1s_m: FloatArray
+    source_l2_2s_m: FloatArray
+    source_l2_3s_m: FloatArray
 
     @classmethod
     def from_columns(cls, columns: Columns) -> "Measurements":
@@ -65,23 +87,29 @@ class Measurements:
 
 
 def measure(
-    pairs: TrajectoryPairs, regions_m: FloatArray | PreparedRegions, geometry: GeometrySection
+    pairs: TrajectoryPairs,
+    regions_m: FloatArray | PreparedRegions,
+    geometry: GeometrySection,
+    recorded_m: FloatArray | None = None,
 ) -> Measurements:
-    """Measure every sample (docs/protocol.md section 2; the paper's d_i, ur_i and CTS terms).
+    """Measure every sample (docs/protocol.md sections 2 and 9; the paper's d_i, ur_i and CTS terms).
 
     Args:
         pairs: Submitted waypoints of N samples.
         regions_m: (N, 4, 2) corners, or the same regions prepared.
         geometry: The section that fixes every choice made here.
+        recorded_m: (N, T, 2) waypoints that were really driven, NaN where that is not told.
 
     Raises:
         ValueError: A region crosses itself.
     """
     regions = regions_m if isinstance(regions_m, PreparedRegions) else prepare_regions(regions_m)
     source, edited = (positions_of_waypoints(w) for w in (pairs.source, pairs.edited))
-    moves = steps(edited)
+    moves, source_moves = steps(edited), steps(source)
     clearance = _clearance_m(edited, moves, pairs.edited_given, regions, geometry)
     moved = shift(source, edited)
+    progress = progress_along(source, source_moves, edited.x_m[-1], edited.y_m[-1])
+    fit = path_fit(pairs.source, recorded_m, geometry)
     return Measurements(
         clearance_m=clearance,
         intrusion=~(clearance > geometry.contact_tolerance_m),
@@ -94,6 +122,16 @@ def measure(
         source_motion_m=net_motion_m(source),
         peak_acceleration_mps2=peak_acceleration_mps2(moves, geometry),
         tightest_turn_m=tightest_turn_m(moves, geometry),
+        edited_end_x_m=edited.x_m[-1],
+        source_end_x_m=source.x_m[-1],
+        edited_first_step_m=moves.length_m[0],
+        source_first_step_m=source_moves.length_m[0],
+        source_path_m=progress.path_m,
+        reached_m=progress.reached_m,
+        source_l2_m=fit.mean_m,
+        source_l2_1s_m=fit.at_1s_m,
+        source_l2_2s_m=fit.at_2s_m,
+        source_l2_3s_m=fit.at_3s_m,
     )
 
 

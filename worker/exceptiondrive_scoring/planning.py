@@ -10,11 +10,17 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
-from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
+from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_scoring.aliases import Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.drawing import Drawer
-from exceptiondrive_scoring.grade import SampleScores, clearance_compliance, grade, sample_scores
+from exceptiondrive_scoring.grade import (
+    SampleScores,
+    clearance_compliance,
+    grade,
+    progress_of_pairs,
+    sample_scores,
+)
 from exceptiondrive_scoring.measure import Measurements, measure
 from exceptiondrive_scoring.plausibility import plausibility
 from exceptiondrive_scoring.sheet import aggregate
@@ -48,13 +54,20 @@ class PlanningScoring:
     ) -> dict[str, NDArray[Any]]:
         """Clearance, intrusion, shift, motion; from the columns `source` and `edited`."""
         pairs = TrajectoryPairs.from_columns(answers)
-        return measure(pairs, split.prepared_regions, geometry).columns()
+        return measure(pairs, split.prepared_regions, geometry, split.recorded_m).columns()
 
     def grade(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> SampleScores:
-        """HCC, UR, HPR and the CTS of each sample."""
+        """HCC, UR, HPR, the CTS, progress, outcome and source fit of each sample."""
         return grade(Measurements.from_columns(measurements), split, protocol)
+
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
+        """Over-caution: of the controls whose progress is defined, the share that hardly get on."""
+        share = progress_of_pairs(TrajectoryPairs.from_columns(answers), protocol.plausibility)
+        share = share[~np.isnan(share)]
+        held_back = share < protocol.plausibility.over_caution_below
+        return {"over_caution": float(np.mean(held_back)) if len(share) else None}
 
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of edited and of source trajectories given."""
@@ -67,13 +80,19 @@ class PlanningScoring:
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
         """Shares of docs/protocol.md section 5."""
-        return plausibility(Measurements.from_columns(measurements), protocol.plausibility)
+        return plausibility(Measurements.from_columns(measurements), split, protocol)
 
     def extra(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         """HCC with other required clearances."""
         return clearance_sensitivity(Measurements.from_columns(measurements), split, protocol)
+
+    def clearance_curve(
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+    ) -> ClearanceCurve | None:
+        """Share of samples that keep at least each multiple of the required clearance."""
+        return clearance_curve(Measurements.from_columns(measurements), split, protocol)
 
     def drawings(
         self,
@@ -106,6 +125,32 @@ def clearance_sensitivity(
             "hcc_macro_family": means.macro_family["hcc"],
         }
     return rows
+
+
+def clearance_curve(
+    measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
+) -> ClearanceCurve:
+    """Count what is kept of the required clearance, in steps (docs/protocol.md section 9).
+
+    At 0 it is 1 - UR and at 1 the share `clear`. HCC is its area from 0 to 1: by the trapezoidal
+    rule to within half a step of the share `close`.
+    """
+    step, until = protocol.grading.clearance_curve_step, protocol.grading.clearance_curve_until
+    edges = np.arange(round(until / step) + 1) * step
+    kept = measurements.clearance_m / (split.d_safe_m * protocol.grading.d_safe_scale)
+    n_reached = np.where(measurements.intrusion, 0, np.searchsorted(edges, kept, side="right"))
+    n_families, n_bins = len(protocol.families), len(edges) + 1
+    cell = split.family_index * n_bins + n_reached
+    in_bin = np.bincount(cell, minlength=n_families * n_bins).reshape(n_families, n_bins)
+    reached = in_bin[:, ::-1].cumsum(axis=1)[:, ::-1]  # all samples, then those at each edge
+    total = reached.sum(axis=0)
+    reached = reached[reached[:, 0] > 0]
+    by_family = reached[:, 1:] / reached[:, :1]
+    return ClearanceCurve(
+        step=step,
+        micro=tuple((total[1:] / total[0]).tolist()),
+        macro_family=tuple(by_family.mean(axis=0).tolist()),
+    )
 
 
 def _hcc_at(

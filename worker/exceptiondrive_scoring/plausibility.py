@@ -1,32 +1,81 @@
-"""Plausibility: shares published beside the score, never folded into it (docs/protocol.md section 5)."""
+"""Plausibility: shares and flags beside the score, never folded into it (docs/protocol.md section 5)."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
-from exceptiondrive_schemas.protocol import PlausibilitySection
+from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Flag, Plausibility
 from exceptiondrive_scoring.aliases import BoolArray
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.grade import measured_progress
 from exceptiondrive_scoring.measure import Measurements
 
 
-def plausibility(measurements: Measurements, section: PlausibilitySection) -> Plausibility:
-    """Shares of trajectories that stand, do not react, or that no car can drive.
+def raised(code: str, detail: str) -> Flag:
+    """Return a registered flag with the sentence that explains it."""
+    return Flag(code=code, label=FLAGS[code].label, detail=detail)
 
-    Shares of edited (source) trajectories are taken over the given ones; the blind share over the
-    samples that have both.
+
+def plausibility(
+    measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
+) -> Plausibility:
+    """Shares of trajectories that stand, back, do not react, or that no car can drive; and flags.
+
+    A missing trajectory counts as one that stands still, so that zeros in its place gain nothing.
+    Impossible motion is a share of the given edited trajectories; the first step and the blind share
+    are of the samples that have both.
     """
-    m = measurements
-    edited_stands = m.edited_motion_m < section.stationary_below_m
-    source_stands = m.source_motion_m < section.stationary_below_m
-    impossible = (m.peak_acceleration_mps2 > section.max_acceleration_mps2) | (
-        m.tightest_turn_m < section.min_turn_radius_m
+    m, section = measurements, protocol.plausibility
+    both = m.edited_given & m.source_given
+    all_samples = np.ones_like(both)
+    steps_wrong = impossible_first_step(m, protocol)
+    impossible = (
+        (m.peak_acceleration_mps2 > section.max_acceleration_mps2)
+        | (m.tightest_turn_m < section.min_turn_radius_m)
+        | steps_wrong
     )
+    reach_m = section.stationary_below_m
     shares = {
-        "edited_stationary": _share(edited_stands, m.edited_given),
-        "source_stationary": _share(source_stands, m.source_given),
-        "blind": _share(m.shift_m < section.blind_shift_below_m, m.edited_given & m.source_given),
+        "edited_stationary": _share(~(m.edited_motion_m >= reach_m), all_samples),
+        "source_stationary": _share(~(m.source_motion_m >= reach_m), all_samples),
+        "edited_behind": _share(
+            (m.edited_motion_m >= reach_m) & (m.edited_end_x_m < 0), all_samples
+        ),
+        "source_behind": _share(
+            (m.source_motion_m >= reach_m) & (m.source_end_x_m < 0), all_samples
+        ),
+        "blind": _share(m.shift_m < section.blind_shift_below_m, both),
         "impossible": _share(impossible, m.edited_given),
+        "first_step": _share(steps_wrong, both),
     }
-    return Plausibility(shares=shares, flags=_flags(shares, section))
+    known = {key: share or 0.0 for key, share in shares.items()}
+    flags = (
+        *_flags_of_shares(known, section, is_any_missing=not both.all()),
+        *_off_course(m, section),
+        *_hardly_moves(m, split, section),
+    )
+    return Plausibility(shares=shares, flags=flags)
+
+
+def impossible_first_step(m: Measurements, protocol: ProtocolDocument) -> BoolArray:
+    """Whether the first edited step is one that the source's own initial speed does not allow; (N,).
+
+    Both trajectories start at the same speed, that of the first source step. With the largest
+    acceleration of the protocol the car gets no farther than v t + a t^2 / 2, and braking no less far
+    than until it stands. The latter is asked from `first_step_from_mps` on: below, a car that stood
+    and starts off cannot be told from one that rolls.
+    """
+    geometry, section = protocol.geometry, protocol.plausibility
+    time_s, most_mps2 = geometry.time_step_s, section.max_acceleration_mps2
+    speed_mps = m.source_first_step_m / time_s
+    farthest_m = speed_mps * time_s + most_mps2 * time_s**2 / 2
+    braking_s = np.minimum(speed_mps / most_mps2, time_s)
+    nearest_m = speed_mps * braking_s - most_mps2 * braking_s**2 / 2
+    too_short = (m.edited_first_step_m < nearest_m) & (speed_mps >= section.first_step_from_mps)
+    wrong: BoolArray = too_short | (m.edited_first_step_m > farthest_m)
+    return wrong
 
 
 def _share(which: BoolArray, among: BoolArray) -> float | None:
@@ -34,45 +83,83 @@ def _share(which: BoolArray, among: BoolArray) -> float | None:
     return int(np.count_nonzero(which & among)) / n if n else None
 
 
-def _flags(shares: dict[str, float | None], section: PlausibilitySection) -> tuple[Flag, ...]:
-    edited, source, blind, impossible = (shares[key] or 0.0 for key in shares)
-    raised = (
-        (
-            edited - source > section.flag_edited_stationary_excess,
-            Flag(
-                code="stands_still",
-                label="Stands still",
-                detail=f"{edited:.0%} of the edited trajectories end within {section.stationary_below_m} m"
-                f" of the start, of the source trajectories {source:.0%}: standing still raises "
-                "HCC and lowers UR.",
-            ),
-        ),
-        (
-            source > section.flag_source_stationary,
-            Flag(
-                code="source_stands_still",
-                label="Source stands still",
-                detail=f"{source:.0%} of the source trajectories end within {section.stationary_below_m} m"
-                " of the start, with no hazard in sight.",
-            ),
-        ),
-        (
-            blind > section.flag_blind,
-            Flag(
-                code="blind_to_the_edit",
-                label="Blind to the edit",
-                detail=f"{blind:.0%} of the pairs differ by less than {section.blind_shift_below_m} m.",
-            ),
-        ),
-        (
-            impossible > section.flag_impossible,
-            Flag(
-                code="impossible_motion",
-                label="Impossible motion",
-                detail=f"{impossible:.0%} of the edited trajectories accelerate above "
-                f"{section.max_acceleration_mps2:g} m/s^2 or turn tighter than "
-                f"{section.min_turn_radius_m:g} m.",
-            ),
-        ),
-    )
-    return tuple(flag for is_raised, flag in raised if is_raised)
+def _flags_of_shares(
+    shares: dict[str, float], section: PlausibilitySection, *, is_any_missing: bool
+) -> Iterator[Flag]:
+    edited, source = shares["edited_stationary"], shares["source_stationary"]
+    stand = f"{'are missing or ' * is_any_missing}end within {section.stationary_below_m:g} m"
+    if edited - source > section.flag_edited_stationary_excess:
+        yield raised(
+            "stands_still",
+            f"{edited:.0%} of the edited trajectories {stand} of the start, of the source "
+            f"trajectories {source:.0%}: standing still raises HCC and lowers UR.",
+        )
+    if source > section.flag_source_stationary:
+        yield raised(
+            "source_stands_still",
+            f"{source:.0%} of the source trajectories {stand} of the start, with no hazard in sight.",
+        )
+    if shares["blind"] > section.flag_blind:
+        yield raised(
+            "blind_to_the_edit",
+            f"{shares['blind']:.0%} of the pairs differ by less than "
+            f"{section.blind_shift_below_m:g} m.",
+        )
+    if shares["impossible"] > section.flag_impossible:
+        yield raised(
+            "impossible_motion",
+            f"{shares['impossible']:.0%} of the edited trajectories accelerate above "
+            f"{section.max_acceleration_mps2:g} m/s^2, turn tighter than "
+            f"{section.min_turn_radius_m:g} m, or begin as the speed of the source does not allow.",
+        )
+    elif shares["first_step"] > section.flag_first_step:
+        yield raised(
+            "impossible_motion",
+            f"{shares['first_step']:.1%} of the edited trajectories begin with a step that the speed "
+            f"of the source does not allow, even at {section.max_acceleration_mps2:g} m/s^2.",
+        )
+    behind, source_behind = shares["edited_behind"], shares["source_behind"]
+    if behind - source_behind > section.flag_reverses_excess:
+        yield raised(
+            "reverses",
+            f"{behind:.0%} of the edited trajectories end behind the start, of the source "
+            f"trajectories {source_behind:.0%}.",
+        )
+
+
+def _off_course(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
+    """By the median, which a few wild samples do not move."""
+    known = m.source_l2_m[~np.isnan(m.source_l2_m)]
+    if len(known) and np.median(known) > section.flag_off_course_m:
+        yield raised(
+            "off_course",
+            f"Half of the source trajectories are more than {section.flag_off_course_m:g} m from the "
+            "drive that was recorded in the unedited scene.",
+        )
+
+
+def _hardly_moves(
+    m: Measurements, split: SplitArrays, section: PlausibilitySection
+) -> Iterator[Flag]:
+    """In all samples, or in a family that has enough of them for its mean to say something."""
+    shares = measured_progress(m, section)
+    is_known = ~np.isnan(shares)
+    shares, family = shares[is_known], split.family_index[is_known]
+    if not len(shares):
+        return
+    total = float(shares.mean())
+    n = np.bincount(family)
+    mean = np.bincount(family, shares) / np.maximum(n, 1)
+    stuck = (n >= section.flag_family_min_samples) & (mean < section.flag_family_progress)
+    if total < section.flag_progress:
+        yield raised(
+            "hardly_moves",
+            f"The edited trajectories end {total:.0%} along the source trajectories; less than "
+            f"{section.flag_progress:.0%} is hardly any way.",
+        )
+    elif n_stuck := int(np.count_nonzero(stuck)):
+        yield raised(
+            "hardly_moves",
+            f"In {n_stuck} of {np.count_nonzero(n)} families the edited trajectories end less than "
+            f"{section.flag_family_progress:.0%} along the source trajectories.",
+        )

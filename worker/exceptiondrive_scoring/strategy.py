@@ -11,12 +11,13 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, StrategyDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, ProtocolDocument
-from exceptiondrive_schemas.score_sheet import MetricRow, Plausibility
+from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
 from exceptiondrive_scoring.grade import SampleScores, sample_scores
+from exceptiondrive_scoring.plausibility import raised
 from exceptiondrive_scoring.similarity import AlikeRule
 
 NO_ANSWER = -1
@@ -220,6 +221,10 @@ class StrategyScoring:
         """Accuracy, under-warning, over-warning and missing of each sample."""
         return grade_strategies(StrategyAnswers.from_columns(measurements), split, protocol)
 
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
+        """Controls are about progress, which strategies have not."""
+        return {}
+
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of samples answered."""
         return {"edited": float(np.mean(measurements["strategy"] != NO_ANSWER)), "source": None}
@@ -227,8 +232,19 @@ class StrategyScoring:
     def plausibility(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
-        """Strategies have no motion to look at."""
-        return Plausibility(shares={})
+        """Share of the most frequent strategy among the answers, and its flag."""
+        given = measurements["strategy"][measurements["strategy"] != NO_ANSWER]
+        if not len(given):
+            return Plausibility(shares={"same_answer": None})
+        counts = np.bincount(given, minlength=len(STRATEGIES))
+        share = int(counts.max()) / len(given)
+        section = protocol.plausibility
+        is_flagged = (
+            share > section.flag_same_answer and len(given) >= section.flag_family_min_samples
+        )
+        letter = STRATEGIES[int(counts.argmax())].value
+        flag = raised("same_answer", f"{share:.0%} of the answers are {letter}.")
+        return Plausibility(shares={"same_answer": share}, flags=(flag,) if is_flagged else ())
 
     def extra(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
@@ -239,6 +255,12 @@ class StrategyScoring:
         if answers.reminder_given.any():
             rows["reminder"] = reminder_scores(answers, split, protocol.taxonomy)
         return rows
+
+    def clearance_curve(
+        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+    ) -> ClearanceCurve | None:
+        """Strategies have no clearance."""
+        return None
 
     def drawings(
         self,

@@ -1,20 +1,25 @@
 """From scored entries to the rows of a board (docs/protocol.md section 4). Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
 from exceptiondrive_scoring.rank import rank_intervals, ranks
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_store import LoadedSplit
+
+_A_REFERENCE = "a reference, for comparison"
 
 
 @dataclass(frozen=True)
@@ -26,24 +31,47 @@ class ScoredEntry:
     effect: ReminderEffect | None = None
 
 
+@dataclass(frozen=True)
+class ScoredReference:
+    """A reference that the worker made, its published sheet and how sure its numbers are."""
+
+    reference: Reference
+    sheet: ScoreSheet
+    uncertainty: Uncertainty
+
+
 def board_entries(
-    entries: Sequence[ScoredEntry], challenge: Challenge, protocol: ProtocolDocument
+    entries: Sequence[ScoredEntry],
+    made: Sequence[ScoredReference],
+    challenge: Challenge,
+    protocol: ProtocolDocument,
 ) -> tuple[BoardEntry, ...]:
-    """Return the rows of scored and reference entries: ranked ones first, references last."""
+    """Return the rows of a board: ranked entries first, then references, those of teams last.
+
+    Entries that take no rank for their flags follow the ranked ones, in the order that they would
+    have among them; then those that have no rank to take.
+    """
     rows = _Rows(challenge, protocol)
     of_teams = [entry for entry in entries if not entry.record.is_reference]
     references = [entry for entry in entries if entry.record.is_reference]
-    places = rows.ranks([entry.record.sheet for entry in of_teams])
+    is_listed = [bool(rows.unranked_flags(entry.record.sheet)) for entry in of_teams]
+    places = rows.ranks(of_teams, [not listed for listed in is_listed])
+    would_be = rows.ranks(of_teams, [True] * len(of_teams))
     ranked = [entry for entry, rank in zip(of_teams, places, strict=True) if rank is not None]
     spread = dict(
         zip([entry.record.submission_id for entry in ranked], rows.spread(ranked), strict=True)
     )
     scored = [
-        rows.scored(entry, rank, spread.get(entry.record.submission_id))
-        for entry, rank in zip(of_teams, places, strict=True)
+        (rows.scored(entry, rank, spread.get(entry.record.submission_id)), place)
+        for entry, rank, place in zip(of_teams, places, would_be, strict=True)
     ]
-    scored.sort(key=lambda row: (row.rank is None, row.rank or 0, row.submitted_at))
-    return (*scored, *(rows.reference(entry) for entry in references))
+    scored.sort(key=lambda it: (it[0].rank is None, it[1] is None, it[1] or 0, it[0].submitted_at))
+    missing = set(REFERENCES.get(challenge.id, ())) - {each.reference for each in made}
+    return (
+        *(row for row, _ in scored),
+        *(rows.made(each, missing) for each in made),
+        *(rows.reference(entry) for entry in references),
+    )
 
 
 def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[FamilyHead, ...]:
@@ -65,34 +93,71 @@ class _Rows:
         self._ranking = protocol.ranking
         self._order = protocol.ranking.order_of(challenge)
         self._rounding = Rounding(challenge, protocol.publication)
+        self._keys_of_intervals = [metric.key for metric in challenge.interval_metrics]
 
-    def ranks(self, sheets: Sequence[ScoreSheet]) -> list[int | None]:
+    def ranks(self, entries: Sequence[ScoredEntry], may_rank: Sequence[bool]) -> list[int | None]:
+        """Rank entries among those that may, by what is published; None for the others."""
+        sheets = [entry.record.sheet for entry in entries]
         headlines = [self._headline(sheet) for sheet in sheets]
         values = {key.metric: [row.get(key.metric) for row in headlines] for key in self._order}
-        return ranks(values, [self._covers(sheet) for sheet in sheets], self._order)
+        takes_part = [
+            may and not self._uncovered(sheet) for may, sheet in zip(may_rank, sheets, strict=True)
+        ]
+        return ranks(values, takes_part, self._order)
 
-    def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int]]:
-        """Best and worst rank that the draws leave open, among the ranked entries."""
+    def unranked_flags(self, sheet: ScoreSheet) -> tuple[str, ...]:
+        """Codes of the flags for which an entry takes no rank."""
+        raised = {flag.code for flag in sheet.plausibility.flags}
+        return tuple(code for code in self._ranking.unranked_flags if code in raised)
+
+    def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int] | None]:
+        """Best and worst rank that the draws leave open; None where scenes are too few to say."""
+        first = self._keys_of_intervals.index(self._order[0].metric)
+        ends = [self._overall(entry.uncertainty)[first] for entry in ranked]
         found = rank_intervals([entry.uncertainty for entry in ranked], self._order[0].order)
-        return [(int(best), int(worst)) for best, worst in found]
+        return [
+            None if np.isnan(interval).any() else (int(best), int(worst))
+            for interval, (best, worst) in zip(ends, found, strict=True)
+        ]
 
     def scored(
         self, entry: ScoredEntry, rank: int | None, spread: tuple[int, int] | None
     ) -> BoardEntry:
         row = self._row(entry)
-        if rank is None or spread is None:
-            return row.model_copy(update={"unranked_because": self._why_unranked(entry)})
-        interval = (min(spread[0], rank), max(spread[1], rank))
+        if rank is None:
+            flags = self.unranked_flags(entry.record.sheet)
+            why = self._why_unranked(entry, flags)
+            return row.model_copy(update={"unranked_because": why, "unranked_flags": flags})
+        interval = None if spread is None else (min(spread[0], rank), max(spread[1], rank))
         return row.model_copy(update={"rank": rank, "rank_interval": interval})
 
     def reference(self, entry: ScoredEntry) -> BoardEntry:
+        """The row of a team that never ranks."""
         return self._row(entry).model_copy(
-            update={"source": "reference", "unranked_because": "a reference, for comparison"}
+            update={"source": "reference", "unranked_because": _A_REFERENCE}
+        )
+
+    def made(self, made: ScoredReference, missing: Collection[Reference]) -> BoardEntry:
+        """The row of a reference that no team sent; it names those that the split cannot have."""
+        description = made.reference.description
+        if missing:
+            names = " and ".join(sorted(each.method for each in missing))
+            description += f" {names} would need recorded paths, which the split does not have."
+        return BoardEntry(
+            source="reference",
+            rank=None,
+            rank_interval=None,
+            unranked_because=_A_REFERENCE,
+            submission_id=None,
+            method=made.reference.method,
+            team=TEAM,
+            description=description,
+            submitted_at=None,
+            **self._numbers(made.sheet, made.uncertainty),
         )
 
     def _row(self, entry: ScoredEntry) -> BoardEntry:
-        record, sheet, sure = entry.record, entry.record.sheet, entry.uncertainty
-        overall = sure.micro if self._protocol.grading.headline == "micro" else sure.macro_family
+        record = entry.record
         return BoardEntry(
             source="scored",
             rank=None,
@@ -103,20 +168,26 @@ class _Rows:
             description=record.description,
             links=record.links,
             submitted_at=record.submitted_at,
-            metrics=self._headline(sheet),
-            micro=sheet.micro,
-            macro_family=sheet.macro_family,
-            intervals=self._intervals(overall, self._headline(sheet)),
-            families={
+            reminder_effect=entry.effect,
+            is_late=record.is_late,
+            **self._numbers(record.sheet, entry.uncertainty),
+        )
+
+    def _numbers(self, sheet: ScoreSheet, sure: Uncertainty) -> dict[str, Any]:
+        """What a row says of its sheet."""
+        return {
+            "metrics": self._headline(sheet),
+            "micro": sheet.micro,
+            "macro_family": sheet.macro_family,
+            "intervals": self._intervals(self._overall(sure), self._headline(sheet)),
+            "families": {
                 family.id: self._family(sheet, family.id, sure.families[index])
                 for index, family in enumerate(self._protocol.families)
                 if family.id in sheet.families
             },
-            coverage={"edited": sheet.coverage.edited, "source": sheet.coverage.source},
-            flags=sheet.plausibility.flags,
-            reminder_effect=entry.effect,
-            is_late=record.is_late,
-        )
+            "coverage": {"edited": sheet.coverage.edited, "source": sheet.coverage.source},
+            "flags": sheet.plausibility.flags,
+        }
 
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:
         cell = sheet.families[family_id]
@@ -131,30 +202,51 @@ class _Rows:
             key: None
             if values.get(key) is None or np.isnan(ends).any()
             else self._rounding.interval(key, (float(ends[0]), float(ends[1])))
-            for key, ends in zip(self._challenge.metric_keys, intervals, strict=True)
+            for key, ends in zip(self._keys_of_intervals, intervals, strict=True)
         }
 
     def _headline(self, sheet: ScoreSheet) -> MetricRow:
         return sheet.micro if self._protocol.grading.headline == "micro" else sheet.macro_family
 
-    def _covers(self, sheet: ScoreSheet) -> bool:
-        return not self._uncovered(sheet)
+    def _overall(self, uncertainty: Uncertainty) -> FloatArray:
+        is_micro = self._protocol.grading.headline == "micro"
+        return uncertainty.micro if is_micro else uncertainty.macro_family
 
     def _uncovered(self, sheet: ScoreSheet) -> dict[str, float]:
-        shares = {"edited": sheet.coverage.edited, "source": sheet.coverage.source}
-        least = self._ranking.min_coverage
-        return {key: share for key, share in shares.items() if share is not None and share < least}
+        """Shares that are too low, by what is published of them; judged by the exact ones."""
+        least, coverage = self._ranking.min_coverage, sheet.coverage
+        exact = coverage.exact_shares(sheet.n)
+        return {key: share for key, share in exact.items() if share < least}
 
-    def _why_unranked(self, entry: ScoredEntry) -> str:
+    def _why_unranked(self, entry: ScoredEntry, flags: Sequence[str]) -> str:
         uncovered = self._uncovered(entry.record.sheet)
-        if not uncovered:
-            undefined = [
-                self._challenge.metric(key.metric).label
-                for key in self._order
-                if self._headline(entry.record.sheet).get(key.metric) is None
+        reasons = []
+        if flags:
+            labels = " and ".join(FLAGS[code].label for code in flags)
+            reasons.append(
+                f"flagged {labels}; protocol {self._protocol.version} ranks no such entry"
+            )
+        if uncovered:
+            least = self._ranking.min_coverage
+            named = self._challenge.words.covered
+            parts = [
+                f"{named[key]} cover {_below(share, least)}" for key, share in uncovered.items()
             ]
-            return f"{' and '.join(undefined)} not defined"
-        least = self._ranking.min_coverage
-        named = self._challenge.words.covered
-        parts = [f"{named[key]} cover {share:.2%}" for key, share in uncovered.items()]
-        return f"{' and '.join(parts)} of the samples; ranking takes {least:.0%}"
+            reasons.append(f"{' and '.join(parts)} of the samples; ranking takes {least:.0%}")
+        undefined = [
+            self._challenge.metric(key.metric).label
+            for key in self._order
+            if self._headline(entry.record.sheet).get(key.metric) is None
+        ]
+        if undefined and not uncovered:
+            reasons.append(f"{' and '.join(undefined)} not defined")
+        return "; ".join(reasons)
+
+
+def _below(share: float, least: float) -> str:
+    """Per cent to as many digits as it takes to see that the share is below the least."""
+    for decimals in range(2, 6):
+        text = f"{share:.{decimals}%}"
+        if float(text[:-1]) < round(100 * least, 9):
+            return text
+    return f"less than {least:.0%}"

@@ -26,6 +26,7 @@ from exceptiondrive_worker.comparisons import Standing, comparisons, entry_uncer
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import job_boundary
+from exceptiondrive_worker.references import scored_references
 from exceptiondrive_worker.reminder_effects import reminder_effects
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
@@ -131,7 +132,8 @@ def _board(
     split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
     targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
     standings = list(zip(targets, records, strict=True))
-    entries = board_entries(_scored(context, standings), challenge, protocol)
+    references = scored_references(context, challenge, split, protocol)
+    entries = board_entries(_scored(context, standings), references, challenge, protocol)
     compared = comparisons(context.private, context.stages, standings, entries, protocol)
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
@@ -158,6 +160,7 @@ def _document(
     entries: tuple[BoardEntry, ...],
 ) -> Board:
     """The board; number and date are given when it is published."""
+    has_too_few_scenes = any(row.rank is not None and row.rank_interval is None for row in entries)
     return Board(
         challenge=challenge.id,
         phase=phase.id,
@@ -170,4 +173,5 @@ def _document(
         confidence=protocol.ranking.confidence,
         families=family_heads(split, protocol),
         entries=entries,
+        min_scenes=protocol.ranking.min_scenes if has_too_few_scenes else None,
     )

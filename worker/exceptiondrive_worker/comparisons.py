@@ -99,7 +99,7 @@ def published_comparison(
         update={
             "overall": {
                 metric.key: _rounded(exact.overall[metric.key], metric, headlines, rounding)
-                for metric in challenge.metrics
+                for metric in challenge.interval_metrics
             },
             "families": {
                 family.id: _rounded(

@@ -1,5 +1,6 @@
 """`exceptiondrive-worker`: run workers, and handle the splits that only workers may see."""
 
+import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.protocol import (
     ProtocolDocument,
     ProtocolError,
@@ -32,6 +34,7 @@ from exceptiondrive_worker.split_store import (
     load_split,
     read_split,
 )
+from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
 from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
 from exceptiondrive_worker.work import OlderScorerError, refuse_if_older
 
@@ -81,10 +84,27 @@ def heartbeat_age(
 
 
 @app.command("check-split")
-def check_split(file: Path, protocol: ProtocolOption = None) -> None:
-    """Say whether a split file can be scored, and list every sample that stands in the way."""
-    manifest = load_split(read_split(file), _protocol(protocol)).manifest
-    typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")
+def check_split(
+    file: Path,
+    protocol: ProtocolOption = None,
+    json_: Annotated[bool, typer.Option("--json", help="As JSON, every sample named.")] = False,
+) -> None:
+    """Say whether a split file can be scored, and what makes it a doubtful benchmark."""
+    rules, split = _protocol(protocol), read_split(file)
+    try:
+        load_split(split, rules)
+    except SplitRefusedError as refused:
+        if not json_:
+            raise
+        typer.echo(json.dumps(check_report(split, refused.faults, ())))
+        raise typer.Exit(2) from None
+    warnings = split_warnings(split, rules)
+    if json_:
+        typer.echo(json.dumps(check_report(split, (), warnings)))
+        return
+    typer.echo(f"{split.name}: {len(split.samples)} samples, {split.revision}")
+    for line in warning_lines(warnings, with_samples=True):
+        typer.echo(printable(line))
 
 
 @app.command("register-splits")
@@ -97,6 +117,8 @@ def register_splits(protocol: ProtocolOption = None) -> None:
     for registered in found:
         manifest = registered.manifest
         typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")
+        for line in warning_lines(registered.warnings, with_samples=False):
+            typer.echo(f"  {line}")
 
 
 @app.command("publish-split")

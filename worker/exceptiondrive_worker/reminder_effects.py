@@ -88,7 +88,8 @@ def published_effect(
 ) -> ReminderEffect:
     """Round an effect, metrics in column order; only this may leave the worker."""
     differences = {
-        key: _published(key, effect.differences[key], rounding) for key in challenge.metric_keys
+        metric.key: _published(metric.key, effect.differences[metric.key], rounding)
+        for metric in challenge.interval_metrics
     }
     return effect.model_copy(update={"differences": differences})
 

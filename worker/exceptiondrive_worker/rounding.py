@@ -10,6 +10,7 @@ from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
+    ClearanceCurve,
     Interval,
     MetricRow,
     ScoreSheet,
@@ -67,13 +68,21 @@ class Rounding:
         metrics = dict.fromkeys(row.metrics) if is_withheld else self.row(row.metrics)
         return row.model_copy(update=metrics)
 
-    def sheet(self, sheet: ScoreSheet) -> ScoreSheet:
-        """Return the sheet that may be published."""
+    def sheet(self, sheet: ScoreSheet, *, with_curve: bool = False) -> ScoreSheet:
+        """Return the sheet that may be published.
+
+        Args:
+            sheet: Exact.
+            with_curve: Whether the clearance curve may be published, too.
+        """
         coverage, plausibility = sheet.coverage, sheet.plausibility
         return sheet.model_copy(
             update={
                 "coverage": coverage.model_copy(
-                    update={key: self.fraction(share) for key, share in coverage}
+                    update={
+                        "edited": self.fraction(coverage.edited),
+                        "source": self.fraction(coverage.source),
+                    }
                 ),
                 "micro": self.row(sheet.micro),
                 "macro_family": self.row(sheet.macro_family),
@@ -83,6 +92,19 @@ class Rounding:
                     update={"shares": {k: self.fraction(v) for k, v in plausibility.shares.items()}}
                 ),
                 "extra": {key: self.counted_row(row) for key, row in sheet.extra.items()},
+                "clearance_curve": self._curve(sheet.clearance_curve) if with_curve else None,
+            }
+        )
+
+    def _curve(self, curve: ClearanceCurve | None) -> ClearanceCurve | None:
+        if curve is None:
+            return None
+        shares = {"micro": curve.micro, "macro_family": curve.macro_family}
+        decimals = self._fraction_decimals
+        return curve.model_copy(
+            update={
+                key: tuple(_rounded(share, decimals) for share in row)
+                for key, row in shares.items()
             }
         )
 

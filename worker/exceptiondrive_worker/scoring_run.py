@@ -9,6 +9,7 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.fair_share import waits
 from exceptiondrive_records.work.jobs import (
@@ -20,6 +21,7 @@ from exceptiondrive_records.work.jobs import (
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
@@ -109,6 +111,8 @@ def _score(context: WorkerContext, job: Job) -> None:
         phase = session.get_one(Phase, submission.phase_id)
         protocol = find_protocol(session, job.protocol_digest)
         read_under = accepted_under(session, submission.id) or protocol
+        ref = SplitRef(name=phase.split_name, revision=job.split_revision)
+        is_public = find_public_split(session, ref) is not None
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, job.split_revision, protocol)
     try:
@@ -120,7 +124,9 @@ def _score(context: WorkerContext, job: Job) -> None:
             outcome = finish_rejected(session, job, rejected.report)
         _log.info("rejected", **_ids(job), outcome=outcome.value)
         return
-    published = Rounding(challenge, protocol.publication).sheet(scored.sheet)
+    published = Rounding(challenge, protocol.publication).sheet(
+        scored.sheet, with_curve=protocol.publication.shows_curve(is_public_split=is_public)
+    )
     with context.database.write() as session:
         outcome = finish_scored(
             session,

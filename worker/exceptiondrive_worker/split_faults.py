@@ -59,6 +59,8 @@ def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, 
             tuple(sorted(strangers)),
         ),
         *_part_faults(split, partless),
+        *_count_faults(split),
+        *_recorded_faults(split, protocol.geometry),
         *_region_faults(np.array(ids), regions_of(split), protocol.geometry),
     ]
     return tuple(fault for fault in found if fault.sample_ids)
@@ -73,6 +75,33 @@ def _part_faults(split: Split, partless: list[str]) -> list[SplitFault]:
     return [
         SplitFault("samples of no part, though others have one", tuple(sorted(partless))),
         *(SplitFault(f"all samples are {part}", ids) for part in parts if len(parts) == 1),
+    ]
+
+
+def _count_faults(split: Split) -> list[SplitFault]:
+    """Something counts, in the split and in each of its parts."""
+    parts = {sample.part for sample in split.samples}
+    counted = {sample.part for sample in split.counted}
+    return [
+        SplitFault(
+            "no sample counts: all are controls or withdrawn"
+            + (f" in the {part} part" if part else ""),
+            tuple(sorted(each.sample_id for each in split.samples if each.part == part)),
+        )
+        for part in sorted(parts - counted, key=str)
+    ]
+
+
+def _recorded_faults(split: Split, geometry: GeometrySection) -> list[SplitFault]:
+    told = {each.sample_id: each.recorded for each in split.samples if each.recorded is not None}
+    wrong = [name for name, path in told.items() if len(path) != geometry.waypoints]
+    limit_m = geometry.max_coordinate_m
+    far = [name for name, path in told.items() if max(abs(c) for at in path for c in at) > limit_m]
+    return [
+        SplitFault(
+            f"recorded paths of other than {geometry.waypoints} waypoints", tuple(sorted(wrong))
+        ),
+        SplitFault(f"recorded paths beyond {limit_m:g} m", tuple(sorted(far))),
     ]
 
 

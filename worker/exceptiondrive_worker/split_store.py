@@ -9,7 +9,7 @@ here leaves the worker: the manifest carries sample ids only.
 import gzip
 import json
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,9 @@ from pydantic import ValidationError
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.split import Manifest, Split, SplitSample
-from exceptiondrive_scoring.aliases import IntArray
-from exceptiondrive_scoring.arrays import SplitArrays, split_arrays
+from exceptiondrive_schemas.split import Manifest, Split
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
+from exceptiondrive_scoring.arrays import SplitArrays, recorded_m, split_arrays
 from exceptiondrive_worker.private_store import array_digest
 from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
 
@@ -46,9 +46,12 @@ class LoadedSplit:
         arrays: Regions, tasks and scenes of the samples that count, in the same order.
         samples_digest: Digest of the manifest's ids in this order: what reading an upload needs.
         regions_digest: Digest of what `measure` reads.
-        grading_digest: Digest of what `grade` reads: tasks, families, d_safe, acceptable.
+        grading_digest: Digest of what `grade` reads: tasks, families, d_safe, acceptable; and which
+            samples are controls.
         scenes_digest: Digest of what the bootstrap reads besides.
         rows: (N,) places of the samples that count among the manifest's; None: all count.
+        control_rows: Places of the controls; empty without any.
+        recorded_m: (M, T, 2) recorded paths of all samples that a file answers; None without any.
     """
 
     manifest: Manifest
@@ -58,6 +61,8 @@ class LoadedSplit:
     grading_digest: str
     scenes_digest: str
     rows: IntArray | None = None
+    control_rows: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    recorded_m: FloatArray | None = None
 
     @property
     def rows_digest(self) -> str | None:
@@ -118,26 +123,37 @@ def load_split(
     if faults:
         raise SplitRefusedError(split.name, faults)
     samples = sorted(split.samples, key=lambda sample: sample.sample_id)
-    rows = [i for i, sample in enumerate(samples) if part is None or sample.part == part]
+    chosen = [i for i, sample in enumerate(samples) if part is None or sample.part == part]
+    rows = [i for i in chosen if samples[i].counts]
+    control_ids = {sample.sample_id for sample in split.controls}
+    controls = [i for i in chosen if samples[i].sample_id in control_ids]
+    control_rows = np.array(controls, dtype=np.int64)
     arrays = split_arrays([samples[i] for i in rows], protocol.taxonomy)
     revision = split.revision if part is None else split.part(part).revision
+    recorded = [] if arrays.recorded_m is None else [arrays.recorded_m]
     return LoadedSplit(
-        manifest=_manifest(split, samples, protocol, revision),
+        manifest=Manifest.of(split, protocol.geometry, revision),
         arrays=arrays,
         samples_digest=content_digest([sample.sample_id for sample in samples]),
-        regions_digest=array_digest(arrays.regions_m),
+        regions_digest=array_digest(arrays.regions_m, *recorded),
         grading_digest=array_digest(
-            arrays.task_index, arrays.family_index, arrays.d_safe_m, arrays.acceptable
+            arrays.task_index,
+            arrays.family_index,
+            arrays.d_safe_m,
+            arrays.acceptable,
+            *([control_rows] if controls else []),
         ),
         scenes_digest=array_digest(arrays.scene_index),
-        rows=None if part is None else np.array(rows, dtype=np.int64),
+        rows=None if len(rows) == len(samples) else np.array(rows, dtype=np.int64),
+        control_rows=control_rows,
+        recorded_m=recorded_m(samples),
     )
 
 
 def family_counts(split: Split, protocol: ProtocolDocument) -> dict[str, int]:
-    """How many samples each family has, in taxonomy order; families without samples are absent."""
+    """How many samples count in each family, in taxonomy order; without samples it is absent."""
     family_of = {task.id: task.family for task in protocol.tasks}
-    counts = Counter(family_of[sample.task] for sample in split.samples)
+    counts = Counter(family_of[sample.task] for sample in split.counted)
     return {family.id: counts[family.id] for family in protocol.families if counts[family.id]}
 
 
@@ -201,17 +217,3 @@ class SplitStore:
 def parts_of(split: Split) -> tuple[SplitPart | None, ...]:
     """Return what of a split can be scored: all of it (None), and its parts where it has some."""
     return (None, "public", "private") if split.has_parts else (None,)
-
-
-def _manifest(
-    split: Split, samples: list[SplitSample], protocol: ProtocolDocument, revision: str
-) -> Manifest:
-    return Manifest(
-        schema_="exceptiondrive.manifest/1",
-        name=split.name,
-        title=split.title,
-        revision=revision,
-        waypoints=protocol.geometry.waypoints,
-        time_step_s=protocol.geometry.time_step_s,
-        sample_ids=tuple(sample.sample_id for sample in samples),
-    )

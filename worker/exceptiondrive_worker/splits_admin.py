@@ -3,30 +3,37 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.splits import publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.datasheet import Datasheet, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_scoring.split_lint import LintWarning
 from exceptiondrive_worker.split_store import (
     MAX_SPLIT_BYTES,
     SplitStore,
     SplitUnavailableError,
+    SplitUnreadableError,
     family_counts,
     load_split,
     parts_of,
     read_split,
 )
+from exceptiondrive_worker.split_warnings import split_warnings
 
 ACTOR = "operator"
 
 
 @dataclass(frozen=True)
 class RegisteredSplit:
-    """A split file and what was recorded of it."""
+    """A split file, what was recorded of it, and what lint doubts."""
 
     path: Path
     manifest: Manifest
+    warnings: tuple[LintWarning, ...]
 
 
 def register_all_splits(
@@ -63,7 +70,8 @@ def _register(database: Database, path: Path, protocol: ProtocolDocument) -> Reg
     """Record the whole split and, where it has parts, each part; return the whole."""
     split = read_split(path)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
-    whole = loaded[None].manifest
+    whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
+    counts = [SplitWarning(code=w.code, what=w.what, count=w.count) for w in warnings]
     with database.write() as session:
         for part, of_part in loaded.items():
             register_split(
@@ -71,7 +79,30 @@ def _register(database: Database, path: Path, protocol: ProtocolDocument) -> Reg
                 of_part.manifest,
                 family_counts(split if part is None else split.part(part), protocol),
                 ACTOR,
+                n_aside=len(split.samples) - len(split.counted) if part is None else 0,
                 part=part,
                 whole_revision=None if part is None else whole.revision,
+                warnings=SplitWarnings(found=tuple(counts if part is None else ())),
+                datasheet=read_datasheet(path) if part is None else None,
             )
-    return RegisteredSplit(path, whole)
+    return RegisteredSplit(path, whole, warnings)
+
+
+def read_datasheet(split_path: Path) -> Datasheet | None:
+    """Return the datasheet that lies beside a split file, if there is one.
+
+    `split.json.gz` has `datasheet.json`, and `split-2026.json.gz` has `datasheet-2026.json`.
+
+    Raises:
+        SplitUnreadableError: It is no datasheet.
+    """
+    name = split_path.name.split(".json")[0].replace("split", "datasheet", 1)
+    path = split_path.with_name(f"{name}.json")
+    if not path.exists():
+        return None
+    try:
+        return Datasheet.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise SplitUnreadableError(
+            f"{path.name} is no datasheet ({type(error).__name__})"
+        ) from None

@@ -19,7 +19,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring import SCORER_VERSION
-from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.aliases import Columns, IntArray
 from exceptiondrive_scoring.bootstrap import SceneSums, scene_sums
 from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring, exact_sheet
 from exceptiondrive_scoring.grade import SampleScores
@@ -42,6 +42,8 @@ class Target:
     protocol: ProtocolDocument
     read_under: ProtocolDocument | None = None
     """Whose bounds the upload passed; by default those of `protocol`."""
+    made: Columns | None = None
+    """Answers of the whole split that were made here; `file_digest` is theirs. None: uploaded."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ class Stages:
         sheet_key = _graded_key("sheet", measurement_key, target)
         sheet = self._kept_sheet(sheet_key)
         if sheet is None:
-            sheet = self._grade(target, self.measurements(target))
+            sheet = self._grade(target)
             self._private.write(Shelf.SHEETS, sheet_key, canonical_json(sheet))
         protocol = target.protocol
         refs = {
@@ -130,7 +132,7 @@ class Stages:
             return kept
         answers = self.answers(target)
         measured = self._scoring_of(target).measure(
-            _of_part(answers, target.split), target.split.arrays, target.protocol.geometry
+            _rows(answers, target.split.rows), target.split.arrays, target.protocol.geometry
         )
         self._private.write_columns(Shelf.MEASUREMENTS, key, measured)
         return measured
@@ -159,6 +161,7 @@ class Stages:
         if kept is not None:
             return SceneSums(**kept)
         scores = self.sample_scores(target, measurement_key)
+        scores = scores.only(target.challenge.interval_metrics)
         sums = scene_sums(scores, target.split.arrays, target.protocol.taxonomy)
         self._private.write_columns(Shelf.SUMS, key, sums.columns())
         return sums
@@ -182,6 +185,14 @@ class Stages:
 
     def _read(self, target: Target) -> tuple[str, Columns]:
         """Read the upload, keep its answers, and note which upload holds them."""
+        answers = self._upload(target) if target.made is None else target.made
+        packed = pack_columns(answers)
+        digest = hashlib.sha256(packed).hexdigest()
+        self._private.write(Shelf.ANSWERS, digest, packed)
+        self._private.write(Shelf.READS, _read_key(target), digest.encode("ascii"))
+        return digest, answers
+
+    def _upload(self, target: Target) -> Columns:
         data = self._load_upload(target.file_digest)
         protocol, manifest = target.read_under or target.protocol, target.split.manifest
         try:
@@ -190,11 +201,7 @@ class Stages:
             raise RejectedUpload(too_large_to_read(target.file_digest, len(data))) from None
         if isinstance(answers, CheckReport):
             raise RejectedUpload(answers)
-        packed = pack_columns(answers)
-        digest = hashlib.sha256(packed).hexdigest()
-        self._private.write(Shelf.ANSWERS, digest, packed)
-        self._private.write(Shelf.READS, _read_key(target), digest.encode("ascii"))
-        return digest, answers
+        return answers
 
     def _measurement_key(self, target: Target, answers_digest: str) -> str:
         rows_digest = target.split.rows_digest
@@ -216,19 +223,25 @@ class Stages:
         except ValidationError:
             return None  # written by another version
 
-    def _grade(self, target: Target, measured: Columns) -> ScoreSheet:
-        split = target.split
+    def _grade(self, target: Target) -> ScoreSheet:
+        split, scoring = target.split, self._scoring_of(target)
+        of_controls = None
+        if len(split.control_rows):
+            answers = _rows(self.answers(target), split.control_rows)
+            of_controls = scoring.of_controls(answers, target.protocol)
         return exact_sheet(
-            self._scoring_of(target), measured, split.arrays, split.manifest.ref, target.protocol
+            scoring,
+            self.measurements(target),
+            split.arrays,
+            split.manifest.ref,
+            target.protocol,
+            of_controls,
         )
 
 
-def _of_part(answers: Columns, split: LoadedSplit) -> Columns:
-    """Return the answers about the samples that count; a file always answers the whole split."""
-    rows = split.rows
-    if rows is None:
-        return answers
-    return {name: column[rows] for name, column in answers.items()}
+def _rows(answers: Columns, rows: IntArray | None) -> Columns:
+    """Return the answers about some samples; a file always answers the whole split."""
+    return answers if rows is None else {name: column[rows] for name, column in answers.items()}
 
 
 def _read_key(target: Target) -> str:

@@ -56,7 +56,9 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
         except RejectedUpload:
             _record(context, item, VerifyState.DIFFERS, None, "the file is rejected now")
             return
-    published = Rounding(challenge, protocol.publication).sheet(scored.sheet)
+    published = Rounding(challenge, protocol.publication).sheet(
+        scored.sheet, with_curve=expected.clearance_curve is not None
+    )
     note = _difference(item.expected_digest, expected, scored.digest, published)
     state = VerifyState.EQUAL if note is None else VerifyState.DIFFERS
     _record(context, item, state, scored.digest, note)

@@ -17,7 +17,7 @@ Exit codes: 0 done, 2 invalid file or arguments, 3 quota used up, 4 not allowed,
 6 scoring failed, 7 timed out.
 """
 COMMANDS = {
-    "check": (".local_commands", "Check a file and list every fault."),
+    "check": (".local_commands", "Check a file, list every fault, and say what it looks like."),
     "evaluate": (".local_commands", "Score a file on this machine."),
     "plot": (
         ".local_commands",

@@ -38,16 +38,19 @@ def check(
         typer.Option("--phase", metavar="P", help="Check its samples: ask the server."),
     ] = None,
     protocol: options.ProtocolOption = None,
+    name_all: Annotated[
+        bool, typer.Option("--all", help="Name every sample that has a fault.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Check a file and list every fault.
+    """Check a file, list every fault, and say what it looks like.
 
     The checker is the server's own. Without --split, --manifest or --phase only the form is
     checked, not the sample ids.
     """
     report = _report(file, split, manifest, phase, protocol, server)
-    show_result(report, json, *report_view(report, file.name))
+    show_result(report, json, *report_view(report, file.name, with_all=name_all))
     if report.is_valid and not json and split is None and manifest is None and phase is None:
         say("Only the form was checked; add --phase, --manifest or --split for the sample ids.")
     if not report.is_valid:

@@ -1,6 +1,6 @@
 """Commands for organizers, all over the API with an organizer's token."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -206,7 +206,13 @@ def list_splits(server: options.Server = None, json: options.Json = False) -> No
     """List the registered split revisions: what a phase may use."""
     with open_organizer(server) as organizer:
         found = organizer.splits()
-    show_result(found, json, records_table(found, ("name", "n_samples", "is_public", "revision")))
+    rows = [one | {"warnings": _counts(one.get("warnings", ()))} for one in found]
+    columns = ("name", "n_samples", "is_public", "part", "revision", "warnings")
+    show_result(found, json, records_table(rows, columns))
+
+
+def _counts(warnings: Iterable[Mapping[str, Any]]) -> str:
+    return ", ".join(f"{found['code']} {found['count']}" for found in warnings)
 
 
 def verify_audit(

@@ -316,7 +316,7 @@ def _entries_table(comparison: Record) -> Table:
 
 def _effect_lines(comparison: Record) -> list[str]:
     """Return a line per linked entry: what its reminder changes, before and after."""
-    metrics = challenge_of(comparison["challenge"]).metrics
+    metrics = challenge_of(comparison["challenge"]).columns
     lines = []
     for entry in comparison["entries"]:
         sides = [_effect(entry[side]) for side in ("old", "new")]

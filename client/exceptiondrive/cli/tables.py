@@ -11,6 +11,7 @@ from exceptiondrive.errors import ServerError, utc_text
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, UnknownChallengeError
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
@@ -93,23 +94,43 @@ def metric_text(
     return f"{value:.{publication.metre_decimals if publication else 2}f}"
 
 
-def report_view(report: CheckReport, name: str = "The file") -> Iterator[RenderableType]:
+def report_view(
+    report: CheckReport, name: str = "The file", with_all: bool = False
+) -> Iterator[RenderableType]:
     """Yield what to print for a report.
 
     Args:
         report: Outcome of a check.
         name: What to call the file.
+        with_all: Whether every sample with a fault is named.
     """
     yield Text(_headline(report, name), style="bold red" if report.faults else "bold green")
     for group in report.faults:
         yield ""
-        yield Text.assemble((group.code.value, "bold"), f"  x {group.count}  {group.message}")
+        yield Text.assemble(
+            (group.code.value, "bold"), f"  {group.extent(report.n_predictions)}  {group.message}"
+        )
         yield _examples(group)
-        rest = group.count - min(len(group.examples), EXAMPLES_SHOWN)
-        if rest > 0:
-            yield Text(f"  ... and {rest} more", style="dim")
+        if with_all and group.sample_ids:
+            yield Text(f"  {' '.join(group.sample_ids)}", style="dim")
+        elif group.n_samples > EXAMPLES_SHOWN:
+            rest = counted(group.n_samples - EXAMPLES_SHOWN, "sample")
+            yield Text(f"  ... and {rest} more; --all names every one", style="dim")
     for note in report.notes:
         yield Text(f"note: {note}", style="yellow")
+    yield from profile_view(report)
+
+
+def profile_view(report: CheckReport) -> Iterator[RenderableType]:
+    """Yield what a planning file looks like, and what is probably wrong with it."""
+    if report.profile is None:
+        return
+    table = Table(box=None, padding=(0, 1), show_header=False)
+    for label, words in report.profile.lines:
+        table.add_row(Text(label, style="dim"), words)
+    yield table
+    for warning in report.profile.warnings:
+        yield Text(f"warning: {warning}", style="bold yellow")
 
 
 def _headline(report: CheckReport, name: str) -> str:
@@ -185,7 +206,7 @@ def _sheet_table(sheet: ScoreSheet, protocol: ProtocolDocument | None, with_task
     challenge = challenge_of(sheet.challenge)
     table = plain_table("")
     table.add_column("n", justify="right")
-    for metric in challenge.metrics:
+    for metric in challenge.columns:
         table.add_column(metric_head(metric), justify="right", no_wrap=True)
     headline = protocol.grading.headline if protocol else "macro_family"
     for key in sorted(AGGREGATES, key=lambda key: key != headline):
@@ -218,7 +239,7 @@ def _add_rows(
 
 def _cells(challenge: Challenge, row: MetricRow, protocol: ProtocolDocument | None) -> list[str]:
     digits = protocol.publication if protocol else None
-    return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.metrics]
+    return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.columns]
 
 
 def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterator[Text]:
@@ -354,7 +375,7 @@ def _board_table(board: Board, challenge: Challenge) -> Table:
     table.add_column("range", justify="right", no_wrap=True)
     table.add_column("method", overflow="fold")
     table.add_column("team", overflow="fold")
-    for metric in challenge.metrics:
+    for metric in challenge.columns:
         table.add_column(metric_head(metric), justify="right", no_wrap=True)
     table.add_column("source", no_wrap=True)
     table.add_column("flags", overflow="fold")
@@ -370,7 +391,7 @@ def _entry_cells(entry: BoardEntry, challenge: Challenge) -> list[Text]:
         "" if interval is None else f"{interval[0]}-{interval[1]}",
         entry.method,
         entry.team,
-        *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.metrics),
+        *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.columns),
         entry.source,
         ", ".join([*(["late"] if entry.is_late else []), *(flag.label for flag in entry.flags)]),
     ]

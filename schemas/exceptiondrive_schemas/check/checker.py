@@ -1,13 +1,23 @@
 """Checks a submission file: all faults in one pass, or its content ready for scoring."""
 
+import difflib
 import hashlib
 import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, ChallengeId, challenge_of_file
 from exceptiondrive_schemas.check.answers import CheckedDocument
-from exceptiondrive_schemas.check.fault_list import FaultList, Path, escaped, kind, quoted
+from exceptiondrive_schemas.check.fault_list import (
+    MAX_SHOWN_CHARACTERS,
+    FaultList,
+    Path,
+    escaped,
+    kind,
+    quoted,
+)
 from exceptiondrive_schemas.check.inflate import (
     MAX_INFLATED_BYTES,
     MAX_UPLOAD_BYTES,
@@ -26,6 +36,7 @@ from exceptiondrive_schemas.check.json_stream import (
 from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
 from exceptiondrive_schemas.check.sample_ids import SampleIds
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
+from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, Manifest
 
@@ -47,15 +58,26 @@ def check_schema(
     if named is not None and wanted in (None, named):
         return named
     schemas = [each.file_schema for key, each in CHALLENGES.items() if wanted in (None, key)]
-    is_mixed_up = named is not None and wanted is not None
+    hint = None
+    if named is not None and wanted is not None:
+        hint = f"this is a {named} file, and a {wanted} file is wanted"
+    elif isinstance(value, str) and _is_newer(value):
+        hint = "a newer form: pip install --upgrade exceptiondrive"
     faults.add(
         FaultCode.WRONG_SCHEMA if isinstance(value, str) else FaultCode.WRONG_TYPE,
         ("schema",),
         expected=" or ".join(quoted(schema) for schema in schemas),
         got=quoted(value) if isinstance(value, str) else kind(value),
-        hint=f"this is a {named} file, and a {wanted} file is wanted" if is_mixed_up else None,
+        hint=hint,
     )
     return named
+
+
+def _is_newer(schema: str) -> bool:
+    """Whether it is a form of ours with a higher number."""
+    name, _, number = schema.partition("/")
+    ours = {each.file_schema.partition("/")[0] for each in CHALLENGES.values()}
+    return name in ours and number.isdecimal() and int(number[:6]) > 1
 
 
 def find_challenge(stream: JsonStream) -> ChallengeId | None:
@@ -107,6 +129,32 @@ def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
 ROOT_KEYS = ("schema", "split", "predictions")
 
 
+CONVERT = "exceptiondrive convert makes a submission of it"
+COMMENTS = ('"//', '"/*', '"#')
+MAX_HEADER_BYTES = 1024
+MIN_CSV_COMMAS = 2
+MIN_IDS_AS_KEYS = 2
+"""So many keys that do not belong there, and none that does: sample ids stand as keys."""
+OTHER_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "sample_id": ("id", "token", "sample", "sample_token"),
+        "source": ("src", "original", "clean", "before", "trajectory", "prediction", "pred"),
+        "edited": ("edit", "counterfactual", "hazard", "after", "target"),
+        "strategy": ("answer", "action", "decision"),
+    }
+)
+
+
+def meant_key(written: str, absent: Collection[str]) -> str | None:
+    """Return the absent key that was probably meant."""
+    word = written.lower()
+    for key in absent:
+        if word in OTHER_NAMES.get(key, ()) or key in word:
+            return key
+    near = difflib.get_close_matches(word[:MAX_SHOWN_CHARACTERS], sorted(absent), n=1)
+    return near[0] if near else None
+
+
 class _TooManyFaultsError(Exception):
     """No more faults are worth counting."""
 
@@ -141,27 +189,41 @@ class SubmissionReader:
         self._answers: dict[str, Any] = {}
         self._seen: set[str] = set()
         self._reading: Path = ()
+        self._n_unknown_keys = 0
+        self._is_of_another_form = False
         self.faults = faults
         self.challenge: ChallengeId | None = None
         self.split: str | None = None
         self.n_predictions: int | None = None
         self.notes: list[str] = []
+        self.profile: FileProfile | None = None
 
     def read(self) -> CheckedDocument | None:
         """Read the file; return its content if it is sound."""
         is_complete = self._read_all()
         if is_complete:
             self._report_missing_keys()
-        self._ids.finish(is_complete=is_complete and self.n_predictions is not None)
+        self._ids.finish(self.n_predictions if is_complete else None)
         if self._rules is not None:
-            self._rules.finish()
+            self.profile = self._rules.finish(self._answers, self._manifest)
+        self._tell_one_cause()
         return self._sound_document()
+
+    def _tell_one_cause(self) -> None:
+        """Leave out faults that are there only because of another one."""
+        if self._ids.are_of_another_split and self.faults.has(FaultCode.WRONG_SPLIT):
+            self.faults.forget(FaultCode.UNKNOWN_SAMPLE)
+        if self._is_of_another_form:
+            self.faults.forget(
+                FaultCode.UNKNOWN_KEY, FaultCode.MISSING_KEY, FaultCode.DUPLICATE_KEY
+            )
 
     def _read_all(self) -> bool:
         try:
             return self._read_root()
         except JsonStreamError as error:
-            self._refuse(error.code, self._reading, error.expected, error.got)
+            hint = _form_hint(error, self._data)
+            self._refuse(error.code, self._reading, error.expected, error.got, hint=hint)
             self.notes.append("Reading stopped there: what follows was not checked.")
         except _TooManyFaultsError:
             self.notes.append("Reading stopped after too many faults; the counts are incomplete.")
@@ -175,14 +237,30 @@ class SubmissionReader:
             )
             return False
         if first == "[":
-            self._refuse(FaultCode.WRONG_TYPE, (), "an object with the key `schema`", "a list")
+            expected = "an object with the key `schema`"
+            hint = f"looks like a bare list of predictions; {CONVERT}"
+            self._refuse(FaultCode.WRONG_TYPE, (), expected, "a list", hint=hint)
             return False
         for key in members(self._stream):
             self._read_member(key)
         self._reading = ()
         if self._stream.peek():
             follows = self._stream.not_json("the end of the file")
-            self._refuse(FaultCode.TRAILING_DATA, (), follows.expected, follows.got)
+            are_lines = self._stream.peek() == "{" and "predictions" not in self._seen
+            self._is_of_another_form |= are_lines
+            self._refuse(
+                FaultCode.TRAILING_DATA,
+                (),
+                follows.expected,
+                follows.got,
+                hint=f"looks like JSON lines; {CONVERT}" if are_lines else None,
+            )
+        elif self._n_unknown_keys >= MIN_IDS_AS_KEYS and not self._seen:
+            self._is_of_another_form = True
+            got = f"an object with {self._n_unknown_keys:,} other keys"
+            hint = f"looks like an object by sample id; {CONVERT}"
+            expected = "an object with the keys schema, split and predictions"
+            self._refuse(FaultCode.WRONG_TYPE, (), expected, got, hint=hint)
         return True
 
     def _read_member(self, key: str) -> None:
@@ -198,6 +276,7 @@ class SubmissionReader:
             self._seen.add(key)
             self._read_name(key)
         else:
+            self._n_unknown_keys += 1
             expected = f"only {', '.join(ROOT_KEYS)}"
             self._refuse(FaultCode.UNKNOWN_KEY, (key,), expected, quoted(key))
             self._report_repeated(self._stream.value(), (key,))
@@ -227,7 +306,11 @@ class SubmissionReader:
     def _refuse_predictions(self) -> None:
         is_object = self._stream.peek() == "{"
         got = "an object" if is_object else kind(self._stream.value())
-        hint = "write a list; the sample id stands inside each prediction" if is_object else None
+        hint = (
+            f"write a list; the sample id stands inside each prediction ({CONVERT})"
+            if is_object
+            else None
+        )
         self.faults.add(
             FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
         )
@@ -246,18 +329,24 @@ class SubmissionReader:
         if value.keys() != rules.required_keys:
             self._check_keys(value, rules, path, shown_id)
         answer = rules.answer(value, path, shown_id)
-        if self.faults.is_empty and sample_id is not None:
+        if sample_id is not None:
             self._answers[sample_id] = answer
 
     def _check_keys(
         self, value: dict[str, Any], rules: PredictionRules, path: Path, sample_id: str | None
     ) -> None:
-        for key in sorted(rules.required_keys - value.keys()):
-            self._refuse(FaultCode.MISSING_KEY, path, f"the key {quoted(key)}", "none", sample_id)
+        absent = rules.required_keys - value.keys()
         known = rules.required_keys | rules.optional_keys
-        for key in value.keys() - known:
+        for key in sorted(value.keys() - known):
+            meant = meant_key(key, absent)
+            absent = absent - {meant}
             expected = f"only {', '.join(sorted(known))}"
-            self._refuse(FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id)
+            hint = f"did you mean {quoted(meant)}?" if meant else None
+            self._refuse(
+                FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id, hint
+            )
+        for key in sorted(absent):
+            self._refuse(FaultCode.MISSING_KEY, path, f"the key {quoted(key)}", "none", sample_id)
 
     def _choose_rules(self, prediction: dict[str, Any]) -> PredictionRules:
         challenge = self.challenge or self._wanted
@@ -290,9 +379,27 @@ class SubmissionReader:
         return rules.document(self.split, self._answers)
 
     def _refuse(
-        self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None = None
+        self,
+        code: FaultCode,
+        path: Path,
+        expected: str,
+        got: str,
+        sample_id: str | None = None,
+        hint: str | None = None,
     ) -> None:
-        self.faults.add(code, path, expected=expected, got=got, sample_id=sample_id)
+        self.faults.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
+
+
+def _form_hint(error: JsonStreamError, data: bytes) -> str | None:
+    """Say what a file that is no JSON probably is."""
+    if error.code is not FaultCode.NOT_JSON:
+        return None
+    if error.got.startswith(COMMENTS):
+        return "looks like a comment: JSON has none, remove it"
+    first_line = data[:MAX_HEADER_BYTES].splitlines()[0]
+    if not data.lstrip().startswith((b"{", b"[")) and first_line.count(b",") >= MIN_CSV_COMMAS:
+        return f"looks like CSV; {CONVERT}"
+    return None
 
 
 UTF8_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -388,6 +495,7 @@ def _report(data: bytes, faults: FaultList, reader: SubmissionReader | None = No
         n_predictions=reader.n_predictions if reader else None,
         digest=f"sha256:{hashlib.sha256(data).hexdigest()}",
         size_bytes=len(data),
-        faults=faults.groups(),
+        faults=faults.groups(reader.n_predictions if reader else None),
         notes=tuple(reader.notes) if reader else (),
+        profile=reader.profile if reader else None,
     )

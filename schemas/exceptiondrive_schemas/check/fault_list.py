@@ -1,4 +1,6 @@
-"""Collects faults while a file is read: every one is counted, the first of each code are kept.
+"""Collects faults while a file is read: every one is counted, and every sample that has one.
+
+Of each code the first examples are kept, one of a sample.
 
 A value of the file is shown short, on one line, escaped.
 """
@@ -6,6 +8,7 @@ A value of the file is shown short, on one line, escaped.
 import json
 import math
 import unicodedata
+from collections.abc import Iterable
 from typing import Any
 
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, Fault, FaultCode, FaultGroup
@@ -73,6 +76,20 @@ def _step(part: str | int) -> str:
 MAX_EXAMPLES_IN_REPORT = 50
 """Examples of all codes together: they bound the size of a report."""
 MIN_EXAMPLES_PER_CODE = 3
+MAX_SAMPLE_IDS_IN_REPORT = 25_000
+"""Of all codes together, like the examples: eight kinds of faults in every sample of 3,181."""
+FEW_SAMPLES = 0.1
+"""A fault in at most this share of the samples is the planner's, not the file's."""
+WRITE_NULL_CODES = frozenset(
+    {
+        FaultCode.NON_FINITE,
+        FaultCode.OUT_OF_BOUNDS,
+        FaultCode.STEP_TOO_LONG,
+        FaultCode.WRONG_WAYPOINT_COUNT,
+        FaultCode.WRONG_WAYPOINT_SHAPE,
+    }
+)
+"""What a planner that failed on a sample writes."""
 MAX_FAULTS = 100_000
 """Reading stops here: it bounds the time that a hostile file can take (about 2 s). Above every
 coordinate of 3,181 samples with both trajectories (76,344), so honest files are counted whole."""
@@ -86,6 +103,7 @@ class FaultList:
     def __init__(self) -> None:
         self._counts: dict[FaultCode, int] = {}
         self._examples: dict[FaultCode, list[Fault]] = {}
+        self._sample_ids: dict[FaultCode, dict[str, None]] = {}
         self._sentences: dict[FaultCode, str] = {}
 
     def __len__(self) -> int:
@@ -121,36 +139,82 @@ class FaultList:
             sample_id: Sample that the fault is in, shortened and escaped.
             hint: What probably went wrong.
         """
-        n_before = self._counts.get(code, 0)
-        self._counts[code] = n_before + 1
-        if n_before < MAX_EXAMPLES:
+        self._counts[code] = self._counts.get(code, 0) + 1
+        is_new = sample_id is None or self._note_sample(code, sample_id)
+        examples = self._examples.setdefault(code, [])
+        if is_new and len(examples) < MAX_EXAMPLES:
             fault = Fault(
                 path=json_path(path), sample_id=sample_id, expected=expected, got=got, hint=hint
             )
-            self._examples.setdefault(code, []).append(fault)
+            examples.append(fault)
 
-    def count(self, code: FaultCode, n_more: int) -> None:
-        """Count faults beyond the examples that were added."""
-        if n_more:
-            self._counts[code] = self._counts.get(code, 0) + n_more
+    def count(self, code: FaultCode, sample_ids: Iterable[str]) -> None:
+        """Count a fault in each of these samples, beyond the examples that were added."""
+        for sample_id in sample_ids:
+            self._counts[code] = self._counts.get(code, 0) + 1
+            self._note_sample(code, sample_id)
+
+    def _note_sample(self, code: FaultCode, sample_id: str) -> bool:
+        """Note that a sample has such a fault; return whether it is the first of the sample."""
+        known = self._sample_ids.setdefault(code, {})
+        n_before = len(known)
+        known.setdefault(sample_id)
+        return len(known) > n_before
+
+    def forget(self, *codes: FaultCode) -> None:
+        """Leave out faults whose cause is told by another one."""
+        for code in codes:
+            for kept in (self._counts, self._examples, self._sample_ids, self._sentences):
+                kept.pop(code, None)
+
+    def has(self, code: FaultCode) -> bool:
+        """Whether there is such a fault."""
+        return code in self._counts
+
+    def n_samples(self, code: FaultCode) -> int:
+        """In how many samples there is such a fault."""
+        return len(self._sample_ids.get(code, ()))
 
     def say(self, code: FaultCode, sentence: str) -> None:
         """Replace the sentence of a code by one that knows more about this file."""
         self._sentences[code] = sentence
 
-    def groups(self) -> tuple[FaultGroup, ...]:
-        """All faults, grouped by code in the order of `FaultCode`."""
+    def groups(self, n_predictions: int | None = None) -> tuple[FaultGroup, ...]:
+        """Return all faults, grouped by code in the order of `FaultCode`.
+
+        Args:
+            n_predictions: How many predictions the file has, where it has a list of them.
+        """
         per_code = MAX_EXAMPLES_IN_REPORT // max(len(self._counts), 1)
         kept = min(MAX_EXAMPLES, max(per_code, MIN_EXAMPLES_PER_CODE))
-        return tuple(
-            FaultGroup(
-                code=code,
-                message=self._sentences.get(code, MESSAGES[code]),
-                count=self._counts[code],
-                examples=tuple(self._examples[code][:kept]),
+        groups, room = [], MAX_SAMPLE_IDS_IN_REPORT
+        for code in FaultCode:
+            if code not in self._counts:
+                continue
+            sample_ids = tuple(self._sample_ids.get(code, ()))
+            groups.append(
+                FaultGroup(
+                    code=code,
+                    message=self._message(code, n_predictions or 0),
+                    count=self._counts[code],
+                    n_samples=len(sample_ids),
+                    sample_ids=sample_ids[:room],
+                    examples=tuple(self._examples[code][:kept]),
+                )
             )
-            for code in FaultCode
-            if code in self._counts
+            room = max(room - len(sample_ids), 0)
+        return tuple(groups)
+
+    def _message(self, code: FaultCode, n_predictions: int) -> str:
+        message = self._sentences.get(code, MESSAGES[code])
+        n_samples = self.n_samples(code)
+        if code not in WRITE_NULL_CODES or not 0 < n_samples <= FEW_SAMPLES * n_predictions:
+            return message
+        return (
+            f"{message} Only {n_samples:,} of {counted(n_predictions, 'sample')} "
+            f"{'has' if n_samples == 1 else 'have'} it: where the planner's answer is nonsense, "
+            "write null for the whole trajectory, which counts as unsafe "
+            "(`exceptiondrive convert --null-invalid` does so and lists them)."
         )
 
 

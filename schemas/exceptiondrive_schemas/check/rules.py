@@ -15,7 +15,9 @@ from exceptiondrive_schemas.check.answers import CheckedDocument
 from exceptiondrive_schemas.check.fault_list import FaultList, Path
 from exceptiondrive_schemas.check.planning_rules import PlanningRules
 from exceptiondrive_schemas.check.strategy_rules import StrategyRules
+from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import Manifest
 
 
 class PredictionRules(Protocol):
@@ -32,8 +34,8 @@ class PredictionRules(Protocol):
     def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
         """Check one prediction and return its answer."""
 
-    def finish(self) -> None:
-        """Check what can be told only over all predictions."""
+    def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
+        """Check what can be told only over all predictions; say what the file looks like."""
 
     def notes(self, n_predictions: int) -> tuple[str, ...]:
         """Say what a sound file leaves out."""

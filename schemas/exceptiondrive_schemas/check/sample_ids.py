@@ -4,7 +4,7 @@ import difflib
 from bisect import bisect
 from collections.abc import Iterable
 
-from exceptiondrive_schemas.check.fault_list import FaultList, check_text, kind, quoted
+from exceptiondrive_schemas.check.fault_list import FaultList, check_text, escaped, kind, quoted
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
 from exceptiondrive_schemas.split import Manifest
 
@@ -51,7 +51,6 @@ class SampleIds:
         self._faults = faults
         self._first_at: dict[str, int] = {}
         self._unknown: list[tuple[int, str]] = []
-        self._n_unknown = 0
 
     def admit(self, value: object, index: int) -> str | None:
         """Check the id of one prediction.
@@ -74,25 +73,36 @@ class SampleIds:
             return None
         return self._once(value, index)
 
-    def finish(self, *, is_complete: bool) -> None:
+    def finish(self, n_read: int | None) -> None:
         """Report unknown and missing samples, each with the id that was probably meant.
 
+        Where no prediction names a sample of the split, that is said once, in place of every sample
+        that is missing.
+
         Args:
-            is_complete: Whether all predictions were read; else nothing can be called missing.
+            n_read: Length of the list of predictions; None where it was not read to its end, so that
+                nothing can be called missing.
         """
         if self._manifest is None:
             return
         missing = [each for each in self._manifest.sample_ids if each not in self._first_at]
         self._report_unknown(NearestId(missing or self._manifest.sample_ids))
-        if is_complete:
+        if n_read is not None and (self._first_at or n_read == 0):
             self._report_missing(missing, NearestId(text for _, text in self._unknown))
+
+    @property
+    def are_of_another_split(self) -> bool:
+        """Whether there are ids, and none of them is in the split."""
+        return bool(self._unknown) and not self._first_at
 
     def _once(self, value: str, index: int) -> str | None:
         first = self._first_at.setdefault(value, index)
         if first == index:
             return value
         got = f"{quoted(value)} also at $.predictions[{first}]"
-        self._refuse(FaultCode.DUPLICATE_SAMPLE, index, "every sample once", got)
+        self._refuse(
+            FaultCode.DUPLICATE_SAMPLE, index, "every sample once", got, sample_id=escaped(value)
+        )
         return None
 
     def _is_sound(self, value: str, index: int) -> bool:
@@ -102,18 +112,30 @@ class SampleIds:
         )
 
     def _note_unknown(self, value: str, index: int) -> None:
-        self._n_unknown += 1
         if len(self._unknown) < MAX_EXAMPLES:
             self._unknown.append((index, value))
+        else:
+            self._faults.count(FaultCode.UNKNOWN_SAMPLE, [escaped(value)])
 
     def _report_unknown(self, valid: NearestId) -> None:
         name = self._manifest.name if self._manifest else ""
         for index, text in self._unknown:
             nearest = valid.nearest(text)
             hint = f"did you mean {quoted(nearest)}?" if nearest else None
-            expected = f"a sample id of the split {name}"
-            self._refuse(FaultCode.UNKNOWN_SAMPLE, index, expected, quoted(text), hint)
-        self._faults.count(FaultCode.UNKNOWN_SAMPLE, self._n_unknown - len(self._unknown))
+            self._refuse(
+                FaultCode.UNKNOWN_SAMPLE,
+                index,
+                f"a sample id of the split {name}",
+                quoted(text),
+                hint,
+                sample_id=escaped(text),
+            )
+        if self.are_of_another_split:
+            self._faults.say(
+                FaultCode.UNKNOWN_SAMPLE,
+                f"No sample id of the file belongs to the split {name}: take the ids from the "
+                "split's manifest, or choose the phase that the file was made for.",
+            )
 
     def _report_missing(self, missing: list[str], unknown: NearestId) -> None:
         for sample_id in missing[:MAX_EXAMPLES]:
@@ -126,10 +148,16 @@ class SampleIds:
                 sample_id=sample_id,
                 hint=f"the file has {quoted(nearest)}, which is no sample" if nearest else None,
             )
-        self._faults.count(FaultCode.MISSING_SAMPLE, max(len(missing) - MAX_EXAMPLES, 0))
+        self._faults.count(FaultCode.MISSING_SAMPLE, missing[MAX_EXAMPLES:])
 
     def _refuse(
-        self, code: FaultCode, index: int, expected: str, got: str, hint: str | None = None
+        self,
+        code: FaultCode,
+        index: int,
+        expected: str,
+        got: str,
+        hint: str | None = None,
+        sample_id: str | None = None,
     ) -> None:
         path = ("predictions", index, "sample_id")
-        self._faults.add(code, path, expected=expected, got=got, hint=hint)
+        self._faults.add(code, path, expected=expected, got=got, hint=hint, sample_id=sample_id)

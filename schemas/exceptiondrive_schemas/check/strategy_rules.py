@@ -7,6 +7,7 @@ from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocumen
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, check_text, kind, quoted
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
 
@@ -34,7 +35,7 @@ class StrategyRules:
         reminder = self._reminder(prediction.get("reminder"), (*path, "reminder"), sample_id)
         return StrategyAnswer(strategy, reminder)
 
-    def finish(self) -> None:
+    def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> None:
         """Nothing is left to be told over all predictions."""
 
     def notes(self, n_predictions: int) -> tuple[str, ...]:

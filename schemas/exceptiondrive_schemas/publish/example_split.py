@@ -64,16 +64,7 @@ def _sample(sample_id: str, scene_id: str, task: str, *, x_m: float, y_m: float)
 
 def example_manifest() -> Manifest:
     """What participants may know of the example split."""
-    split, geometry = example_split(), packaged_protocol().geometry
-    return Manifest(
-        schema_="exceptiondrive.manifest/1",
-        name=split.name,
-        title=split.title,
-        revision=split.revision,
-        waypoints=geometry.waypoints,
-        time_step_s=geometry.time_step_s,
-        sample_ids=SAMPLE_IDS,
-    )
+    return Manifest.of(example_split(), packaged_protocol().geometry)
 
 
 def example_planning() -> PlanningSubmission:

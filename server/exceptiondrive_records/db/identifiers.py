@@ -6,6 +6,7 @@ import unicodedata
 from urllib.parse import urlsplit
 
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_schemas.references import is_reserved
 
 _LETTERS = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford base 32: nothing looks like another
 _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
@@ -55,6 +56,18 @@ def checked_text(
     if any(not (c.isprintable() or (may_have_lines and c == "\n")) for c in text):
         raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
     return text
+
+
+def checked_name(kind: str, name: str) -> str:
+    """Return the name of a team or method, as `checked_text` does.
+
+    Raises:
+        InvalidRecord: It cannot be used, or reads as the name of a reference row.
+    """
+    name = checked_text(kind, name, max_length=80)
+    if is_reserved(name):
+        raise InvalidRecord(f"The {kind} {name!r} is reserved for the reference rows of boards.")
+    return name
 
 
 def checked_reason(reason: str) -> str:

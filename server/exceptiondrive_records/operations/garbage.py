@@ -1,9 +1,9 @@
 """Garbage: stored files that no record mentions, left by refused uploads and by crashes.
 
-They are swept when they are old. The hard case is an upload of the same bytes at the same moment:
-it finds the file stored, and its record is not written yet. Two things together save it: storing a
-file again makes it young, and `file_store.is_kept` proves inside the transaction of the upload that
-the file is there, under a lock that no sweep can hold meanwhile.
+What a refused upload left goes at once, what a crash left when it is old. The hard case is an upload
+of the same bytes at the same moment: it finds the file stored, and its record is not written yet.
+`file_store.is_kept` proves inside the transaction of the upload that the file is there, or has it
+stored again, under a lock that no removal can hold meanwhile; and storing a file makes it young.
 """
 
 import threading
@@ -20,7 +20,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.operations.dump import dumped_tables, file_digests
-from exceptiondrive_records.submissions.file_store import FileStore, StoredFile, lock_store
+from exceptiondrive_records.submissions.file_store import FileStore, lock_store
 from exceptiondrive_records.work.lease import take_lead
 
 _log = structlog.get_logger("exceptiondrive.reconciler")
@@ -53,7 +53,9 @@ def sweep_orphans(
     candidates = [
         file for file in files.stored() if file.digest not in mentioned and file.changed_at < before
     ]
-    removed = [file for file in candidates if _remove(database, files, file, before)]
+    removed = [
+        file for file in candidates if remove_orphan(database, files, file.digest, before=before)
+    ]
     swept = Swept(len(removed), sum(file.size_bytes for file in removed))
     if removed:
         with database.write() as session:
@@ -61,14 +63,30 @@ def sweep_orphans(
     return swept
 
 
-def _remove(database: Database, files: FileStore, file: StoredFile, before: datetime) -> bool:
-    """Look again under the lock, and remove the file if it is still an old orphan."""
+def remove_orphan(
+    database: Database, files: FileStore, digest: str, *, before: datetime | None = None
+) -> bool:
+    """Remove a file that no record mentions, under the lock that an upload's transaction holds.
+
+    Args:
+        database: Its records say what is mentioned.
+        files: Where the file may be.
+        digest: Of the file.
+        before: It stays if it was sent after this moment; None where its upload was refused.
+
+    Returns:
+        Whether it was removed.
+
+    Raises:
+        StoreError: The store did not answer.
+    """
     with database.write() as session:
         lock_store(session, alone=True)
-        changed_at = files.changed_at(file.digest)
-        if changed_at is None or changed_at >= before or _is_mentioned(session, file.digest):
+        changed_at = files.changed_at(digest)
+        is_young = before is not None and changed_at is not None and changed_at >= before
+        if changed_at is None or is_young or _is_mentioned(session, digest):
             return False
-        files.remove(file.digest)
+        files.remove(digest)
         return True
 
 

@@ -7,8 +7,11 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_schemas.datasheet import Datasheet, SplitWarnings
 from exceptiondrive_schemas.phase_settings import LivePart, SplitPart
 from exceptiondrive_schemas.split import Manifest
+
+NO_WARNINGS = SplitWarnings()
 
 
 def register_split(
@@ -17,30 +20,44 @@ def register_split(
     family_counts: dict[str, int],
     actor: str,
     *,
+    n_aside: int = 0,
     part: SplitPart | None = None,
     whole_revision: str | None = None,
+    warnings: SplitWarnings = NO_WARNINGS,
+    datasheet: Datasheet | None = None,
 ) -> SplitRow:
-    """Record a split revision; registering the same again does nothing.
+    """Record a split revision; of one that is known, warnings and datasheet are renewed.
 
     Args:
         session: Of a write transaction.
         manifest: Public part of the split.
-        family_counts: Samples per family; they add up to the number of samples.
+        family_counts: Samples that count per family; with `n_aside` they add up to all samples.
         actor: Who registers it.
+        n_aside: Samples that are answered and do not count: controls and withdrawn ones.
         part: Set for a part of a split: its manifest names the samples of the whole, and the counts
             are those of the part; which samples it holds is never recorded.
         whole_revision: The registered revision of which it is a part.
+        warnings: What lint doubts, by count.
+        datasheet: What anyone may know of how it was made.
 
     Raises:
-        InvalidRecord: The counts do not add up.
+        InvalidRecord: The counts do not add up, or the datasheet is of another split.
         Conflict: The revision is known with another manifest or other counts.
     """
     n_samples = sum(family_counts.values())
     n_named = len(manifest.sample_ids)
-    if n_samples != n_named and (part is None or n_samples > n_named):
+    if n_samples + n_aside != n_named and (part is None or n_samples > n_named):
         raise InvalidRecord(
             f"The family counts of split {manifest.name!r} add up to {n_samples}, but it has "
-            f"{n_named} samples."
+            f"{n_named} samples, {n_aside} of which count in none."
+        )
+    if datasheet is not None and (datasheet.name, datasheet.revision) != (
+        manifest.name,
+        manifest.revision,
+    ):
+        raise InvalidRecord(
+            f"The datasheet is of split {datasheet.name!r} at revision {datasheet.revision}, the "
+            f"split is {manifest.name!r} at {manifest.revision}."
         )
     held = session.get(SplitRow, (manifest.name, manifest.revision), options=[undefer("*")])
     if held is not None:
@@ -49,6 +66,7 @@ def register_split(
                 f"Split {manifest.name!r} revision {manifest.revision} is recorded otherwise; "
                 "a revision never changes."
             )
+        held.warnings, held.datasheet = warnings, datasheet or held.datasheet
         return held
     row = SplitRow(
         name=manifest.name,
@@ -61,6 +79,8 @@ def register_split(
         registered_at=database_now(session),
         part=part,
         whole_revision=whole_revision,
+        warnings=warnings,
+        datasheet=datasheet,
     )
     session.add(row)
     session.flush()

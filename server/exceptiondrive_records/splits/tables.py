@@ -7,6 +7,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_schemas.datasheet import Datasheet, SplitWarnings
 from exceptiondrive_schemas.drawing import EntryDrawings, ProtocolDrawing
 from exceptiondrive_schemas.split import Manifest
 
@@ -31,6 +32,10 @@ class SplitRow(Base):
     """`public` or `private`: a part of `whole_revision`; its manifest names all samples, and
     `n_samples` and `family_counts` are those of the part. Which samples it has is withheld."""
     whole_revision: Mapped[str | None]
+    warnings: Mapped[SplitWarnings] = mapped_column(DocumentText(SplitWarnings))
+    """What lint doubts, by count; of a part: nothing."""
+    datasheet: Mapped[Datasheet | None] = mapped_column(DocumentText(Datasheet), deferred=True)
+    """How it was made, as far as anyone may know, where its makers say so."""
 
 
 class EntryDrawingsRow(Base):

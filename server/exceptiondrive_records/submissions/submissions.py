@@ -9,7 +9,12 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
-from exceptiondrive_records.db.identifiers import checked_link, checked_text, random_id
+from exceptiondrive_records.db.identifiers import (
+    checked_link,
+    checked_name,
+    checked_text,
+    random_id,
+)
 from exceptiondrive_records.phases.phases import find_phase, is_open
 from exceptiondrive_records.phases.policy import takes_late_entries
 from exceptiondrive_records.phases.quotas import require_quota
@@ -36,10 +41,10 @@ _WITHOUT_A_SCORE = (
 )
 
 
-def checked_counterpart(
+def require_counterpart(
     session: Session, team_id: int, phase: Phase, linked_to: str | None
-) -> str | None:
-    """Return the id of the submission to link to, once it is certain that it may be linked.
+) -> None:
+    """Refuse a link to a submission that may not be linked to.
 
     Raises:
         InvalidRecord: The challenge links nothing, or the counterpart is of another phase.
@@ -47,7 +52,7 @@ def checked_counterpart(
         Conflict: The counterpart has no score and will not have one.
     """
     if linked_to is None:
-        return None
+        return
     counterpart = CHALLENGES[phase.challenge].counterpart
     if counterpart is None:
         raise InvalidRecord(
@@ -65,7 +70,6 @@ def checked_counterpart(
         )
     if found.status in _WITHOUT_A_SCORE:
         raise Conflict(f"The submission {linked_to!r} was {found.status}; link one with a score.")
-    return found.id
 
 
 def require_same_link(first: Submission, linked_to: str | None) -> None:
@@ -139,33 +143,30 @@ def accept(
         ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
     phase = find_phase(session, phase_id)
-    require_approved(_lock_team(session, team_id))
-    first = _same_bytes(session, team_id, phase, file_digest)
+    _lock_team(session, team_id)
+    first = require_acceptable(
+        session, team_id, phase, file_digest, linked_to=linked_to, arrived_at=arrived_at
+    )
     if first is not None:
-        require_same_link(first, linked_to)
         return Accepted(first, is_duplicate=True, job_id=None)
     now = database_now(session)
-    judged_at = arrival(arrived_at, now)
-    _require_open(phase, judged_at)
-    require_quota(session, team_id, phase)
-    counterpart = checked_counterpart(session, team_id, phase, linked_to)
     submission = Submission(
         id=random_id(),
         phase_id=phase.id,
         team_id=team_id,
-        method=checked_text("method name", method, max_length=80),
+        method=checked_name("method name", method),
         description=checked_text(
             "description", description, max_length=2000, may_be_empty=True, may_have_lines=True
         ),
         paper_url=checked_link("paper", links.paper),
         code_url=checked_link("code", links.code),
-        linked_to=counterpart,
+        linked_to=linked_to,
         file_digest=file_digest,
         size_bytes=size_bytes,
         status=SubmissionStatus.RECEIVED,
         received_at=now,
         status_at=now,
-        arrived_at=judged_at,
+        arrived_at=arrival(arrived_at, now),
     )
     job = new_job(submission, phase.protocol_digest, phase.split_revision, Lane.LIVE, True, now)
     session.add(submission)
@@ -175,6 +176,37 @@ def accept(
     detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
     audit(session, f"team:{team_id}", "submission received", submission.id, detail)
     return Accepted(submission, is_duplicate=False, job_id=job.id)
+
+
+def require_acceptable(
+    session: Session,
+    team_id: int,
+    phase: Phase,
+    file_digest: str,
+    *,
+    linked_to: str | None,
+    arrived_at: datetime | None,
+) -> Submission | None:
+    """Refuse what cannot be accepted; return the team's first submission of the same bytes, if any.
+
+    Asked before a byte is stored, and again by `accept` under the lock of the team, which alone
+    makes quotas exact.
+
+    Raises:
+        RecordsError: As `accept`, but for texts and links.
+    """
+    team = session.get(Team, team_id)
+    if team is None:
+        raise NotFound("team", str(team_id))
+    require_approved(team)
+    first = _same_bytes(session, team_id, phase, file_digest)
+    if first is not None:
+        require_same_link(first, linked_to)
+        return first
+    _require_open(phase, arrival(arrived_at, database_now(session)))
+    require_quota(session, team_id, phase)
+    require_counterpart(session, team_id, phase, linked_to)
+    return None
 
 
 def arrival(arrived_at: datetime | None, now: datetime) -> datetime:

@@ -9,7 +9,12 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotAllowed, NotFound
-from exceptiondrive_records.db.identifiers import checked_reason, checked_slug, checked_text
+from exceptiondrive_records.db.identifiers import (
+    checked_name,
+    checked_reason,
+    checked_slug,
+    checked_text,
+)
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import SiteSetting, Team
 
@@ -24,7 +29,7 @@ def create_team(
         Conflict: One of them is taken.
     """
     checked_slug("team", slug)
-    name = checked_text("team name", name, max_length=80)
+    name = checked_name("team name", name)
     taken = session.scalars(select(Team).where((Team.slug == slug) | (Team.name == name))).first()
     if taken is not None:
         what = f"id {slug!r}" if taken.slug == slug else f"name {name!r}"

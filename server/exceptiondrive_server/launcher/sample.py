@@ -46,7 +46,6 @@ class Planner(Document):
     challenge: ChallengeId = PLANNING.id
     method: str
     description: str = ""
-    is_reference: bool = False
     without_reminder: str = ""
 
     @property
@@ -80,24 +79,12 @@ PHASES = {
 }
 
 
-@dataclass(frozen=True)
-class SampleTeam:
-    """A team that submits synthetic planners; its token lies in a 0600 file."""
-
-    slug: str
-    name: str
-    is_reference: bool
-    token_file: str
-
-
-BASELINES = SampleTeam(
-    "exceptiondrive-baselines", "ExceptionDrive baselines", False, "sample-token"
-)
-REFERENCE = SampleTeam("exceptiondrive-reference", "Reference", True, "reference-token")
+TEAM, TEAM_NAME = "exceptiondrive-baselines", "ExceptionDrive baselines"
+TOKEN_FILE = "sample-token"
 
 
 def seed_sample(database: Database, layout: Layout) -> None:
-    """Make protocol, phase, both teams and their token files, so far as they are missing.
+    """Make protocol, phases, the team and its token file, so far as they are missing.
 
     Raises:
         NotFound: The sample split is not registered yet.
@@ -106,8 +93,7 @@ def seed_sample(database: Database, layout: Layout) -> None:
         add_protocol(session, packaged_protocol_toml(), ACTOR)
         for challenge, phase in PHASES.items():
             _make_phase(session, challenge, phase)
-        for team in (BASELINES, REFERENCE):
-            _make_team(session, team, layout.data / team.token_file)
+        _make_team(session, layout.data / TOKEN_FILE)
 
 
 def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -> None:
@@ -149,13 +135,12 @@ def _make_phase(session: Session, challenge: ChallengeId, phase: SamplePhase) ->
         create_phase(session, new, actor=ACTOR)
 
 
-def _make_team(session: Session, wanted: SampleTeam, token_file: Path) -> None:
+def _make_team(session: Session, token_file: Path) -> None:
+    """Make the team that submits synthetic planners; its token lies in a 0600 file."""
     try:
-        team = find_team(session, wanted.slug)
+        team = find_team(session, TEAM)
     except NotFound:
-        team = create_team(
-            session, wanted.slug, wanted.name, is_reference=wanted.is_reference, actor=ACTOR
-        )
+        team = create_team(session, TEAM, TEAM_NAME, actor=ACTOR)
     if token_file.exists():
         principal = verify_token(session, token_file.read_text().strip())
         if principal is not None and principal.team_id == team.id:
@@ -177,15 +162,14 @@ def _is_known(database: Database, planner: Planner) -> bool:
 
 
 def _submission_of(database: Database, planner: Planner, method: str) -> str | None:
-    """Id of what the team of a planner submitted to the same phase by a method, if it ended well."""
-    team = REFERENCE if planner.is_reference else BASELINES
+    """Id of what the team submitted to the phase of a planner by a method, if it ended well."""
     ended_well = (SubmissionStatus.SCORED, SubmissionStatus.WITHDRAWN)
     with database.read() as session:
         query = (
             select(Submission.id)
             .join(Team, Team.id == Submission.team_id)
             .where(
-                Team.slug == team.slug,
+                Team.slug == TEAM,
                 Submission.phase_id == planner.phase,
                 Submission.method == method,
                 Submission.status.in_(ended_well),
@@ -220,7 +204,6 @@ def _submit_all(
 def _submit(
     planner: Planner, layout: Layout, server_url: str, linked_to: str | None
 ) -> subprocess.Popen[str]:
-    team = REFERENCE if planner.is_reference else BASELINES
     command = [
         find_command("exceptiondrive"),
         *("submit", str(layout.planners / planner.file)),
@@ -233,7 +216,7 @@ def _submit(
     environment = {
         **os.environ,
         "EXCEPTIONDRIVE_SERVER": server_url,
-        "EXCEPTIONDRIVE_TOKEN": (layout.data / team.token_file).read_text().strip(),
+        "EXCEPTIONDRIVE_TOKEN": (layout.data / TOKEN_FILE).read_text().strip(),
     }
     return _popen(command, environment)
 

@@ -26,14 +26,13 @@ from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.migrations import is_current, is_usable
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES, FileStore
 from exceptiondrive_records.work.heartbeats import live_workers, scorers_at_work
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 _CLOCK_SKEW_S = 2.0
 _OLDEST_QUEUED_S = 60.0
-_LEAST_FREE_BYTES = 2**30
 _NO_FILE = "sha256:" + "0" * 64
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
@@ -268,8 +267,7 @@ def _store(url: str) -> Iterator[Finding]:
         yield Finding(
             Severity.ERROR, f"{folder} cannot be written", "give the server's user write access"
         )
-    free = os.statvfs(folder)
-    if free.f_bavail * free.f_frsize < _LEAST_FREE_BYTES:
+    if (FileStore(url).free_bytes() or 0) < LOW_ON_ROOM_BYTES:
         yield Finding(
             Severity.WARNING, f"less than 1 GiB is free under {folder}", "make room: uploads stay"
         )

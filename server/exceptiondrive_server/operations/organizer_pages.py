@@ -7,6 +7,7 @@ from fastapi.responses import Response
 
 from exceptiondrive_records.operations.dashboard import Dashboard, dashboard
 from exceptiondrive_records.rescoring.views import run_view
+from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES
 from exceptiondrive_records.teams.teams import list_teams
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
@@ -40,7 +41,7 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         "overview",
         found=found,
         alive=[worker for worker in found.workers if worker.is_alive],
-        tasks=list(_tasks(found, runs)),
+        tasks=list(_tasks(found, runs, services.files.free_bytes())),
         runs=runs,
         team_names=team_names,
         lane_titles=LANE_TITLES,
@@ -49,8 +50,11 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
     )
 
 
-def _tasks(found: Dashboard, runs: Sequence[RunLine]) -> Iterator[Task]:
+def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) -> Iterator[Task]:
     """Yield what to do, worst first."""
+    if free_bytes is not None and free_bytes < LOW_ON_ROOM_BYTES:
+        words = f"The disk of the uploads is nearly full: {free_bytes >> 20} MiB are free."
+        yield words, "#queue", "Make room; uploads stay", "bad"
     if not any(worker.is_alive for worker in found.workers):
         words = "No worker is alive: nothing is scored. Start one; nothing is lost meanwhile."
         yield words, "#workers", "See the workers", "bad"

@@ -22,6 +22,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.datasheet import SplitWarning
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
@@ -63,6 +64,7 @@ class SplitView(BaseModel):
     is_public: bool
     part: SplitPart | None = None
     whole_revision: str | None = None
+    warnings: tuple[SplitWarning, ...] = ()
 
 
 @router.get("/splits", operation_id="listSplits")
@@ -78,6 +80,7 @@ def get_splits(services: ServicesOf) -> list[SplitView]:
                 is_public=split.public_file_digest is not None,
                 part=part_of(split),
                 whole_revision=split.whole_revision,
+                warnings=split.warnings.found,
             )
             for split in list_splits(session)
         ]

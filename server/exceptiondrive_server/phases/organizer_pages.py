@@ -115,7 +115,10 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
     limit = services.settings.max_upload_bytes
     with services.database.read() as session:
         phases = [phase_view(session, one, max_upload_bytes=limit) for one in list_phases(session)]
-    return organizer_page(request, browser, "phases/organizer_phases.html", "phases", phases=phases)
+        splits = [one for one in list_splits(session) if one.part is None]
+    return organizer_page(
+        request, browser, "phases/organizer_phases.html", "phases", phases=phases, splits=splits
+    )
 
 
 @router.get("/new")

@@ -59,7 +59,7 @@ async def submit(
     """
     team_id = team_of(principal)
     began_s = time.monotonic()
-    async with received_upload(request) as upload:
+    async with received_upload(request, services, team_id) as upload:
         taken, quota = await run_in_threadpool(take_upload, services, team_id, upload, began_s)
     response.status_code = 200 if taken.is_duplicate else 202
     response.headers["Location"] = f"/api/v1/submissions/{taken.id}"

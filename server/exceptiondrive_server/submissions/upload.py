@@ -3,25 +3,33 @@
 The form is read only once its sender is known; its file is kept on disk and never parsed here.
 """
 
+import hashlib
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Annotated, Any, BinaryIO
 
 import structlog
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from sqlalchemy.orm import Session
 from starlette.datastructures import FormData, UploadFile
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import UploadEmpty
+from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
+from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.file_store import is_kept
-from exceptiondrive_records.submissions.submissions import accept, find_submission
+from exceptiondrive_records.submissions.submissions import (
+    Accepted,
+    accept,
+    find_submission,
+    require_acceptable,
+)
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
 from exceptiondrive_schemas.board import Links
@@ -86,18 +94,19 @@ def upload_body() -> dict[str, Any]:
 
 @asynccontextmanager
 async def received_upload(
-    request: Request, *, has_form_token: bool = False
+    request: Request, services: Services, team_id: int, *, has_form_token: bool = False
 ) -> AsyncIterator[Upload]:
     """Read the form; its file lies in memory up to 1 MiB, then in a temporary file.
 
     Raises:
-        ApiProblem: Not a form, or it is encoded.
+        ApiProblem: Not a form, or it is encoded; or too many uploads are under way.
         RequestValidationError: A field is missing, unknown, repeated or wrong.
     """
     _require_form(request)
-    form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
-    async with form as received:
-        yield _upload_of(received, has_form_token=has_form_token)
+    with services.upload_places.held_by(team_id):
+        form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
+        async with form as received:
+            yield _upload_of(received, has_form_token=has_form_token)
 
 
 def _require_form(request: Request) -> None:
@@ -146,28 +155,26 @@ def take_upload(
         began_s: When it began to come, by `time.monotonic`: deadlines are judged by that moment.
 
     Raises:
-        RecordsError: It is refused; nothing but the file's bytes was kept.
+        RecordsError: It is refused, and nothing of it is kept.
     """
     fields = upload.fields
-    with services.database.read() as session:
-        find_phase(session, fields.phase)  # before a byte is stored
-    file_digest, size_bytes = _store(services, upload.file)
-    with services.database.write() as session:
-        if not is_kept(session, services.files, file_digest):
-            _store(services, upload.file)
-        took = timedelta(seconds=time.monotonic() - began_s)
-        accepted = accept(
+    digest = _digest_of(upload.file)
+    with services.database.read() as session:  # before a byte is stored
+        require_acceptable(
             session,
-            team_id=team_id,
-            phase_id=fields.phase,
-            method=fields.method,
-            description=fields.description,
-            links=fields.links,
+            team_id,
+            find_phase(session, fields.phase),
+            digest,
             linked_to=fields.linked_to or None,
-            file_digest=file_digest,
-            size_bytes=size_bytes,
-            arrived_at=database_now(session) - took,
+            arrived_at=_arrived_at(session, began_s),
         )
+    size_bytes = _store(services, upload.file)
+    try:
+        accepted = _accept(services, team_id, upload, began_s, digest, size_bytes)
+    except RecordsError:
+        with suppress(StoreError):  # then it is swept when it is old
+            remove_orphan(services.database, services.files, digest)
+        raise
     _log.info(
         "upload accepted",
         submission=accepted.submission.id,
@@ -182,15 +189,55 @@ def take_upload(
         return taken, quota_of(session, team_id, find_phase(session, fields.phase))
 
 
-def _store(services: Services, stream: BinaryIO) -> tuple[str, int]:
-    """Store the whole file, from its beginning."""
+def _accept(
+    services: Services,
+    team_id: int,
+    upload: Upload,
+    began_s: float,
+    file_digest: str,
+    size_bytes: int,
+) -> Accepted:
+    """Accept in one transaction, which proves that the file is there."""
+    fields = upload.fields
+    with services.database.write() as session:
+        if not is_kept(session, services.files, file_digest):
+            _store(services, upload.file)
+        return accept(
+            session,
+            team_id=team_id,
+            phase_id=fields.phase,
+            method=fields.method,
+            description=fields.description,
+            links=fields.links,
+            linked_to=fields.linked_to or None,
+            file_digest=file_digest,
+            size_bytes=size_bytes,
+            arrived_at=_arrived_at(session, began_s),
+        )
+
+
+def _arrived_at(session: Session, began_s: float) -> datetime:
+    """When the first byte came, by the database's clock."""
+    return database_now(session) - timedelta(seconds=time.monotonic() - began_s)
+
+
+def _digest_of(stream: BinaryIO) -> str:
+    stream.seek(0)
+    digest = hashlib.sha256()
+    for chunk in iter(lambda: stream.read(CHUNK_BYTES), b""):
+        digest.update(chunk)
+    return f"sha256:{digest.hexdigest()}"
+
+
+def _store(services: Services, stream: BinaryIO) -> int:
+    """Store the whole file, from its beginning; return its size."""
     stream.seek(0)
     parts = iter(lambda: stream.read(CHUNK_BYTES), b"")
     limit = services.settings.max_upload_bytes
-    file_digest, size_bytes = services.files.put_stream(parts, limit_bytes=limit)
+    _, size_bytes = services.files.put_stream(parts, limit_bytes=limit)
     if size_bytes == 0:
         raise UploadEmpty
-    return file_digest, size_bytes
+    return size_bytes
 
 
 def _wake(services: Services) -> None:

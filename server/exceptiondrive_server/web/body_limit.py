@@ -1,4 +1,4 @@
-"""What a request may be: so large, so slow, and so many uploads at once, so that pages stay quick.
+"""What a request may be: so large and so slow, so that pages stay quick.
 
 In production nginx ends slow clients before they reach us (deploy/nginx.conf). Where it does not
 stand before the server, an unfinished head is waited for, and only the rest is limited here.
@@ -115,41 +115,3 @@ class _Body:
             answer = PlainTextResponse(TOO_SLOW, 408, headers={"Connection": "close"})
             await answer(self._scope, self._receive, self._send)
         self._is_ended = True
-
-
-RETRY_AFTER_S = 5
-
-
-class Overload:
-    """Answers 503 with `Retry-After` while `at_once` uploads are under way in this process.
-
-    Nothing of what is sent away was taken, so nothing is lost.
-    """
-
-    def __init__(self, app: ASGIApp, at_once: int) -> None:
-        self.app = app
-        self.at_once = at_once
-        self._under_way = 0
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one request."""
-        if not _is_upload(scope):
-            await self.app(scope, receive, send)
-            return
-        if self._under_way >= self.at_once:
-            detail = "Many files arrive right now. Nothing was taken; send it again shortly."
-            problem = ApiProblem(ProblemCode.STORE_UNAVAILABLE, detail, retry_after_s=RETRY_AFTER_S)
-            response = problem_response(Request(scope), problem)
-            response.headers["Connection"] = "close"
-            await response(scope, receive, send)
-            return
-        self._under_way += 1
-        try:
-            await self.app(scope, receive, send)
-        finally:
-            self._under_way -= 1
-
-
-def _is_upload(scope: Scope) -> bool:
-    is_post = scope["type"] == "http" and scope["method"] == "POST"
-    return is_post and str(scope["path"]) in UPLOAD_PATHS

@@ -1,8 +1,9 @@
 """Prometheus metrics: requests as they happen, the queue as the records tell it when asked."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from math import nan
 
-from prometheus_client import CollectorRegistry, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Gauge, Histogram, generate_latest
 from prometheus_client.metrics_core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 from sqlalchemy import case, func, select
@@ -33,6 +34,19 @@ class RequestMetrics:
             registry=self.registry,
             buckets=(0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 10),
         )
+
+    def watch(self, uploads: Callable[[], int], free_bytes: Callable[[], int | None]) -> None:
+        """Ask at each scrape how many uploads are under way, and for the room of the store."""
+        under_way = Gauge(
+            "exceptiondrive_uploads_under_way", "Uploads that come now.", registry=self.registry
+        )
+        under_way.set_function(uploads)
+        free = Gauge(
+            "exceptiondrive_store_free_bytes",
+            "Room of the file store; NaN where it is no folder.",
+            registry=self.registry,
+        )
+        free.set_function(lambda: nan if (found := free_bytes()) is None else found)
 
     def observe(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count one request."""

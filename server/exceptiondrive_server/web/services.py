@@ -11,6 +11,7 @@ from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.upload_places import UploadPlaces
 
 if TYPE_CHECKING:
     from exceptiondrive_server.accounts.oidc import Provider
@@ -25,6 +26,7 @@ class Services:
     dispatcher: Dispatcher
     settings: ServerSettings
     signer: ReceiptSigner
+    upload_places: UploadPlaces
     provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
@@ -33,13 +35,19 @@ class Services:
     def open(cls, settings: ServerSettings) -> "Services":
         """Connect to what the settings name."""
         database = Database(settings.database_url)
+        files = FileStore(settings.file_store_url)
+        places = UploadPlaces(settings.uploads_at_once, settings.uploads_at_once_per_team)
+        metrics = RequestMetrics()
+        metrics.watch(lambda: places.taken, files.free_bytes)
         return cls(
             database=database,
-            files=FileStore(settings.file_store_url),
+            files=files,
             dispatcher=Dispatcher(settings.broker_url),
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
+            upload_places=places,
             provider=_provider(settings),
+            metrics=metrics,
         )
 
     def close(self) -> None:

@@ -39,6 +39,8 @@ class ServerSettings(RecordsSettings):
     max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
     uploads_at_once: Annotated[int, Field(ge=1, le=10_000)] = 32
     """Uploads that one process takes at a time; more are told to come again (503)."""
+    uploads_at_once_per_team: Annotated[int, Field(ge=1, le=10_000)] = 4
+    """Of these, uploads of one team; more are told to come again (429), before a byte is read."""
     receipt_key_file: Path = Path("data/receipt-key.pem")
     """Private key that signs receipts; made (0600) when it is needed and not there."""
     board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10

@@ -95,7 +95,7 @@ def shown_site(
     site = open_site(tmp_path_factory.mktemp("site"), migrated_sqlite)
     fill(site, lively_board)
     site.publish_split()
-    for submission_id, planner in (("s0000000kq", 4), ("s0000003kq", 3), ("s0000005kq", 0)):
+    for submission_id, planner in (("s0000000kq", 1), ("s0000003kq", 0), ("s0000005kq", 3)):
         site.keep_drawings(submission_id, planner)
     for phase in ("paper", "empty", "unpublished"):
         site.create_phase(phase)

@@ -130,7 +130,7 @@ class Site:
         with self.database.write() as session:
             publish_split(session, "sample", MANIFEST.revision, "sha256:" + "5" * 64, "test")
 
-    def keep_drawings(self, submission_id: str, planner: int = 4) -> None:
+    def keep_drawings(self, submission_id: str, planner: int = 1) -> None:
         """Keep real drawings of a recorded submission, on the small split, which is public."""
         with self.database.write() as session:
             split = find_public_split(session, MANIFEST.ref)
@@ -233,7 +233,7 @@ def sheet_of(entry: BoardEntry) -> ScoreSheet:
 
 
 @cache
-def real_drawings(planner: int = 4) -> EntryDrawings:
+def real_drawings(planner: int = 1) -> EntryDrawings:
     """What the worker draws of a synthetic planner on the synthetic split."""
     scenes = sample_scenes()
     answers = {one.sample_id: one for one in predictions(PLANNERS[planner], scenes, SEED)}

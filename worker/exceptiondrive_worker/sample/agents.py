@@ -37,7 +37,6 @@ class Agent:
     method: str
     description: str
     answer: Answer
-    is_reference: bool = False
     without_reminder: str = ""
 
 
@@ -68,19 +67,7 @@ def time_gap_rule(sample: SampleScene, protocol: ProtocolDocument, seed: str) ->
     return StrategyPrediction(sample_id=sample.sample_id, strategy=strategy)
 
 
-def always_stop(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
-    """Answer C, always: acceptable in every task of protocol 1.0."""
-    return StrategyPrediction(sample_id=sample.sample_id, strategy=Strategy.C)
-
-
 AGENTS = (
-    Agent(
-        "always-stop",
-        "ALWAYS STOP",
-        "Answers C in every sample, which every task of protocol 1.0 accepts: read all rows beside it.",
-        always_stop,
-        is_reference=True,
-    ),
     Agent(
         "time-gap-rule",
         "Time Gap Rule",

@@ -39,7 +39,6 @@ def write_planners(folder: Path) -> list[Path]:
             "challenge": (PLANNING if isinstance(who, Planner) else STRATEGY).id,
             "method": who.method,
             "description": who.description,
-            "is_reference": who.is_reference,
             "without_reminder": who.without_reminder if isinstance(who, Agent) else "",
         }
         for who, submission in written

@@ -31,7 +31,6 @@ class Planner:
     method: str
     description: str
     drive: Driver
-    is_reference: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,18 +76,6 @@ class Manoeuvre:
         return tuple(waypoints)
 
 
-def freeze(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
-    """Stand still, always."""
-    still = ((0.0, 0.0),) * N_WAYPOINTS
-    return still, still
-
-
-def constant_velocity(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
-    """Go straight ahead at the present speed."""
-    ahead = Manoeuvre(sample.speed_mps).trajectory(Lane(0.0))
-    return ahead, ahead
-
-
 def late_braker(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
     """Follow the lane; most hazards are seen, late, and braked for."""
     cruise = _cruise(sample, rng)
@@ -131,28 +118,7 @@ def careful_follower(sample: SampleScene, rng: Random) -> tuple[Trajectory, Traj
     return cruise.trajectory(sample.lane), (brake if reacts else cruise).trajectory(sample.lane)
 
 
-def source_as_edited(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
-    """Follow the lane as if nothing had changed."""
-    cruise = _cruise(sample, rng).trajectory(sample.lane)
-    return cruise, cruise
-
-
 PLANNERS = (
-    Planner("freeze", "FREEZE", "Stands still in every sample.", freeze, is_reference=True),
-    Planner(
-        "constant-velocity",
-        "CONSTANT VELOCITY",
-        "Goes straight ahead at the present speed.",
-        constant_velocity,
-        is_reference=True,
-    ),
-    Planner(
-        "source-as-edited",
-        "SOURCE AS EDITED",
-        "Follows the lane and never reacts: the source trajectory, given twice.",
-        source_as_edited,
-        is_reference=True,
-    ),
     Planner(
         "late-braker",
         "Late Braker",

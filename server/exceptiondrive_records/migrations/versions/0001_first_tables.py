@@ -167,6 +167,8 @@ def create_splits() -> None:
         sa.Column("registered_at", TIME, nullable=False),
         sa.Column("part", sa.String()),
         sa.Column("whole_revision", sa.String()),
+        sa.Column("warnings", sa.Text(), nullable=False),
+        sa.Column("datasheet", sa.Text()),
     )
     op.create_index(
         "uq_splits_public", "splits", ["name", "revision", "public_file_digest"], unique=True

@@ -1,0 +1,104 @@
+"""What a planning file looks like, beside what was really driven: numbers, and the words for them."""
+
+from exceptiondrive_schemas.base import Document
+
+TOO_SLOW = 0.5
+"""Below this share of the recorded speed the sources look too slow; of the 13 planners of LightEMMA
+none is below 0.9."""
+
+
+class Mend(Document):
+    """A simple transformation that brings the source trajectories to the recorded drive.
+
+    Errors are median distances from the recorded drive as shares of its distance from the origin.
+    """
+
+    looks_like: str
+    convert_option: str
+    """What `exceptiondrive convert` needs to mend the file."""
+    error: float
+    """As the file is."""
+    mended_error: float
+    """Mended."""
+
+    @property
+    def sentence(self) -> str:
+        """What it looks like, with both figures and what mends it."""
+        return (
+            f"The file looks like {self.looks_like}: the sources are {self.error:.0%} of the driven "
+            f"distance off the recorded drives, and {self.mended_error:.0%} after "
+            f"`exceptiondrive convert {self.convert_option}`."
+        )
+
+
+class FileProfile(Document):
+    """What a planning file looks like; fields are None where there is nothing to tell them from.
+
+    The distances need the recorded drives, which a manifest carries where they are public.
+    """
+
+    source_speed_mps: float | None
+    """Median over the source trajectories."""
+    recorded_speed_mps: float | None
+    standing_sources: float | None
+    """Share of the source trajectories that end where they begin."""
+    standing_edited: float | None
+    equal_pairs: float | None
+    """Share of pairs whose two trajectories are alike."""
+    longer_sources: float | None
+    """Share of pairs whose source is the longer one."""
+    source_l2_m: float | None
+    """Distance of the sources from the recorded drive: over all waypoints, mean over samples."""
+    source_l2_1s_m: float | None
+    source_l2_2s_m: float | None
+    source_l2_3s_m: float | None
+    median_source_l2_m: float | None
+    """The same, median over samples: a few wild answers do not move it."""
+    mend: Mend | None = None
+    """What the file was probably meant to be; a warning, never a fault."""
+
+    @property
+    def lines(self) -> tuple[tuple[str, str], ...]:
+        """What there is to tell, as a label and a few words each."""
+        told = (
+            ("median source speed", self._speeds),
+            ("source L2", self._distances),
+            (
+                "standing still",
+                _listed(("sources", self.standing_sources), ("edited", self.standing_edited)),
+            ),
+            ("equal pairs", _listed(("source and edited alike", self.equal_pairs))),
+            ("longer source", _listed(("the source is the longer one", self.longer_sources))),
+        )
+        return tuple((label, words) for label, words in told if words)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is probably wrong with the file, as sentences."""
+        if self.mend is not None:
+            return (self.mend.sentence,)
+        slow = (self.source_speed_mps or 0.0) < TOO_SLOW * (self.recorded_speed_mps or 0.0)
+        return (f"The sources look too slow: {self._speeds}.",) if slow else ()
+
+    @property
+    def _speeds(self) -> str:
+        if self.source_speed_mps is None:
+            return ""
+        recorded = self.recorded_speed_mps
+        beside = "" if recorded is None else f", recorded {recorded:.2f} m/s"
+        return f"{self.source_speed_mps:.2f} m/s{beside}"
+
+    @property
+    def _distances(self) -> str:
+        at = (
+            ("at 1 s", self.source_l2_1s_m),
+            ("at 2 s", self.source_l2_2s_m),
+            ("at 3 s", self.source_l2_3s_m),
+            ("mean", self.source_l2_m),
+            ("median", self.median_source_l2_m),
+        )
+        return ", ".join(f"{what} {metres:.2f} m" for what, metres in at if metres is not None)
+
+
+def _listed(*shares: tuple[str, float | None]) -> str:
+    return ", ".join(f"{what} {share:.1%}" for what, share in shares if share is not None)

@@ -1,0 +1,58 @@
+"""The reference rows of a board: planners and agents that need no skill.
+
+Every board has those of its challenge, made and scored by the worker as an entry is
+(`exceptiondrive_scoring.references`), and never ranked. No team or method may take their names.
+"""
+
+import unicodedata
+from dataclasses import dataclass
+
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
+
+TEAM = "Reference"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What stands on a board beside the entries.
+
+    `needs_recorded`: it is made of the paths that were really driven, so of a split that has them.
+    """
+
+    method: str
+    description: str
+    needs_recorded: bool = False
+
+
+FREEZE = Reference("FREEZE", "Stands still in every sample.")
+CONSTANT_VELOCITY = Reference(
+    "CONSTANT VELOCITY",
+    "Goes on as it was driven in the first step of the recorded path, and never reacts.",
+    needs_recorded=True,
+)
+SOURCE_AS_EDITED = Reference(
+    "SOURCE AS EDITED",
+    "Drives the recorded path of the source scene, and never reacts.",
+    needs_recorded=True,
+)
+ALWAYS_STOP = Reference("ALWAYS STOP", "Answers C, stop, in every sample.")
+
+REFERENCES: dict[ChallengeId, tuple[Reference, ...]] = {
+    PLANNING.id: (FREEZE, CONSTANT_VELOCITY, SOURCE_AS_EDITED),
+    STRATEGY.id: (ALWAYS_STOP,),
+}
+
+
+def is_reserved(name: str) -> bool:
+    """Whether a name of a team or method reads as that of a reference row."""
+    return _as_read(name) in _RESERVED
+
+
+def _as_read(name: str) -> str:
+    """Letters and digits alone, without case, and without the width or style of a script."""
+    return "".join(c for c in unicodedata.normalize("NFKC", name).casefold() if c.isalnum())
+
+
+_RESERVED = {_as_read(TEAM), _as_read(f"ExceptionDrive {TEAM}")} | {
+    _as_read(each.method) for references in REFERENCES.values() for each in references
+}

@@ -1,0 +1,55 @@
+"""Lint of whole split files: the real ones have few warnings, each with its reason."""
+
+import json
+from gzip import decompress
+
+import pytest
+from tests.support import realdata
+from tests.support.extract import make_extract
+
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.split_store import read_split
+from exceptiondrive_worker.split_warnings import split_warnings
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        # Regions were placed on the path at the speed of the time: some too near to stop for even
+        # at walking pace, some nearer than the clearance that their task asks for.
+        (
+            "nuscenes-real",
+            {"unavoidable": 39, "within_d_safe_of_the_start": 115, "standing_still_suffices": 3066},
+        ),
+        ("carla-pairs", {"unavoidable": 27, "within_d_safe_of_the_start": 84}),
+    ],
+)
+def test_a_real_split_has_few_warnings(
+    name: str, expected: dict[str, int], protocol: ProtocolDocument
+) -> None:
+    realdata.require()
+    found = split_warnings(read_split(realdata.split_path(name)), protocol)
+    assert {warning.code: warning.count for warning in found} == expected
+
+
+def test_the_made_extract_warns_of_what_it_was_made_with(protocol: ProtocolDocument) -> None:
+    """It repeats what real splits hold: regions a hand's breadth ahead, tasks of few samples."""
+    split = Split.model_validate_json(json.dumps(make_extract().split))
+    found = {warning.code: warning.count for warning in split_warnings(split, protocol)}
+    assert found == {
+        "unavoidable": 2,
+        "within_d_safe_of_the_start": 3,
+        "unusual_area": 2,
+        "standing_still_suffices": 157,
+    }
+
+
+def test_an_exchanged_real_split_is_found(protocol: ProtocolDocument) -> None:
+    realdata.require()
+    document = json.loads(decompress(realdata.split_path("nuscenes-real").read_bytes()))
+    for sample in document["samples"]:
+        sample["region"] = [[y, x] for x, y in sample["region"]]
+    split = Split.model_validate_json(json.dumps(document))
+    found = {warning.code: warning for warning in split_warnings(split, protocol)}
+    assert found["x_and_y_exchanged"].count > 0.99 * len(split.samples)

@@ -1,0 +1,54 @@
+"""Which edits people look at again: those with low marks, and a seeded draw of the accepted ones.
+
+The draw is by a digest of seed and sample id: it is the same on every machine, and a candidate that
+comes or goes changes at most one place of it.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping
+
+from exceptiondrive_build.candidates import Candidate
+from exceptiondrive_build.settings import InspectSection
+from exceptiondrive_build.values import Reviewed
+from exceptiondrive_schemas.base import content_digest
+
+LOW_MARK, DRAWN = "low mark", "random draw"
+
+
+def to_inspect(candidates: Mapping[str, Candidate], settings: InspectSection) -> dict[str, str]:
+    """Sample ids to be inspected, each with why: `random draw` or `low mark`; drawn ones first.
+
+    Decided ones stay in the list: whoever asks leaves out what has been inspected.
+    """
+    found = dict.fromkeys(draw(candidates, settings), DRAWN)
+    for sample_id, candidate in candidates.items():
+        reviewed = candidate.reviewed
+        if isinstance(reviewed, Reviewed) and min(reviewed.marks.values()) <= settings.low_mark:
+            found.setdefault(sample_id, LOW_MARK)
+    return found
+
+
+def draw(candidates: Mapping[str, Candidate], settings: InspectSection) -> tuple[str, ...]:
+    """Sample ids of the random draw of the edits that passed the review, in the order drawn."""
+    strata: dict[str, list[str]] = defaultdict(list)
+    for sample_id, candidate in candidates.items():
+        if candidate.passed_review:
+            strata[candidate.task.family if settings.by_family else ""].append(sample_id)
+    sizes = shares({key: len(ids) for key, ids in strata.items()}, settings.draw)
+    drawn = []
+    for stratum, ids in strata.items():
+        ids.sort(key=lambda sample_id: content_digest([settings.seed, sample_id]))
+        drawn += ids[: sizes[stratum]]
+    return tuple(sorted(drawn, key=lambda sample_id: content_digest([settings.seed, sample_id])))
+
+
+def shares(sizes: Mapping[str, int], count: int) -> dict[str, int]:
+    """Part `count` among strata by their sizes, by largest remainder; none gets more than it has."""
+    whole = sum(sizes.values())
+    count = min(count, whole)
+    exact = {key: count * size / whole for key, size in sizes.items()} if whole else {}
+    found = {key: int(value) for key, value in exact.items()}
+    rest = sorted(exact, key=lambda key: (found[key] - exact[key], key))
+    for key in rest[: count - sum(found.values())]:
+        found[key] += 1
+    return found

@@ -1,0 +1,110 @@
+"""What models are told: the organizer's words, filled in; and by which digest an answer is known.
+
+A change of words, model, settings or pictures is another digest: answers to what was asked before
+no longer count, and count again when the change is taken back.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING
+
+from exceptiondrive_build.records import Author
+from exceptiondrive_build.scenes.keyframe import Keyframe
+from exceptiondrive_build.settings import ChatSection, EditSection, TaskTexts
+from exceptiondrive_build.values import Screened
+from exceptiondrive_schemas.base import content_digest
+
+if TYPE_CHECKING:
+    from exceptiondrive_build.workshop import Workshop
+
+
+class Prompts:
+    """The words of a workshop."""
+
+    def __init__(self, workshop: "Workshop") -> None:
+        """Read the prompt files.
+
+        Raises:
+            BuildError: One cannot be read, or a task has no words.
+        """
+        settings = workshop.settings
+        self._hazards = {task.id: task.hazard for task in workshop.tasks}
+        self._texts = workshop.task_texts
+        self._screen, self._edit, self._review = (
+            workshop.text(section.prompt)
+            for section in (settings.screen, settings.edit, settings.review)
+        )
+        self.screen = cache(self._screen_words)
+
+    def _screen_words(self, task_id: str) -> str:
+        """What the screening model is told of a task."""
+        texts = self._texts[task_id]
+        rules = "\n".join(f"{code}: {words}" for code, words in texts.rejections.items())
+        return _filled(
+            self._screen,
+            {
+                "hazard": self._hazards[task_id],
+                "suitable": texts.suitable,
+                "rejections": rules,
+                "ahead_m": _span(texts.ahead_m),
+                "left_m": _span(texts.left_m),
+            },
+        )
+
+    def edit(self, task_id: str, instruction: str) -> str:
+        """What the editing model is told of a view: keep the rest, the hazard, and where."""
+        hazard = self._texts[task_id].edit
+        return f"{self._edit.strip()}\n\nPut into the picture: {hazard}\nWhere: {instruction}"
+
+    def review(self, task_id: str, screened: Screened) -> str:
+        """What the reviewing model is told of an edit."""
+        ahead_m, left_m = screened.target_m or (0.0, 0.0)
+        return _filled(
+            self._review,
+            {
+                "edit": self._texts[task_id].edit,
+                "hazard": self._hazards[task_id],
+                "ahead_m": f"{ahead_m:.1f}",
+                "left_m": f"{left_m:.1f}",
+            },
+        )
+
+    def rejections(self, task_id: str) -> tuple[str, ...]:
+        """Codes of the rules by which a scene does not suit a task."""
+        return tuple(self._texts[task_id].rejections)
+
+    def texts(self, task_id: str) -> TaskTexts:
+        """All words of a task."""
+        return self._texts[task_id]
+
+
+def scene_words(keyframe: Keyframe) -> str:
+    """What a model is told of a scene beside its pictures."""
+    return f"The scene: {keyframe.description or 'no description'}"
+
+
+def chat_author(section: ChatSection, *words: str) -> Author:
+    """Who decides when a chat model is told these words."""
+    settings = [section.temperature, section.max_tokens, section.extra]
+    return _author(section.model, words, content_digest(settings))
+
+
+def edit_author(section: EditSection, *words: str) -> Author:
+    """Who decides when the editing model is told these words, one for each view."""
+    settings = [section.seed, section.resample, section.extra]
+    return _author(section.model, words, content_digest(settings))
+
+
+def _author(model: str, words: tuple[str, ...], settings: str) -> Author:
+    return Author(model=model, prompt=content_digest(list(words)), settings=settings)
+
+
+def _span(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:g} to {ends[1]:g}"
+
+
+def _filled(text: str, values: Mapping[str, str]) -> str:
+    """Put values for `{names}`; other braces, such as those of JSON, stay."""
+    for name, value in values.items():
+        text = text.replace(f"{{{name}}}", value)
+    return text

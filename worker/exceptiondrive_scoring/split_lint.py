@@ -1,0 +1,422 @@
+"""Lint: what makes a split that can be scored a bad benchmark (docs/building-a-split.md).
+
+Warnings, not refusals: each may be meant. They are withheld, like what they are found in: sample ids
+stay with the worker and the workshop, readers elsewhere get code, sentence and count.
+
+A control is a region that no good driver would heed; it is judged the other way round. What a car
+can do is asked with its speed at t = 0 on the recorded path; a sample without one is given the
+benefit of the doubt: a car that may creep, and may be fast.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import compress
+
+import numpy as np
+
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
+from exceptiondrive_schemas.taxonomy import Taxonomy
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
+from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.kinematics import heading_vectors, positions, steps
+from exceptiondrive_scoring.region import prepare_regions, signed_area_m2
+
+BRAKE_MPS2 = 6.0
+"""Hard braking on a dry road; tyres give as much sideways."""
+THROTTLE_MPS2 = 3.0
+SLOW_MPS, FAST_MPS = 3.0, 20.0
+"""Speeds of a sample without a recorded path: slow where it helps to avoid, fast where to reach."""
+ROAD_REACH_M = 7.0
+"""How far aside a car may pass: two lanes."""
+TIGHTEST_TURN_M = 4.0
+REACHED_M = 3.5
+"""With half a car, more than half of what lies between two neighbours of the fan of arcs."""
+_BENDS_PER_M = np.geomspace(0.002, 1 / TIGHTEST_TURN_M, 20)
+SWERVES_M = (1.0, 2.0, 3.5, 5.0, ROAD_REACH_M)
+MISS_M = 3.0
+"""A recorded path that keeps more than this from a region does not meet it."""
+SAME_CORNER_M = 0.01
+USUAL_FACTOR = 5.0
+"""How many times a task's median is far from it."""
+LEAST_FOR_USUAL = 10
+LEAST_SCENES = 10
+"""Under ten scenes, drawing scenes again says little about others."""
+MANY_ALIKE = 4
+LEAST_EXCHANGED = 3
+NEARLY_ALL = 0.95
+LEAST_CONTROL_PATH_M = 2.0
+"""Progress on a shorter path is undefined, and a control is there for its progress."""
+_PLAIN_ID = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._:/@#=+-")
+
+
+@dataclass(frozen=True)
+class LintWarning:
+    """One kind of doubt about a split.
+
+    Attributes:
+        code: Stable name.
+        what: Sentence about the samples; it holds no value of one.
+        count: How many samples (of `small_cells`: families and tasks) it is about.
+        sample_ids: Which, sorted; withheld.
+    """
+
+    code: str
+    what: str
+    count: int
+    sample_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LintedSplit:
+    """What lint looks at; arrays in the order of the sample ids.
+
+    Attributes:
+        sample_ids: N ids.
+        arrays: Regions, tasks, scenes and required clearances.
+        recorded_m: (N, T, 2) waypoints that were really driven; NaN where not recorded.
+        is_control: (N,) whether no good driver would heed the region.
+    """
+
+    sample_ids: Sequence[str]
+    arrays: SplitArrays
+    recorded_m: FloatArray
+    is_control: BoolArray
+
+    def ids_of(self, which: BoolArray) -> tuple[str, ...]:
+        """Ids of some samples, sorted."""
+        return tuple(sorted(compress(self.sample_ids, which)))
+
+    @property
+    def has_recorded(self) -> BoolArray:
+        """Whether a sample has a recorded path, (N,)."""
+        given: BoolArray = ~np.isnan(self.recorded_m[:, 0, 0])
+        return given
+
+
+def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
+    """Every doubt about a split that can be scored, in a fixed order.
+
+    Args:
+        split: All samples that are not withdrawn; regions finite, simple and clear of the footprint
+            at t = 0.
+        protocol: Footprint, horizon, taxonomy and least size of a published cell.
+    """
+    arrays, geometry = split.arrays, protocol.geometry
+    counted, scene, task = ~split.is_control, arrays.scene_index, arrays.task_index
+    drives = _Drives(split, geometry)
+    still_m, recorded_m = drives.clearance_m(drives.standing()), drives.of_recorded_m()
+
+    def found(code: str, what: str, which: BoolArray) -> Iterator[LintWarning]:
+        ids = split.ids_of(which)
+        if ids:
+            yield LintWarning(code, what, len(ids), ids)
+
+    def everything(code: str, what: str, is_so: bool) -> Iterator[LintWarning]:
+        yield from found(code, what, counted & is_so)
+
+    behind = _behind_the_car(arrays.regions_m, geometry) & counted
+    away = ~drives.reaches() & counted & ~behind
+    unusual = [_far_from_usual(v, task, counted) for v in (_area_m2(arrays), _distance_m(arrays))]
+    suffices = counted & (still_m >= arrays.d_safe_m)
+    nearly_all = suffices.sum() >= NEARLY_ALL * counted.sum() and not split.is_control.any()
+    return (
+        *found(
+            "odd_sample_id",
+            "the sample id holds blanks or signs that pages, shells and tables read otherwise",
+            np.array([not _PLAIN_ID.issuperset(sample_id) for sample_id in split.sample_ids]),
+        ),
+        *found(
+            "repeated_corner",
+            "two corners of the region are the same: a triangle, or a corner was lost",
+            _repeats_a_corner(arrays.regions_m),
+        ),
+        *found(
+            "one_region_in_many_samples",
+            f"the same region stands in samples of several scenes, or in {MANY_ALIKE} or more",
+            _same_in_many(arrays.regions_m, scene),
+        ),
+        *found(
+            "x_and_y_exchanged",
+            "the region lies aside, and ahead once x and y are exchanged",
+            _x_y_exchanged(drives, recorded_m),
+        ),
+        *found(
+            "behind_the_car",
+            "no corner of the region lies ahead of the front bumper",
+            behind,
+        ),
+        *found(
+            "out_of_reach",
+            f"no car gets to the region within {geometry.horizon_s:g} s: any answer scores full",
+            away,
+        ),
+        *found(
+            "unavoidable",
+            f"no moving car avoids the region, neither stopping at {BRAKE_MPS2:g} m/s2 nor passing "
+            f"up to {ROAD_REACH_M:g} m aside",
+            ~drives.avoids() & counted,
+        ),
+        *found(
+            "within_d_safe_of_the_start",
+            "the region lies within d_safe of the car at t = 0: no answer scores full",
+            counted & (still_m < arrays.d_safe_m),
+        ),
+        *found(
+            "recorded_path_misses",
+            f"the recorded path keeps more than {MISS_M:g} m and d_safe from the region: who "
+            "ignores it scores full",
+            (recorded_m > np.maximum(MISS_M, arrays.d_safe_m)) & (counted & ~behind & ~away),
+        ),
+        *found(
+            "unusual_area",
+            f"the area of the region is over {USUAL_FACTOR:g} times, or under 1/{USUAL_FACTOR:g} "
+            "of, the task's median",
+            unusual[0],
+        ),
+        *found(
+            "unusual_distance",
+            f"the distance of the region is over {USUAL_FACTOR:g} times, or under "
+            f"1/{USUAL_FACTOR:g} of, the task's median",
+            unusual[1],
+        ),
+        *found(
+            "control_in_the_way",
+            "a control, which no good driver would heed, lies within d_safe of the recorded path "
+            "(without one: of the way straight ahead)",
+            split.is_control & (drives.unheeding_m(recorded_m) < arrays.d_safe_m),
+        ),
+        *found(
+            "control_of_a_standing_car",
+            f"the recorded path of a control is under {LEAST_CONTROL_PATH_M:g} m: it has no "
+            "progress, and tells nothing about over-caution",
+            split.is_control & (drives.recorded_length_m() < LEAST_CONTROL_PATH_M),
+        ),
+        *everything(
+            "few_scenes",
+            f"all samples are of fewer than {LEAST_SCENES} scenes: intervals draw scenes again, "
+            "and say little",
+            len(np.unique(scene[counted])) < LEAST_SCENES,
+        ),
+        *everything("one_task", "all samples are of one task", len(np.unique(task[counted])) == 1),
+        *_small_cells(split, protocol.taxonomy, protocol.publication.min_samples_per_cell),
+        *found(
+            "standing_still_suffices",
+            "a car that stands still scores full in (nearly) all samples, and there is no control "
+            "to tell it from a careful one",
+            suffices & nearly_all,
+        ),
+    )
+
+
+def _behind_the_car(regions_m: FloatArray, geometry: GeometrySection) -> BoolArray:
+    behind: BoolArray = regions_m[..., 0].max(axis=1) <= _front_m(geometry)
+    return behind
+
+
+def _front_m(geometry: GeometrySection) -> float:
+    return geometry.footprint_centre_ahead_m + geometry.footprint_length_m / 2
+
+
+def _repeats_a_corner(regions_m: FloatArray) -> BoolArray:
+    first, second = np.triu_indices(4, k=1)
+    apart_m = np.linalg.norm(regions_m[:, first] - regions_m[:, second], axis=-1)
+    repeats: BoolArray = apart_m.min(axis=1) < SAME_CORNER_M
+    return repeats
+
+
+def _same_in_many(regions_m: FloatArray, scene_index: IntArray) -> BoolArray:
+    """Whether a region, to the millimetre and whichever corner is first, stands elsewhere too."""
+    corners_mm = np.round(regions_m * 1000)
+    order = np.lexsort((corners_mm[..., 1], corners_mm[..., 0]))
+    ordered = np.take_along_axis(corners_mm, order[..., None], axis=1).reshape(len(regions_m), 8)
+    _, which, counts = np.unique(ordered, axis=0, return_inverse=True, return_counts=True)
+    which = which.reshape(-1)
+    pairs = np.unique(np.stack([which, scene_index], axis=1), axis=0)
+    n_scenes = np.bincount(pairs[:, 0], minlength=len(counts))
+    many: BoolArray = ((n_scenes > 1) | (counts >= MANY_ALIKE))[which]
+    return many
+
+
+def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
+    """Aside of the recorded path, and on it when exchanged; without one, most of a group aside.
+
+    A single region may well lie more to the side than ahead, in a bend; a scene, a task or a whole
+    split of such regions comes from a mistaken frame.
+    """
+    split, arrays = drives.split, drives.split.arrays
+    exchanged_m = drives.of_recorded_m(arrays.regions_m[..., ::-1])
+    meets_exchanged = (recorded_m > MISS_M) & (exchanged_m <= arrays.d_safe_m)
+    centre_m = np.abs(arrays.regions_m.mean(axis=1))
+    aside: BoolArray = (centre_m[:, 1] > centre_m[:, 0]) & ~split.is_control
+    whole = np.zeros(len(aside), dtype=np.intp)
+    mostly = np.zeros_like(aside)
+    for group in (whole, arrays.scene_index, arrays.task_index):
+        sizes, n_aside = np.bincount(group), np.bincount(group[aside], minlength=group.max() + 1)
+        mostly |= ((n_aside >= LEAST_EXCHANGED) & (2 * n_aside > sizes))[group]
+    return np.where(split.has_recorded, meets_exchanged & ~split.is_control, aside & mostly)
+
+
+def _area_m2(arrays: SplitArrays) -> FloatArray:
+    return np.abs(signed_area_m2(arrays.regions_m))
+
+
+def _distance_m(arrays: SplitArrays) -> FloatArray:
+    distance: FloatArray = np.linalg.norm(arrays.regions_m.mean(axis=1), axis=-1)
+    return distance
+
+
+def _far_from_usual(values: FloatArray, task_index: IntArray, counted: BoolArray) -> BoolArray:
+    far = np.zeros(len(values), dtype=np.bool_)
+    for task in np.unique(task_index[counted]):
+        rows = np.flatnonzero(counted & (task_index == task))
+        if len(rows) >= LEAST_FOR_USUAL:
+            ratio = values[rows] / np.median(values[rows])
+            far[rows] = (ratio > USUAL_FACTOR) | (ratio < 1 / USUAL_FACTOR)
+    return far
+
+
+def _small_cells(split: LintedSplit, taxonomy: Taxonomy, least: int) -> Iterator[LintWarning]:
+    """Families and tasks with fewer samples than are published, empty ones too."""
+    counted, names, rows = ~split.is_control, [], np.zeros(len(split.sample_ids), dtype=np.bool_)
+    cells = (
+        (taxonomy.families, split.arrays.family_index),
+        (taxonomy.tasks, split.arrays.task_index),
+    )
+    for members, index in cells:
+        sizes = np.bincount(index[counted], minlength=len(members))
+        for position in np.flatnonzero(sizes < least):
+            names.append(members[position].id)
+            rows |= counted & (index == position)
+    if names:
+        what = f"families and tasks with fewer samples than {least}, the least that is published: "
+        yield LintWarning("small_cells", what + ", ".join(names), len(names), split.ids_of(rows))
+
+
+class _Drives:
+    """What cars can do in the samples of a split, each drive as (N, T + 1, 2) positions."""
+
+    def __init__(self, split: LintedSplit, geometry: GeometrySection) -> None:
+        self.split = split
+        self._geometry = geometry
+        self._regions = prepare_regions(split.arrays.regions_m)
+        self._times_s = np.arange(geometry.waypoints + 1) * geometry.time_step_s
+        first_step_m = np.linalg.norm(split.recorded_m[:, 0], axis=-1)
+        self._speed_mps = first_step_m / geometry.time_step_s
+
+    def clearance_m(self, points_m: FloatArray) -> FloatArray:
+        """Clearance of a drive in every sample, (N,)."""
+        return clearance_m(points_m, self._regions, self._geometry)
+
+    def standing(self) -> FloatArray:
+        """Nobody moves."""
+        return np.zeros((len(self.split.sample_ids), self._geometry.waypoints + 1, 2))
+
+    def _recorded(self) -> FloatArray:
+        """The recorded path; standing where there is none."""
+        points_m = self.standing()
+        points_m[:, 1:] = np.nan_to_num(self.split.recorded_m)
+        return points_m
+
+    def of_recorded_m(self, regions_m: FloatArray | None = None) -> FloatArray:
+        """Clearance of the recorded path, of other regions if given; NaN where there is none."""
+        regions = self._regions if regions_m is None else prepare_regions(regions_m)
+        clearance = clearance_m(self._recorded(), regions, self._geometry)
+        return np.where(self.split.has_recorded, clearance, np.nan)
+
+    def recorded_length_m(self) -> FloatArray:
+        """Length of the recorded path, (N,); NaN where there is none."""
+        steps_m = np.linalg.norm(np.diff(self._recorded(), axis=1), axis=-1)
+        return np.where(self.split.has_recorded, steps_m.sum(axis=1), np.nan)
+
+    def unheeding_m(self, recorded_m: FloatArray) -> FloatArray:
+        """Clearance of who heeds nothing: on the recorded path, else fast straight ahead."""
+        ahead = self.standing()
+        ahead[..., 0] = FAST_MPS * self._times_s
+        return np.where(self.split.has_recorded, recorded_m, self.clearance_m(ahead))
+
+    def avoids(self) -> BoolArray:
+        """Whether a car that moves can keep clear of the region."""
+        speed_mps: FloatArray = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
+        braking_s = np.minimum(self._times_s, speed_mps[:, None] / BRAKE_MPS2)
+        stopping_m = speed_mps[:, None] * braking_s - BRAKE_MPS2 * braking_s**2 / 2
+        cruising_m = speed_mps[:, None] * self._times_s
+        gripping_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)
+        sideways_mps2 = np.asarray(gripping_mps2, dtype=np.float64)[:, None]
+
+        def drives() -> Iterator[FloatArray]:
+            for road in (_straight, _Road(self._recorded(), self._geometry).positions_m):
+                yield road(stopping_m, np.zeros_like(stopping_m))
+                for aside_m in SWERVES_M:
+                    shift_m = _swerve_m(self._times_s, aside_m, sideways_mps2)
+                    yield road(cruising_m, shift_m)
+                    yield road(cruising_m, -shift_m)
+
+        return self._some(drives(), lambda gap_m: gap_m > self._geometry.contact_tolerance_m)
+
+    def reaches(self) -> BoolArray:
+        """Whether a fan of arcs, each as fast as tyres and engine allow, comes near the region."""
+        horizon_s = self._geometry.horizon_s
+        speed_mps = np.where(
+            self.split.has_recorded, self._speed_mps + THROTTLE_MPS2 * horizon_s / 2, FAST_MPS
+        )
+
+        def arcs() -> Iterator[FloatArray]:
+            for bend_per_m in np.concatenate([[1e-6], -_BENDS_PER_M, _BENDS_PER_M]):
+                gripping_mps = np.sqrt(BRAKE_MPS2 / abs(bend_per_m))
+                turn = bend_per_m * np.minimum(speed_mps, gripping_mps)[:, None] * self._times_s
+                yield np.stack([np.sin(turn), 1 - np.cos(turn)], axis=-1) / bend_per_m
+
+        return self._some(arcs(), lambda gap_m: gap_m <= REACHED_M)
+
+    def _some(
+        self, drives: Iterator[FloatArray], is_so: Callable[[FloatArray], BoolArray]
+    ) -> BoolArray:
+        """Whether some drive has such a clearance; who has one is not asked again, (N,)."""
+        regions_m = self.split.arrays.regions_m
+        some = np.zeros(len(regions_m), dtype=np.bool_)
+        for points_m in drives:
+            open_ = np.flatnonzero(~some)
+            regions = prepare_regions(regions_m[open_])
+            some[open_] = is_so(clearance_m(points_m[open_], regions, self._geometry))
+        return some
+
+
+def _straight(along_m: FloatArray, aside_m: FloatArray) -> FloatArray:
+    """Positions along the x axis and to its left, (N, T + 1, 2)."""
+    return np.stack([along_m, aside_m], axis=-1)
+
+
+class _Road:
+    """A recorded path as a way to drive: positions by length along it and distance to its left."""
+
+    def __init__(self, points_m: FloatArray, geometry: GeometrySection) -> None:
+        moves = steps(positions(points_m))
+        cos, sin = heading_vectors(moves, geometry)
+        self._points_m = points_m
+        self._ahead = np.stack([cos[1:], sin[1:]], axis=-1).transpose(1, 0, 2)
+        self._begin_m = np.zeros(points_m.shape[:2])
+        self._begin_m[:, 1:] = np.cumsum(moves.length_m, axis=0).T
+
+    def positions_m(self, along_m: FloatArray, aside_m: FloatArray) -> FloatArray:
+        """(N, T + 1, 2); the road goes on straight beyond its end."""
+        is_past = along_m[:, :, None] >= self._begin_m[:, None, 1:]
+        segment = np.minimum(is_past.sum(axis=2), self._ahead.shape[1] - 1)
+        rest_m = along_m - np.take_along_axis(self._begin_m, segment, axis=1)
+        begin, ahead = (
+            np.take_along_axis(of_segment, segment[..., None], axis=1)
+            for of_segment in (self._points_m, self._ahead)
+        )
+        left = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
+        at_m: FloatArray = begin + rest_m[..., None] * ahead + aside_m[..., None] * left
+        return at_m
+
+
+def _swerve_m(times_s: FloatArray, aside_m: float, sideways_mps2: FloatArray) -> FloatArray:
+    """Lateral place of a car that goes aside as fast as it can and stays there, (N, T + 1)."""
+    sideways_mps2 = np.maximum(sideways_mps2, 1e-6)  # a standing car never gets there
+    half_s = np.sqrt(aside_m / sideways_mps2)
+    left_s = np.maximum(2 * half_s - times_s, 0.0)
+    out = sideways_mps2 * times_s**2 / 2
+    back = aside_m - sideways_mps2 * left_s**2 / 2
+    return np.where(times_s < half_s, out, back)

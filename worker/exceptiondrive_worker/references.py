@@ -1,0 +1,47 @@
+"""Reference rows: what needs no skill, scored as entries are, on every board by itself.
+
+They are no submissions: nobody uploaded them, and they depend on split and protocol alone. So each
+board makes its own, from the private store where they are kept, and an old board keeps its.
+"""
+
+import hashlib
+
+from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.references import REFERENCES
+from exceptiondrive_scoring.references import reference_answers
+from exceptiondrive_worker.board_entries import ScoredReference
+from exceptiondrive_worker.comparisons import entry_uncertainties
+from exceptiondrive_worker.context import WorkerContext
+from exceptiondrive_worker.private_store import pack_columns
+from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.split_store import LoadedSplit
+from exceptiondrive_worker.stages import Target
+
+
+def scored_references(
+    context: WorkerContext, challenge: Challenge, split: LoadedSplit, protocol: ProtocolDocument
+) -> list[ScoredReference]:
+    """Score the references of a challenge, so far as the split has what they are made of."""
+    n_samples = len(split.manifest.sample_ids)
+    made = {
+        reference: answers
+        for reference in REFERENCES.get(challenge.id, ())
+        if (answers := reference_answers(reference, n_samples, protocol.geometry, split.recorded_m))
+    }
+    digests = [hashlib.sha256(pack_columns(answers)).hexdigest() for answers in made.values()]
+    targets = [
+        Target(f"sha256:{digest}", challenge, split, protocol, made=answers)
+        for digest, answers in zip(digests, made.values(), strict=True)
+    ]
+    scored = [context.stages.score(target) for target in targets]
+    uncertainties = entry_uncertainties(
+        context.private,
+        context.stages,
+        [(target, each.measurement_key) for target, each in zip(targets, scored, strict=True)],
+    )
+    rounding = Rounding(challenge, protocol.publication)
+    return [
+        ScoredReference(reference, rounding.sheet(each.sheet), sure)
+        for reference, each, sure in zip(made, scored, uncertainties, strict=True)
+    ]

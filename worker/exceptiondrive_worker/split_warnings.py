@@ -1,0 +1,63 @@
+"""Lint of a split file: what its maker should look at before it becomes a benchmark.
+
+Sample ids of a warning are for the operator's terminal and the workshop, never for the server.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_scoring.arrays import split_arrays
+from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
+from exceptiondrive_worker.split_faults import SplitFault
+
+_SHOWN = 5
+
+
+def split_warnings(split: Split, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
+    """Return every doubt about a split that can be scored under this protocol."""
+    samples = sorted(split.samples, key=lambda sample: sample.sample_id)
+    n_samples, n_waypoints = len(samples), protocol.geometry.waypoints
+    linted = LintedSplit(
+        sample_ids=[sample.sample_id for sample in samples],
+        arrays=split_arrays(samples, protocol.taxonomy),
+        recorded_m=np.full((n_samples, n_waypoints, 2), np.nan),
+        is_control=np.zeros(n_samples, dtype=np.bool_),
+    )
+    return lint(linted, protocol)
+
+
+def warning_lines(warnings: Sequence[LintWarning], *, with_samples: bool) -> list[str]:
+    """One line a warning, for a terminal."""
+    return [
+        f"warning {found.code} ({found.count:,}): {found.what}"
+        + (_first(found.sample_ids) if with_samples and found.sample_ids else "")
+        for found in warnings
+    ]
+
+
+def check_report(
+    split: Split, faults: Sequence[SplitFault], warnings: Sequence[LintWarning]
+) -> dict[str, Any]:
+    """`check-split --json`: faults refuse the split, warnings do not."""
+    return {
+        "split": split.name,
+        "revision": split.revision,
+        "n_samples": len(split.samples),
+        "faults": [
+            {"what": fault.what, "count": len(fault.sample_ids), "sample_ids": fault.sample_ids}
+            for fault in faults
+        ],
+        "warnings": [asdict(found) for found in warnings],
+    }
+
+
+def _first(sample_ids: Sequence[str]) -> str:
+    more = len(sample_ids) - _SHOWN
+    rest = f" and {counted(more, 'more', 'more')}" if more > 0 else ""
+    return f": {', '.join(sample_ids[:_SHOWN])}{rest}"
