@@ -15,6 +15,10 @@ from exceptiondrive_schemas.printable import printable
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
     "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
+    "review": (
+        "exceptiondrive_build.review_page.commands",
+        "Serve the review page on this machine.",
+    ),
 }
 """Where each command lives and what `--help` says of it. Its module has `register(app)`."""
 

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Body, FastAPI, Form, HTTPException, Request, Response
@@ -21,10 +21,11 @@ from exceptiondrive_build.review_page.desk import Desk, Queue, TakenError
 from exceptiondrive_build.review_page.doors import Doors
 from exceptiondrive_build.review_page.leases import Holder
 from exceptiondrive_build.review_page.region import measured
-from exceptiondrive_build.values import Corners, Inspected, Mark, Verified
+from exceptiondrive_build.values import Inspected, Mark, Verified
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import Document
 
+Word = TypeVar("Word", Inspected, Verified)
 STATIC = Path(__file__).parent / "static"
 LOOPBACK = {"127.0.0.1", "localhost"}
 COOKIE = "exceptiondrive_review"
@@ -36,7 +37,7 @@ HEADERS = {
         "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
     ),
     "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
+    "Referrer-Policy": "same-origin",  # forms have to say where they come from
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
@@ -69,22 +70,13 @@ class Decision(Document):
     value: dict[str, Any]
 
 
-class Shape(Document):
-    """A region under a reader's hand."""
-
-    card: str
-    corners: Corners
-
-
 class Which(Document):
     """A card."""
 
     card: str
 
 
-def review_app(
-    folder: Path, announce: Callable[[str], None], *, lease_s: float = 60.0
-) -> FastAPI:
+def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float = 60.0) -> FastAPI:
     """Make the application for one workshop.
 
     Args:
@@ -112,9 +104,7 @@ def review_app(
     return app
 
 
-async def _guard(
-    request: Request, proceed: Callable[[Request], Awaitable[Response]]
-) -> Response:
+async def _guard(request: Request, proceed: Callable[[Request], Awaitable[Response]]) -> Response:
     """Answer browsers of this machine that opened the page, and no page of another site."""
     host = request.headers.get("host", "")
     origin = request.headers.get("origin")
@@ -171,6 +161,14 @@ def _holder(request: Request) -> Holder:
     return Holder(holder.browser + request.headers.get("x-tab", "")[:32], holder.reviewer)
 
 
+def _read(model: type[Word], value: dict[str, Any]) -> Word:
+    try:
+        return model.model_validate(value, strict=False)  # JSON has no tuples
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        raise BuildError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}.") from None
+
+
 def _add_doors(app: FastAPI) -> None:
     @app.get("/open/{key}")
     async def open_(request: Request, key: str) -> Response:
@@ -194,7 +192,7 @@ def _add_doors(app: FastAPI) -> None:
 
     @app.post("/sign-out")
     async def sign_out(request: Request) -> Response:
-        _desk(request).leases.give_back(_holder(request))
+        _holder(request)
         _doors(request).sign_out(request.cookies[COOKIE])
         answer = RedirectResponse("/", status_code=303)
         answer.delete_cookie(COOKIE)
@@ -228,8 +226,10 @@ def _add_pages(app: FastAPI) -> None:
             limits=desk.workshop.settings.verify,
         )
 
-    @app.get("/{queue}")
-    async def cards(request: Request, queue: Queue) -> Response:
+    @app.get("/inspect")
+    @app.get("/verify")
+    async def cards(request: Request) -> Response:
+        queue = request.url.path.removeprefix("/")
         holder = _doors(request).holder(request.cookies.get(COOKIE))
         if holder is None or not holder.reviewer:
             return RedirectResponse("/", status_code=303)
@@ -268,12 +268,8 @@ def _add_cards(app: FastAPI) -> None:
     @app.post("/api/{queue}/decide")
     async def decide(request: Request, queue: Queue, decision: Decision) -> dict[str, Any]:
         holder, desk = _holder(request), _desk(request)
-        model = Inspected if queue == "inspect" else Verified
-        try:
-            value = model.model_validate(decision.value, strict=False)
-        except ValidationError as error:
-            first = error.errors(include_url=False, include_input=False)[0]
-            raise BuildError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}.") from None
+        told = decision.value
+        value = _read(Inspected, told) if queue == "inspect" else _read(Verified, told)
         desk.decide(queue, decision.card, holder, value)
         return {"kept": decision.card}
 
@@ -293,13 +289,13 @@ def _add_cards(app: FastAPI) -> None:
         return {"card": card(desk, queue, sample_id), "value": record.value}
 
     @app.post("/api/verify/measure")
-    async def measure(request: Request, shape: Shape) -> dict[str, Any]:
+    async def measure(request: Request, decision: Decision) -> dict[str, Any]:
         _holder(request)
-        desk = _desk(request)
-        if shape.card not in desk.candidates:
+        desk, corners = _desk(request), _read(Verified, decision.value).corners
+        if decision.card not in desk.candidates or corners is None:
             raise TakenError
-        recorded = desk.candidates[shape.card].keyframe.recorded
-        return measured(shape.corners, recorded, desk.workshop.protocol)
+        recorded = desk.candidates[decision.card].keyframe.recorded
+        return measured(corners, recorded, desk.workshop.protocol)
 
     @app.post("/api/{what}")
     async def lease(request: Request, what: Literal["keep", "leave"]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
     keyframe, task, protocol = candidate.keyframe, candidate.task, desk.workshop.protocol
     screened, reviewed = candidate.screened, candidate.reviewed
     is_third = queue == "verify" and desk.is_third(sample_id)
-    family = next(one.name for one in protocol.taxonomy.families if one.id == task.family)
+    families = {family.id: family.title for family in protocol.taxonomy.families}
     return {
         "id": sample_id,
         "third": is_third,
@@ -27,7 +27,7 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
         "task": {
             "id": task.id,
             "title": task.title,
-            "family": family.replace("_", " "),
+            "family": families[task.family],
             "hazard": task.hazard,
             "region": task.region,
             "words": desk.workshop.task_texts[task.id].edit,
@@ -52,7 +52,9 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
 
 def _view(candidate: Candidate, camera: Camera) -> dict[str, Any]:
     """One view. `ground`: takes (x, y, 1) in metres on the ground to (u depth, v depth, depth)."""
-    edited = candidate.edited.images.get(camera.view) if isinstance(candidate.edited, Edited) else None
+    edited = (
+        candidate.edited.images.get(camera.view) if isinstance(candidate.edited, Edited) else None
+    )
     reviewed, screened = candidate.reviewed, candidate.screened
     change = reviewed.changes.get(camera.view) if isinstance(reviewed, Reviewed) else None
     asked = screened.views if isinstance(screened, Screened) else ()

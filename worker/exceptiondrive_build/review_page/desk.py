@@ -218,6 +218,7 @@ class Desk:
             )
         )
         self.leases.give_back(holder, queue, sample_id)
+        self.refresh()
 
     def undo(self, queue: Queue, holder: Holder) -> tuple[str, Record] | None:
         """Take back this person's newest decision and hold its card; None if there is none.
@@ -245,6 +246,7 @@ class Desk:
 
     def progress(self, queue: Queue, reviewer: str) -> Progress:
         """How far a queue is, seen by one person."""
+        self.refresh()
         cards = self.cards(queue)
         waiting = [card for card in cards if self.seats(queue, card)]
         for_me = sum(self.may_decide(queue, card, reviewer) for card in waiting)

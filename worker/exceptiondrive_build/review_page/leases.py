@@ -36,9 +36,7 @@ class Holder(NamedTuple):
 class Leases:
     """The table; several processes may use it at once."""
 
-    def __init__(
-        self, path: Path, lease_s: float, clock: Callable[[], float] = time.time
-    ) -> None:
+    def __init__(self, path: Path, lease_s: float, clock: Callable[[], float] = time.time) -> None:
         """Open it in the records' file.
 
         Args:
@@ -81,7 +79,8 @@ class Leases:
         Raises:
             BuildError: The file cannot be written.
         """
-        now, taken = self._clock(), []
+        now = self._clock()
+        taken: list[str] = []
         with self._transaction() as write:
             write.execute("DELETE FROM leases WHERE until <= ?", (now,))
             held = defaultdict(list)

@@ -108,7 +108,7 @@ export class CornerEditor {
     const card = this.#card;
     this.svg.replaceChildren(
       ...grid(metre),
-      ...card.tube.map((piece) => polygon("tube", piece)),
+      shape("g", { class: "tube" }, ...card.tube.map((piece) => polygon("piece", piece))),
       polygon("car", card.footprint),
       polyline("path", [[0, 0], ...card.recorded]),
       ...card.recorded.map((at) => dot("stop", at, 3 / metre)),

@@ -47,8 +47,8 @@ export class Pictures {
     this.#swipe(100);
     this.zoomOff();
     this.#thumbs.replaceChildren(...card.views.map((view, place) => this.#thumb(view, place)));
-    const first = card.views.findIndex((view) => view.edited);
-    this.look(first < 0 ? 0 : first);
+    const off = card.views.map((view) => aside(view, card.target));
+    this.look(off.indexOf(Math.min(...off)));
   }
 
   /** Bring a view to the front. */
@@ -202,6 +202,13 @@ export function prefetch(cards) {
 export const spoken = (name) =>
   name.replace(/^CAM_/, "").replaceAll("_", " ").toLowerCase();
 const address = (name) => `/pictures/${name}`;
+
+/** How far from the middle of a picture the target stands; edited views come first. */
+function aside(view, target) {
+  const [at] = target ? project(view.ground, [target], false) : [];
+  const far = at ? Math.abs(at[0] / view.width - 0.5) : 1e3;
+  return view.edited ? far : far + 1e6;
+}
 
 function fill(both, view) {
   const [source, edited] = both.querySelectorAll("img");

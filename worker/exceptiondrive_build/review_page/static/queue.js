@@ -176,6 +176,7 @@ export class CardQueue {
     this.#isChoosing = isOpen && Boolean(this.card);
     find("reasons").hidden = !this.#isChoosing;
     find("reject").setAttribute("aria-expanded", String(this.#isChoosing));
+    if (this.#isChoosing) find("reasons").scrollIntoView({ block: "nearest" });
   }
 
   #key(event) {
@@ -206,8 +207,9 @@ export class CardQueue {
     };
     if (key === " " && isControl) return false;
     if (key === " ") return this.pictures.flip(true), true;
-    acts[key.toLowerCase()]?.() ?? acts[key]?.();
-    return key in acts || key.toLowerCase() in acts;
+    const act = acts[key] ?? acts[key.toLowerCase()];
+    act?.();
+    return Boolean(act);
   }
 }
 

@@ -78,8 +78,8 @@ function toggle(name) {
 async function measure() {
   const { card } = cards;
   if (!card) return;
-  const answer = await ask("verify/measure", { card: card.id, corners: editor.corners })
-    .catch(() => null);
+  const value = { accepted: true, corners: editor.corners };
+  const answer = await ask("verify/measure", { card: card.id, value }).catch(() => null);
   if (!answer?.ok || cards.card !== card) return;
   const { area_m2: area, clearance_m: clearance, faults } = answer.body;
   const words = [];
