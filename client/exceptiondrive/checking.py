@@ -52,8 +52,9 @@ def check_file(
 
 
 def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
-    """Return what a participant may know of a split, for a split that is at hand."""
-    return Manifest.of(split, protocol.geometry)
+    """Return what is known of a split that is at hand: recorded drives too."""
+    whole = split.model_copy(update={"recorded_is_public": True})
+    return Manifest.of(whole, protocol.geometry, revision=split.revision)
 
 
 def read_file(file: str | os.PathLike[str]) -> bytes:

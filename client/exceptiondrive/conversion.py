@@ -1,35 +1,37 @@
 """Bring a planner's own trajectories into the form and frame of a submission.
 
-Read: JSON (a submission file, or a bare list of its predictions), JSON lines (one prediction a
-line; a recorder's journal is such a file), or CSV, one waypoint a row, with the header
-`sample_id,trajectory,step,x_m,y_m` and perhaps `heading_rad`; `trajectory` is `source` or
-`edited`. A trajectory without rows is missing (null).
-
-Convert: the steps run in one order, each only if asked for or needed, and each says what it did:
-heading column away, swap of axes, sensor to rear axle, t = 0 away, horizon cut. Pure.
+The steps run in one order, each only if asked for or needed, and each says what it did: heading
+column away, centimetres to metres, axes exchanged, turned, mirrored, time reversed, increments
+added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step, horizon, and what
+is still invalid to null. Pure.
 """
 
-import csv
-import gzip
-import io
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
-from exceptiondrive.checking import write_file
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check.source_fit import (
+    at_times,
+    mirrored,
+    rotated,
+    scaled,
+    summed,
+    swapped,
+)
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import GeometrySection
 
 Waypoints = tuple[tuple[float, ...], ...]
 FollowedPoint = Literal["sensor", "rear-axle"]
 
 AT_ORIGIN_M = 0.05
 """A first point as near to the origin as this is the car at t = 0."""
-SIDES = ("source", "edited")
-CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
-SCHEMA = "exceptiondrive.planning/1"
+SAME_TIME_S = 1e-6
+QUARTER_TURN_DEG = 90
 
 
 @dataclass(frozen=True)
@@ -40,37 +42,112 @@ class RawPair:
     source: Waypoints | None
     edited: Waypoints | None
 
-    @property
-    def given(self) -> tuple[Waypoints, ...]:
-        """The trajectories that are there."""
-        return tuple(side for side in (self.source, self.edited) if side is not None)
-
 
 @dataclass(frozen=True)
 class ConversionPlan:
     """What to do.
 
     Attributes:
-        waypoints: How many points the protocol takes.
-        swap_axes: From x right / y forward to x forward / y left: (x, y) -> (y, -x).
+        geometry: Waypoints, time step and bounds of the protocol.
+        centimetres: Divide by 100.
+        swap: Exchange x and y.
+        rotate_deg: Turn counter-clockwise by 90, -90 or 180 degrees; -90 makes x forward / y left of
+            x right / y forward.
+        mirror: Turn y to the other side.
+        reverse: Turn the order of the waypoints round.
+        cumulative: Add up increments.
+        exchange: Take source as edited, and edited as source.
         origin_offset_m: How far the origin of the given frame sits ahead of the rear axle.
         follows: Whether the given points are where that sensor goes, or where the rear axle goes.
-        truncate: Cut longer horizons.
+        time_step_s: Time between two given waypoints; None: that of the protocol, as is.
+        truncate: Cut longer horizons; only where the time step is said.
+        null_invalid: Write null for a trajectory that is still invalid.
     """
 
-    waypoints: int
-    swap_axes: bool = False
+    geometry: GeometrySection
+    centimetres: bool = False
+    swap: bool = False
+    rotate_deg: int = 0
+    mirror: bool = False
+    reverse: bool = False
+    cumulative: bool = False
+    exchange: bool = False
     origin_offset_m: float = 0.0
     follows: FollowedPoint = "sensor"
+    time_step_s: float | None = None
     truncate: bool = False
+    null_invalid: bool = False
+
+    @property
+    def step_s(self) -> float:
+        """Time between two given waypoints."""
+        return self.geometry.time_step_s if self.time_step_s is None else self.time_step_s
+
+    @property
+    def n_needed(self) -> int:
+        """How many given waypoints reach the protocol's horizon."""
+        return math.ceil((self.geometry.horizon_s - SAME_TIME_S) / self.step_s)
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """The converted pairs, and a sentence for each thing that was done."""
+    """The converted pairs, a sentence for each thing that was done, and what became null."""
 
     pairs: tuple[RawPair, ...]
     done: tuple[str, ...]
+    nulled: tuple[str, ...] = ()
+
+
+@dataclass
+class _Work:
+    """Pairs on their way, and what was done to them."""
+
+    plan: ConversionPlan
+    pairs: tuple[RawPair, ...]
+    done: list[str] = field(default_factory=list)
+    nulled: list[str] = field(default_factory=list)
+
+    def change(self, change: Callable[[Waypoints], Waypoints], sentence: str) -> None:
+        """Change every trajectory, and say so."""
+        self.pairs = tuple(
+            replace(
+                pair,
+                source=None if pair.source is None else change(pair.source),
+                edited=None if pair.edited is None else change(pair.edited),
+            )
+            for pair in self.pairs
+        )
+        self.done.append(sentence)
+
+    def given(self) -> Iterator[tuple[str, Waypoints]]:
+        """Yield every trajectory that is there, and where."""
+        for pair in self.pairs:
+            for side, points in (("source", pair.source), ("edited", pair.edited)):
+                if points is not None:
+                    yield f"{pair.sample_id}: {side}", points
+
+    def refuse(self, fault_of: Callable[[Waypoints], str | None], code: str, advice: str) -> None:
+        """Refuse trajectories with a fault, or write null in their place where that was asked for.
+
+        Raises:
+            InvalidArgumentError: There is one, and it is not to become null.
+        """
+        wrong = {where: fault for where, points in self.given() if (fault := fault_of(points))}
+        if not wrong:
+            return
+        if not self.plan.null_invalid:
+            where, fault = next(iter(wrong.items()))
+            trajectories = counted(len(wrong), "trajectory is wrong", "trajectories are wrong")
+            raise InvalidArgumentError(code, f"{trajectories}, the first: {where} {fault}.", advice)
+        self.nulled += [f"{where} {fault}" for where, fault in wrong.items()]
+        self.pairs = tuple(
+            replace(
+                pair,
+                source=None if f"{pair.sample_id}: source" in wrong else pair.source,
+                edited=None if f"{pair.sample_id}: edited" in wrong else pair.edited,
+            )
+            for pair in self.pairs
+        )
 
 
 def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
@@ -79,20 +156,51 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
     Raises:
         InvalidArgumentError: A trajectory is too short, too long, or not made of points.
     """
-    done: list[str] = []
-    pairs = _without_headings(pairs, done)
-    if plan.swap_axes:
-        pairs = _each(pairs, swap_axes)
-        done.append("swapped x right / y forward to x forward / y left: (x, y) -> (y, -x)")
+    work = _Work(plan, pairs)
+    work.refuse(
+        _shape_fault,
+        "wrong_waypoint_shape",
+        "Every waypoint is [x, y] or [x, y, heading] of finite numbers. Write null where the planner "
+        "failed; --null-invalid does it for you.",
+    )
+    _leave_out_headings(work)
+    for is_asked, change, sentence in (
+        (plan.centimetres, lambda points: scaled(points, 0.01), "took centimetres as metres / 100"),
+        (plan.swap, swapped, "exchanged x and y: (x, y) -> (y, x)"),
+        (
+            plan.rotate_deg != 0,
+            lambda points: rotated(points, plan.rotate_deg // QUARTER_TURN_DEG),
+            f"turned by {plan.rotate_deg} degrees: {_ROTATION_WORDS.get(plan.rotate_deg, '')}",
+        ),
+        (plan.mirror, mirrored, "mirrored: (x, y) -> (x, -y)"),
+        (plan.reverse, lambda points: points[::-1], "reversed the order of the waypoints"),
+        (plan.cumulative, summed, "added up increments to positions"),
+    ):
+        if is_asked:
+            work.change(_as_waypoints(change), sentence)
+    if plan.exchange:
+        work.pairs = tuple(
+            replace(pair, source=pair.edited, edited=pair.source) for pair in work.pairs
+        )
+        work.done.append("exchanged source and edited")
     if plan.origin_offset_m:
-        pairs = _to_rear_axle(pairs, plan, done)
-    pairs = _without_start(pairs, plan.waypoints, done)
-    return Conversion(_cut(pairs, plan, done), tuple(done))
+        _to_rear_axle(work)
+    _leave_out_start(work)
+    _fit_horizon(work)
+    if plan.null_invalid:
+        work.refuse(lambda points: _bounds_fault(points, plan.geometry), "", "")
+    if work.nulled:
+        n_nulled, n_samples = len(work.nulled), len(work.pairs)
+        trajectories = counted(n_nulled, "trajectory", "trajectories")
+        work.done.append(f"wrote null for {trajectories} of {counted(n_samples, 'sample')}")
+    return Conversion(work.pairs, tuple(work.done), tuple(work.nulled))
 
 
-def swap_axes(points: Waypoints) -> Waypoints:
-    """Turn x right / y forward into x forward / y left."""
-    return tuple((y, -x) for x, y in points)
+_ROTATION_WORDS = {-90: "(x, y) -> (y, -x)", 90: "(x, y) -> (-y, x)", 180: "(x, y) -> (-x, -y)"}
+
+
+def _as_waypoints(change: Callable[..., Iterable[tuple[float, ...]]]) -> Callable[..., Waypoints]:
+    return lambda points: tuple(change(points))
 
 
 def shift_origin(points: Waypoints, offset_m: float) -> Waypoints:
@@ -128,255 +236,119 @@ def sensor_to_rear_axle(points: Waypoints, offset_m: float) -> Waypoints:
     return tuple(path)
 
 
-def _each(
-    pairs: tuple[RawPair, ...], change: Callable[[Waypoints], Waypoints]
-) -> tuple[RawPair, ...]:
-    return tuple(
-        replace(
-            pair,
-            source=None if pair.source is None else change(pair.source),
-            edited=None if pair.edited is None else change(pair.edited),
+def _shape_fault(points: Waypoints) -> str | None:
+    widths = {len(point) for point in points}
+    if not widths <= {2} and not widths <= {3}:
+        return "has waypoints that are not all [x, y] or [x, y, heading]"
+    if not all(math.isfinite(number) for point in points for number in point):
+        return "holds a number that is not finite"
+    return None
+
+
+def _bounds_fault(points: Waypoints, geometry: GeometrySection) -> str | None:
+    farthest_m = max(abs(number) for point in points for number in point)
+    if farthest_m > geometry.max_coordinate_m:
+        return f"has a coordinate of {farthest_m:.6g} m, out of bounds"
+    longest_m = max(map(math.dist, [(0.0, 0.0), *points[:-1]], points))
+    if longest_m > geometry.max_step_m:
+        return f"has a step of {longest_m:.2f} m"
+    return None
+
+
+def _leave_out_headings(work: _Work) -> None:
+    n_with_heading = sum(len(points[0]) == 3 for _, points in work.given() if points)
+    if n_with_heading:
+        work.change(
+            lambda points: tuple(point[:2] for point in points),
+            f"left out the heading (third column) of {n_with_heading} trajectories",
         )
-        for pair in pairs
-    )
 
 
-def _trajectories(pairs: tuple[RawPair, ...]) -> Iterator[tuple[str, Waypoints]]:
-    for pair in pairs:
-        for side, points in (("source", pair.source), ("edited", pair.edited)):
-            if points is not None:
-                yield f"{pair.sample_id}: {side}", points
+def _to_rear_axle(work: _Work) -> None:
+    offset_m = work.plan.origin_offset_m
+    if work.plan.follows == "rear-axle":
+        work.change(
+            lambda points: shift_origin(points, offset_m),
+            f"moved the origin {offset_m:g} m back to the rear axle: x -> x + {offset_m:g}",
+        )
+    else:
+        work.change(
+            lambda points: sensor_to_rear_axle(points, offset_m),
+            f"turned the path of a point {offset_m:g} m ahead of the rear axle into the path of the "
+            "rear axle",
+        )
 
 
-def _without_headings(pairs: tuple[RawPair, ...], done: list[str]) -> tuple[RawPair, ...]:
-    n_with_heading = 0
-    for where, points in _trajectories(pairs):
-        widths = {len(point) for point in points}
-        if not widths <= {2} and not widths <= {3}:
-            raise InvalidArgumentError(
-                "wrong_waypoint_shape",
-                f"{where}: every waypoint must be [x, y] or [x, y, heading].",
-            )
-        if not all(math.isfinite(number) for point in points for number in point):
-            raise InvalidArgumentError(
-                "non_finite",
-                f"{where} holds a number that is not finite.",
-                "Write null where the planner failed.",
-            )
-        n_with_heading += widths == {3}
-    if n_with_heading == 0:
-        return pairs
-    done.append(f"left out the heading (third column) of {n_with_heading} trajectories")
-    return _each(pairs, lambda points: tuple(point[:2] for point in points))
-
-
-def _to_rear_axle(
-    pairs: tuple[RawPair, ...], plan: ConversionPlan, done: list[str]
-) -> tuple[RawPair, ...]:
-    offset_m = plan.origin_offset_m
-    if plan.follows == "rear-axle":
-        done.append(f"moved the origin {offset_m:g} m back to the rear axle: x -> x + {offset_m:g}")
-        return _each(pairs, lambda points: shift_origin(points, offset_m))
-    done.append(
-        f"turned the path of a point {offset_m:g} m ahead of the rear axle into the path of the "
-        "rear axle"
-    )
-    return _each(pairs, lambda points: sensor_to_rear_axle(points, offset_m))
-
-
-def _without_start(
-    pairs: tuple[RawPair, ...], waypoints: int, done: list[str]
-) -> tuple[RawPair, ...]:
+def _leave_out_start(work: _Work) -> None:
     """Leave out the point at t = 0 where every trajectory has it and a point to spare."""
-    given = [points for _, points in _trajectories(pairs)]
+    given = [points for _, points in work.given()]
     has_start = bool(given) and all(
-        len(points) > waypoints and math.hypot(*points[0]) <= AT_ORIGIN_M for points in given
+        len(points) > work.plan.n_needed and math.hypot(*points[0]) <= AT_ORIGIN_M
+        for points in given
     )
-    if not has_start:
-        return pairs
-    done.append(
-        f"left out the first point of {len(given)} trajectories: within {AT_ORIGIN_M} m of the "
-        "origin, it is t = 0"
-    )
-    return _each(pairs, lambda points: points[1:])
+    if has_start:
+        work.change(
+            lambda points: points[1:],
+            f"left out the first point of {len(given)} trajectories: within {AT_ORIGIN_M} m of the "
+            "origin, it is t = 0",
+        )
 
 
-def _cut(pairs: tuple[RawPair, ...], plan: ConversionPlan, done: list[str]) -> tuple[RawPair, ...]:
-    lengths = [(where, len(points)) for where, points in _trajectories(pairs)]
-    short = [(where, length) for where, length in lengths if length < plan.waypoints]
-    if short:
+def _fit_horizon(work: _Work) -> None:
+    """Bring the time step to the protocol's, and cut what lies beyond its horizon."""
+    plan, geometry = work.plan, work.plan.geometry
+    work.refuse(
+        lambda points: (
+            f"has {len(points)} waypoints, fewer than {plan.n_needed}"
+            if len(points) < plan.n_needed
+            else None
+        ),
+        "wrong_waypoint_count",
+        "Nothing is made up: let the planner give them, or write null.",
+    )
+    n_long = sum(len(points) > plan.n_needed for _, points in work.given())
+    if n_long and not (plan.truncate and plan.time_step_s is not None):
+        _, longest = max(work.given(), key=lambda found: len(found[1]))
         raise InvalidArgumentError(
             "wrong_waypoint_count",
-            f"{len(short)} trajectories have fewer than {plan.waypoints} waypoints, the first: "
-            f"{short[0][0]} has {short[0][1]}.",
-            "Nothing is made up: let the planner give them, or write null.",
+            f"{counted(n_long, 'trajectory has', 'trajectories have')} more than {plan.n_needed} "
+            f"waypoints, up to {len(longest)}.",
+            f"Say how far apart they are, --time-step-s S, and add --truncate to keep the first "
+            f"{geometry.horizon_s:g} s.",
         )
-    long = [(where, length) for where, length in lengths if length > plan.waypoints]
-    if not long:
-        return pairs
-    if not plan.truncate:
-        raise InvalidArgumentError(
-            "wrong_waypoint_count",
-            f"{len(long)} trajectories have more than {plan.waypoints} waypoints, the first: "
-            f"{long[0][0]} has {long[0][1]}.",
-            f"Add --truncate to keep the first {plan.waypoints} (0.5 s apart).",
+    if not math.isclose(plan.step_s, geometry.time_step_s):
+        _resample(work)
+    if n_long:
+        n_kept = geometry.waypoints
+        cut = counted(n_long, "trajectory", "trajectories")
+        work.change(
+            lambda points: points[:n_kept],
+            f"cut {cut} to the first {n_kept} waypoints, {geometry.horizon_s:g} s",
         )
-    done.append(f"cut {len(long)} trajectories to their first {plan.waypoints} waypoints")
-    return _each(pairs, lambda points: points[: plan.waypoints])
 
 
-def read_pairs(paths: Sequence[Path]) -> tuple[tuple[RawPair, ...], str | None]:
-    """Read all files as one: shards of a run make one submission.
-
-    Returns:
-        The pairs in order, and the split that the files name, if any does.
-
-    Raises:
-        InvalidArgumentError: A file cannot be read, or a sample occurs twice.
-    """
-    pairs: dict[str, RawPair] = {}
-    splits: set[str] = set()
-    for path in paths:
-        text = _text(path)
-        for pair in _pairs_of(path, text, splits):
-            if pair.sample_id in pairs:
-                raise _fault(path, f"sample {pair.sample_id} occurs twice.")
-            pairs[pair.sample_id] = pair
-    if len(splits) > 1:
-        raise InvalidArgumentError(
-            "wrong_split", f"The files name different splits: {', '.join(sorted(splits))}."
+def _resample(work: _Work) -> None:
+    step_s, wanted_s = work.plan.step_s, work.plan.geometry.time_step_s
+    every = round(wanted_s / step_s)
+    if every and math.isclose(every * step_s, wanted_s, rel_tol=1e-6):
+        work.change(
+            lambda points: points[every - 1 :: every],
+            f"took one waypoint of {every}: {step_s:g} s to {wanted_s:g} s apart",
         )
-    return tuple(pairs.values()), splits.pop() if splits else None
+        return
+    times_s = [wanted_s * number for number in range(1, work.plan.geometry.waypoints + 1)]
+    work.change(
+        lambda points: tuple(at_times([(x, y) for x, y in points], step_s, times_s)),
+        f"worked out waypoints {wanted_s:g} s apart on straight lines between those {step_s:g} s "
+        "apart",
+    )
 
 
-def write_submission(path: Path, split: str, pairs: Iterable[RawPair]) -> int:
-    """Write a submission file in one step, compressed if the name ends in `.gz`.
-
-    Returns:
-        Size in bytes.
-    """
+def submission_text(split: str, pairs: Iterable[RawPair]) -> str:
+    """Return a submission file."""
     predictions = [
         {"sample_id": pair.sample_id, "source": pair.source, "edited": pair.edited}
         for pair in pairs
     ]
-    document = {"schema": SCHEMA, "split": split, "predictions": predictions}
-    return write_file(path, json.dumps(document, separators=(",", ":"), allow_nan=False))
-
-
-def _text(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-        return (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode("utf-8-sig")
-    except (OSError, EOFError) as error:
-        raise _fault(path, f"cannot be read: {error}.") from None
-    except UnicodeDecodeError:
-        raise _fault(path, "is not UTF-8 text.") from None
-
-
-def _pairs_of(path: Path, text: str, splits: set[str]) -> Iterator[RawPair]:
-    if text.lstrip()[:1] not in ("{", "["):
-        yield from _pairs_of_csv(path, text)
-        return
-    for value in _predictions(path, text, splits):
-        yield _pair_of_json(path, value)
-
-
-def _predictions(path: Path, text: str, splits: set[str]) -> Iterator[Any]:
-    """Yield the predictions of a JSON document, or of JSON lines."""
-    try:
-        document = json.loads(text)
-        values = document if isinstance(document, list) else [document]
-    except ValueError:
-        values = _json_lines(path, text)
-    for value in values:
-        if isinstance(value, dict) and "schema" in value:
-            if value["schema"] != SCHEMA:
-                raise _fault(path, f"is {value['schema']!r}: only {SCHEMA!r} has trajectories.")
-            if isinstance(value.get("split"), str):
-                splits.add(value["split"])
-            yield from value.get("predictions", ())
-        else:
-            yield value
-
-
-def _json_lines(path: Path, text: str) -> list[Any]:
-    values = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip():
-            try:
-                values.append(json.loads(line))
-            except ValueError as error:
-                raise _fault(path, f"line {number} is not JSON: {error}.") from None
-    return values
-
-
-def _pair_of_json(path: Path, value: Any) -> RawPair:
-    if not isinstance(value, dict) or not isinstance(value.get("sample_id"), str):
-        raise _fault(path, f"a prediction needs a sample_id, got {str(value)[:80]}.")
-    sample_id = value["sample_id"]
-    unknown = sorted(set(value) - {"sample_id", *SIDES})
-    if unknown:
-        raise _fault(path, f"{sample_id}: unknown key {', '.join(unknown)}.")
-    source, edited = (_points(path, f"{sample_id}: {side}", value.get(side)) for side in SIDES)
-    return RawPair(sample_id, source, edited)
-
-
-def _points(path: Path, where: str, value: Any) -> Waypoints | None:
-    if value is None:
-        return None
-    try:
-        return tuple(tuple(_number(number) for number in point) for point in value)
-    except (TypeError, ValueError):
-        raise _fault(path, f"{where} must be a list of [x, y] in metres, or null.") from None
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError
-    return float(value)
-
-
-def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
-    reader = csv.DictReader(io.StringIO(text))
-    absent = sorted(set(CSV_COLUMNS) - set(reader.fieldnames or ()))
-    if absent:
-        raise _fault(
-            path, f"has no column {', '.join(absent)}; the header must be {','.join(CSV_COLUMNS)}."
-        )
-    points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
-    for row in reader:
-        where = f"line {reader.line_num}"
-        if row["trajectory"] not in SIDES:
-            raise _fault(path, f"{where}: trajectory must be source or edited.")
-        step, point = _row(path, where, row)
-        of_side = points.setdefault(row["sample_id"], {}).setdefault(row["trajectory"], {})
-        if step in of_side:
-            raise _fault(path, f"{where}: step {step} occurs twice.")
-        of_side[step] = point
-    for sample_id, sides in points.items():
-        source, edited = (_in_order(path, sample_id, side, sides.get(side)) for side in SIDES)
-        yield RawPair(sample_id, source, edited)
-
-
-def _row(path: Path, where: str, row: dict[str, str]) -> tuple[int, tuple[float, ...]]:
-    heading = row.get("heading_rad")
-    numbers = (row["x_m"], row["y_m"], *((heading,) if heading else ()))
-    try:
-        return int(row["step"]), tuple(float(number) for number in numbers)
-    except (TypeError, ValueError):
-        raise _fault(path, f"{where}: step must be a whole number, x_m and y_m numbers.") from None
-
-
-def _in_order(
-    path: Path, sample_id: str, side: str, by_step: dict[int, tuple[float, ...]] | None
-) -> Waypoints | None:
-    if by_step is None:
-        return None
-    steps = sorted(by_step)
-    if steps != list(range(steps[0], steps[0] + len(steps))) or steps[0] not in (0, 1):
-        raise _fault(path, f"{sample_id}: {side}: steps must run from 0 or 1 without a gap.")
-    return tuple(by_step[step] for step in steps)
-
-
-def _fault(path: Path, sentence: str) -> InvalidArgumentError:
-    return InvalidArgumentError("unreadable_file", f"{path.name}: {sentence}")
+    document = {"schema": PLANNING.file_schema, "split": split, "predictions": predictions}
+    return json.dumps(document, separators=(",", ":"), allow_nan=False)

@@ -6,6 +6,7 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 from pydantic import ValidationError
 
@@ -13,6 +14,7 @@ from exceptiondrive.checking import manifest_of, read_file
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive_schemas.check import CheckedDocument, check, inflate
 from exceptiondrive_schemas.check.inflate import UnreadableFileError
+from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitRef
@@ -40,14 +42,24 @@ def evaluate_file(
         InvalidFileError: The file cannot be scored; the error carries every fault.
         InvalidArgumentError: The split cannot be used, or the extra `evaluate` is missing.
     """
-    return score(*sound_document(file, split, protocol))
+    sound = sound_file(file, split, protocol)
+    return score(sound.document, sound.split, sound.protocol)
 
 
-def sound_document(
+class SoundFile(NamedTuple):
+    """A file that can be scored, with what it is scored against and under."""
+
+    document: CheckedDocument
+    split: Split
+    protocol: ProtocolDocument
+    report: CheckReport
+
+
+def sound_file(
     file: str | os.PathLike[str],
     split: str | os.PathLike[str] | Split,
     protocol: ProtocolDocument | None,
-) -> tuple[CheckedDocument, Split, ProtocolDocument]:
+) -> SoundFile:
     """Read a file that can be scored, the split and the protocol that it is scored under.
 
     Raises:
@@ -60,7 +72,7 @@ def sound_document(
     checked = check(read_file(file), protocol=protocol, manifest=manifest_of(split, protocol))
     if checked.document is None:
         raise InvalidFileError(checked.report)
-    return checked.document, split, protocol
+    return SoundFile(checked.document, split, protocol, checked.report)
 
 
 def read_split(path: str | os.PathLike[str]) -> Split:

@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive.evaluation import sound_document
+from exceptiondrive.evaluation import sound_file
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -216,7 +216,7 @@ def plot_file(
         raise InvalidArgumentError(
             "wrong_output", f"{target.name} is neither .svg nor .png.", "Name the output *.svg"
         )
-    document, split, protocol = sound_document(file, split, protocol)
+    document, split, protocol, _ = sound_file(file, split, protocol)
     scenes = Scenes(document, split, protocol)
     chosen = sample_ids or scenes.worst(min(worst, MAX_PANELS))
     if not chosen:

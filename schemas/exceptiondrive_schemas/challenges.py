@@ -16,18 +16,16 @@ from pydantic_core.core_schema import CoreSchema, no_info_after_validator_functi
 from exceptiondrive_schemas import formulas
 from exceptiondrive_schemas.base import Document
 
-Outcome = Literal["kept", "lost", "hit"]
-
 
 class HeadlineWords(Document):
-    """The page's headline, chosen by the share of the best entry in the second primary metric.
+    """The page's headline, chosen by the leader's share of all samples in the second primary metric.
 
-    `{often}` is set as "once in 3", `{cases}` as "one hazard in 3", `{rest}` as `{often}` of the
-    other samples.
+    `{often}` is set as "about once in 3", `{cases}` as "about one hazard in 3", `{rest}` as
+    `{often}` of the other samples.
     """
 
     question: str
-    """Where nothing is scored yet."""
+    """Where nobody leads."""
     by_share: tuple[tuple[float, str], ...] = Field(min_length=1)
     """From this share on, these words; highest first, the last one from 0 on."""
 
@@ -39,6 +37,27 @@ class CodeWords(Document):
     method: str
     loop: str
     """Python; `{file}` and `{split}` are filled in."""
+
+
+class OutcomePart(Document):
+    """One part of the outcome bar: a metric that is a share of samples, and how it is drawn."""
+
+    metric: str
+    words: str
+    kind: Literal["kept", "lost", "hit", "unmoved"]
+
+
+Corner = Literal["top left", "top right", "bottom left", "bottom right"]
+
+
+class ChartWords(Document):
+    """The chart of two metrics, fractions both: which, and what its corners mean."""
+
+    x: str
+    y: str
+    title: str
+    note: str
+    corners: dict[Corner, str]
 
 
 class ChallengeWords(Document):
@@ -56,10 +75,12 @@ class ChallengeWords(Document):
     sample_note: str
     """What a sample is, under the number of samples."""
     headline: HeadlineWords
-    ceiling_title: str
-    ceiling_note: str
-    outcome: dict[Outcome, str]
-    """The three parts of all samples, in the legend of the outcome bar."""
+    withheld: str
+    """What of a hidden split nobody outside knows, in a sentence."""
+    chart: ChartWords
+    outcome: tuple[OutcomePart, ...]
+    """Shares of samples that sum to one, in the order of the bar. A row without all of them, as of a
+    scorer that did not count them, has no bar."""
     covered: dict[str, str]
     """What the shares of a coverage count: "edited" and, where there is one, "source"."""
     file_note: str
@@ -71,31 +92,37 @@ PLANNING_WORDS = ChallengeWords(
     subject="planner",
     subjects="planners",
     answers="trajectories",
-    task="asks the planner to drive it again. Trajectories are scored here, against hazard regions "
-    "that nobody outside can see.",
-    scene_caption="One edited scene from above, to scale. **UR** counts tubes that touch the red "
-    "core. **HCC** pays for clearance up to the amber line: here d = {clearance_m:.2f} of "
-    "{d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the mean gap between the dotted and the solid "
-    "trajectory.",
-    sample_note="source\u2013edited pairs",
+    task="asks the planner to drive it again. What it would have driven is scored here.",
+    withheld="Where the hazards lie, nobody outside can see.",
+    scene_caption="A scene with a hazard from above, to scale. **UR** counts the scenes in which "
+    "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
+    "the amber line: here d = {clearance_m:.2f} of {d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the "
+    "mean gap between the dotted path, of the original scene, and the solid one.",
+    sample_note="pairs: original scene, scene with hazard",
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
         by_share=(
-            (0.995, "No planner keeps clear of the hazard yet."),
-            (0.501, "Even the safest planner meets the hazard {often}."),
-            (0.1, "The safest planner still meets {cases}."),
-            (0.0, "The safest planner keeps clear {rest}."),
+            (0.501, "Even the leading planner drives into the hazard {often}."),
+            (0.1, "The leading planner still drives into {cases}."),
+            (0.0, "The leading planner keeps clear {rest}."),
         ),
     ),
-    ceiling_title="Compliance has a ceiling",
-    ceiling_note="A planner earns clearance only where it stays out of the hazard, so HCC can "
-    "never pass 100 minus UR. The dotted drop is clearance lost by passing too close.",
-    outcome={
-        "kept": "clearance kept (HCC)",
-        "lost": "clear but too close",
-        "hit": "in the hazard (UR)",
-    },
-    covered={"edited": "edited trajectories", "source": "source trajectories"},
+    chart=ChartWords(
+        x="progress",
+        y="hcc",
+        title="Safety against progress",
+        note="Standing still is safe, and no driving. Progress is how far along its own path in the "
+        "original scene a planner still gets once the hazard is there. A parked car stands alone at "
+        "the left; better is up, with no more progress given up than the hazard asks for.",
+        corners={"top left": "safe, gets nowhere", "top right": "safe, and gets on"},
+    ),
+    outcome=(
+        OutcomePart(metric="clear", words="keeps the required clearance", kind="kept"),
+        OutcomePart(metric="close", words="clear, but too close", kind="lost"),
+        OutcomePart(metric="hit_reacting", words="in the hazard, although it reacted", kind="hit"),
+        OutcomePart(metric="hit_unmoved", words="in the hazard, unmoved", kind="unmoved"),
+    ),
+    covered={"edited": "scenes with hazard", "source": "original scenes"},
     file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
     "sample.",
     code=CodeWords(
@@ -116,28 +143,38 @@ STRATEGY_WORDS = ChallengeWords(
     subjects="agents",
     answers="answers",
     task="asks an agent what to do about it. Answers are scored here, against what is acceptable "
-    "for each task; which sample is which task, nobody outside can see.",
-    scene_caption="One edited scene from above, to scale. The agent answers with a strategy: "
+    "for each task.",
+    withheld="Which scene is which task, nobody outside can see.",
+    scene_caption="A scene with a hazard from above, to scale. The agent answers with a strategy: "
     "**A** maintain path, **B** slow down, **C** stop, **D** yield, **E** prepare to bypass. "
     "**Under-warning** counts answers that are wrong and too careless.",
-    sample_note="edited scenes",
+    sample_note="scenes with hazard",
     headline=HeadlineWords(
         question="Which agent is careful enough?",
         by_share=(
-            (0.995, "No agent is careful enough yet."),
-            (0.1, "Even the most careful agent warns too little {often}."),
-            (0.0, "The most careful agent is careful enough {rest}."),
+            (0.1, "Even the leading agent is too careless {often}."),
+            (0.0, "The leading agent is careful enough {rest}."),
         ),
     ),
-    ceiling_title="Accuracy has a ceiling",
-    ceiling_note="A wrong answer that is too careless cannot be right, so accuracy can never pass "
-    "100 minus under-warning. The dotted drop is what was lost by other wrong answers.",
-    outcome={
-        "kept": "acceptable strategy",
-        "lost": "too cautious or sideways",
-        "hit": "under-warning",
-    },
-    covered={"edited": "answers"},
+    chart=ChartWords(
+        x="under_warning",
+        y="over_warning",
+        title="Two ways to be wrong",
+        note="A wrong answer is too careless (under-warning, to the right) or wrong in another way "
+        "(over-warning, up): too cautious, say, or a detour where one has to stop. What both leave "
+        "of 100 is the accuracy.",
+        corners={
+            "bottom left": "never wrong",
+            "bottom right": "too careless",
+            "top left": "wrong otherwise",
+        },
+    ),
+    outcome=(
+        OutcomePart(metric="accuracy", words="acceptable", kind="kept"),
+        OutcomePart(metric="over_warning", words="wrong, not too careless", kind="lost"),
+        OutcomePart(metric="under_warning", words="too careless, or no answer", kind="hit"),
+    ),
+    covered={"edited": "scenes"},
     file_note="One JSON file with one letter per sample: what the agent would do in the edited "
     "scene.",
     code=CodeWords(
@@ -291,8 +328,8 @@ PLANNING = Challenge(
             unit="fraction",
             better="higher",
             role="primary",
-            meaning="Zero inside the hazard, then grows with clearance until the required "
-            "clearance is met.",
+            meaning="Of each scene: zero in the hazard, then grows with the distance kept until the "
+            "required clearance is met.",
             formula=formulas.HCC,
         ),
         Metric(
@@ -303,7 +340,7 @@ PLANNING = Challenge(
             better="lower",
             role="primary",
             aggregation="share",
-            meaning="Share of samples in which the collision tube touches the hazard region.",
+            meaning="Share of scenes in which the area that the car sweeps touches the hazard.",
             formula=formulas.UR,
         ),
         Metric(
@@ -463,7 +500,7 @@ STRATEGY = Challenge(
             better="higher",
             role="primary",
             aggregation="share",
-            meaning="Share of samples whose strategy is in the acceptable set.",
+            meaning="Share of scenes whose answer is in the acceptable set.",
             formula=formulas.ACCURACY,
         ),
         Metric(

@@ -35,6 +35,10 @@ class Words(Document):
     uses: str = ""
     limits: str = ""
     maintenance: str = ""
+    published: Annotated[str, Field(pattern=r"^(\d{4}-\d{2}-\d{2})?$")] = ""
+    """The day, such as 2026-11-22."""
+    url: str = ""
+    """Where pictures and files are to be had."""
 
 
 class Stage(Document):
@@ -72,22 +76,28 @@ class Audit(Document):
 class Agreement(Document):
     """How far two readers, blind to each other, agree about regions."""
 
-    twice_read: Count
-    third_read: Count
-    alpha: float | None
-    """Krippendorff's alpha over accept and reject; undefined where all say the same."""
+    n: Count
+    """Candidates that two people have read."""
+    both_accepted: Count
+    same_word: Count
+    beyond: Count
+    """Those that a third reader has to decide."""
+    iou_mean: float | None
     iou_median: float | None
-    corner_distance_median_m: float | None
-    corner_distance_max_m: float | None
+    corner_m_max: float | None
+    alpha: float | None
+    """Krippendorff's alpha over accepted and rejected; null where all words are the same."""
 
 
 class Decider(Document):
-    """Who or what took the decisions of a stage; people are numbered, not named."""
+    """Who or what took the decisions of a stage that stand; people are numbered, not named."""
 
     stage: str
     by: str
     is_person: bool
     decisions: Count
+    prompt: str = ""
+    """Digest of the words that a model is asked with, before a task's own are put in."""
 
 
 class WithdrawnSamples(Document):
@@ -125,8 +135,6 @@ class Datasheet(Document):
     revision: str
     protocol: str
     """Version of the protocol whose tasks the split uses."""
-    decided_until: str
-    """Time of the last decision that the split is made of."""
     n_samples: Count
     n_scenes: Count
     n_controls: Count = 0

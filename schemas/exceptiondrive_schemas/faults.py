@@ -115,6 +115,8 @@ class CheckReport(Document):
     notes: tuple[str, ...] = ()
     profile: FileProfile | None = None
     """What a planning file looks like."""
+    unranked_because: str | None = None
+    """Why a sound file would be scored but not ranked, as far as it tells itself."""
 
     @property
     def is_valid(self) -> bool:

@@ -1,6 +1,11 @@
 """The equations of the paper, as MathML: each stands with the metric that it defines."""
 
 _MEAN = "<mfrac><mn>1</mn><mi>N</mi></mfrac><munder><mo>&sum;</mo><mi>i</mi></munder>"
+_FAMILY_MEAN = (
+    "<mfrac><mn>1</mn><mi>F</mi></mfrac><munder><mo>&sum;</mo><mi>f</mi></munder>"
+    "<mfrac><mn>1</mn><msub><mi>N</mi><mi>f</mi></msub></mfrac>"
+    "<munder><mo>&sum;</mo><mrow><mi>i</mi><mo>&isin;</mo><mi>f</mi></mrow></munder>"
+)
 _ONE = "<mn>1</mn>"
 _D_SAFE = "<msub><mi>d</mi><mtext>safe</mtext></msub>"
 
@@ -25,6 +30,11 @@ def _at(time: str, kind: str) -> str:
 
 def _mean(*parts: str) -> str:
     return f'<math display="block">{_row(_MEAN, *parts)}</math>'
+
+
+def over_families(formula: str) -> str:
+    """Return the formula of the mean of family means, of one that is the mean over samples."""
+    return formula.replace(_MEAN, _FAMILY_MEAN)
 
 
 _SAFE_PART = (_signs("("), _ONE, _signs("&minus;"), _of_sample("ur"), _signs(")"))

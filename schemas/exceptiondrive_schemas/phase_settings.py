@@ -124,8 +124,9 @@ class PhaseSettings(Document):
     )
     shows_reported: bool = Field(
         default=False,
-        title="Show the paper's rows",
-        description="Whether the board shows the paper's rows beside the scored entries.",
+        title="Show the paper's results",
+        description="Whether the board leads to what the paper reports, on a page of its own, and its "
+        "document carries the paper's rows, marked as reported.",
     )
     policy: PhasePolicy = PhasePolicy()
 

@@ -30,6 +30,7 @@ from exceptiondrive_server.rescoring import api as rescoring
 from exceptiondrive_server.rescoring import organizer_api as organizer_rescoring
 from exceptiondrive_server.rescoring import organizer_pages as run_pages
 from exceptiondrive_server.splits import api as splits
+from exceptiondrive_server.splits import pages as split_pages
 from exceptiondrive_server.submissions import api as submissions
 from exceptiondrive_server.submissions import events, receipts_api
 from exceptiondrive_server.submissions import organizer_api as organizer_submissions
@@ -92,6 +93,7 @@ for _part in (
     board_pages.router,
     entry_pages.router,
     protocol_pages.router,
+    split_pages.router,
     guide_pages.router,
     pictures.router,
     responses.router,

@@ -195,12 +195,14 @@ def test_convert_says_exactly_what_it_did(planning_file: MakeFile, tmp_path: Pat
     sideways = [[0.0, 2.0 * step] for step in range(7)]
     path = planning_file(predictions=[{"sample_id": "s0", "source": sideways, "edited": None}])
     output = tmp_path / "out.json"
-    done = run("convert", path, "-o", output, "--swap-axes")
+    done = run("convert", path, "-o", output, "--rotate", "-90")
     assert done.exit_code == 0, done.stderr
-    assert done.stdout.splitlines() == [
-        "- swapped x right / y forward to x forward / y left: (x, y) -> (y, -x)",
+    first, *rest = done.stdout.splitlines()
+    assert first == "- turned by -90 degrees: (x, y) -> (y, -x)"
+    assert rest[:3] == [
         "- left out the first point of 1 trajectories: within 0.05 m of the origin, it is t = 0",
-        f"1 predictions in {output}",
+        "1 prediction",
+        f"{output} is valid: planning, 1 predictions, split tiny",
     ]
     assert json.loads(output.read_text())["predictions"][0]["source"][0] == [2.0, 0.0]
     assert run("check", output).exit_code == 0
@@ -222,7 +224,75 @@ def test_convert_needs_a_split_and_sound_options(tmp_path: Path) -> None:
         "n_predictions": 1,
         "size_bytes": output.stat().st_size,
         "done": [],
+        "nulled": [],
     }
+    assert run(*named, "--rotate", "45").exit_code == 2
+    assert run(*named, "--time-step-s", "0").exit_code == 2
+    assert run(*named, "--from", "unidad", "--source-run", path).exit_code == 2
+    assert run(*named, "--source-run", path).exit_code == 2
+
+
+def test_convert_never_writes_what_is_not_valid(planning_file: MakeFile, tmp_path: Path) -> None:
+    leap = [[40.0 * step, 0.0] for step in range(1, 7)]
+    path = planning_file(predictions=[{"sample_id": "s0", "source": leap, "edited": None}])
+    output = tmp_path / "out.json"
+    done = run("convert", path, "-o", output)
+    assert done.exit_code == 2
+    assert "nothing had to be changed" not in done.stdout
+    assert "step_too_long" in done.stdout
+    assert "was not written" in done.stderr
+    assert not output.exists()
+    done = run("convert", path, "-o", output, "--null-invalid")
+    assert done.exit_code == 0
+    assert "  null: s0: source has a coordinate of 240 m, out of bounds" in done.stdout
+    assert json.loads(output.read_text())["predictions"][0]["source"] is None
+
+
+def test_convert_takes_two_runs_and_checks_them_with_the_manifest(
+    tmp_path: Path,
+) -> None:
+    known = ["s0", "s1", "s2"]
+    manifest_file, run_file, output = (tmp_path / name for name in ("m.json", "run.json", "o.json"))
+    manifest_file.write_text(
+        json.dumps(
+            {
+                "schema": "exceptiondrive.manifest/1",
+                "name": "tiny",
+                "title": "Tiny",
+                "revision": "sha256:" + "0" * 64,
+                "waypoints": 6,
+                "time_step_s": 0.5,
+                "sample_ids": known,
+            }
+        )
+    )
+    sideways = [[[0.0, 2.0 * step] for step in range(1, 7)]]
+    runs = ("--from", "uniad", "--source-run", run_file, "--edited-run", run_file)
+    command = ("convert", "-o", output, *runs, "--manifest", manifest_file)
+    run_file.write_text(json.dumps(dict.fromkeys(known, sideways)))
+    done = run(*command)
+    assert done.exit_code == 0, done.stderr
+    assert run("check", output, "--manifest", manifest_file).exit_code == 0
+    run_file.write_text(json.dumps(dict.fromkeys(known[1:], sideways)))
+    done = run(*command)
+    assert done.exit_code == 2
+    assert "missing_sample" in done.stdout
+
+
+def test_check_names_every_sample_where_asked(planning_file: MakeFile) -> None:
+    leap = [[40.0 * step, 0.0] for step in range(1, 6)] + [[0.0, 0.0]]
+    ids = [f"sample-{number}" for number in range(9)]
+    path = planning_file(
+        predictions=[{"sample_id": each, "source": leap, "edited": leap} for each in ids]
+    )
+    short = run("check", path)
+    assert "step_too_long  108 steps in 9 of 9 samples" in short.stdout
+    assert "... and 4 samples more; --all names every one" in short.stdout
+    assert ids[-1] not in short.stdout
+    assert " ".join(ids) in " ".join(run("check", path, "--all").stdout.split())
+    (group,) = json.loads(run("check", path, "--json").stdout)["faults"]
+    assert group["sample_ids"] == ids
+    assert [example["sample_id"] for example in group["examples"]] == ids
 
 
 def test_an_error_is_json_too_where_json_was_asked_for(canned_server: "CannedServer") -> None:

@@ -1,4 +1,6 @@
 import math
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -8,12 +10,13 @@ from exceptiondrive.conversion import (
     Waypoints,
     convert,
     sensor_to_rear_axle,
-    swap_axes,
 )
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.protocol import packaged_protocol
 
 OFFSET_M = 0.943713
-PLAN = ConversionPlan(waypoints=6)
+GEOMETRY = packaged_protocol().geometry
+PLAN = ConversionPlan(GEOMETRY)
 
 
 def straight(n: int, start: float = 1.0) -> Waypoints:
@@ -35,7 +38,10 @@ def test_six_points_in_the_right_frame_need_nothing_done() -> None:
 
 
 def test_x_right_y_forward_becomes_x_forward_y_left() -> None:
-    assert swap_axes(((1.0, 5.0),)) == ((5.0, -1.0),), "1 m to the right is y = -1"
+    right_of_it = tuple((1.0, 5.0 * step) for step in range(1, 7))
+    result = convert((pair(right_of_it),), replace(PLAN, rotate_deg=-90))
+    assert result.pairs[0].source == tuple((5.0 * step, -1.0) for step in range(1, 7))
+    assert result.done == ("turned by -90 degrees: (x, y) -> (y, -x)",)
 
 
 def test_a_standing_car_stays_at_the_origin_whatever_the_offset() -> None:
@@ -66,7 +72,7 @@ def test_on_a_circle_the_rear_axle_keeps_its_distance_and_turns_inside() -> None
 
 
 def test_rear_axle_positions_seen_from_the_sensor_are_shifted() -> None:
-    plan = ConversionPlan(waypoints=6, origin_offset_m=0.9, follows="rear-axle")
+    plan = replace(PLAN, origin_offset_m=0.9, follows="rear-axle")
     seen_from_sensor = tuple((x - 0.9, y) for x, y in ((0.0, 0.0), *straight(6)))
     result = convert((pair(seen_from_sensor),), plan)
     assert result.pairs[0].source is not None
@@ -85,11 +91,13 @@ def test_the_first_of_seven_points_goes_where_all_begin_at_the_origin() -> None:
 
 def test_seven_points_that_begin_elsewhere_are_a_longer_horizon() -> None:
     seven = pair(straight(7))
-    with pytest.raises(InvalidArgumentError, match="Add --truncate"):
-        convert((seven,), PLAN)
-    result = convert((seven,), ConversionPlan(waypoints=6, truncate=True))
+    for plan in (PLAN, replace(PLAN, truncate=True)):
+        with pytest.raises(InvalidArgumentError, match="more than 6 waypoints, up to 7") as caught:
+            convert((seven,), plan)
+        assert "--time-step-s S" in caught.value.advice
+    result = convert((seven,), replace(PLAN, truncate=True, time_step_s=0.5))
     assert result.pairs == (pair(straight(6)),)
-    assert result.done == ("cut 2 trajectories to their first 6 waypoints",)
+    assert result.done == ("cut 2 trajectories to the first 6 waypoints, 3 s",)
 
 
 def test_one_file_never_mixes_with_and_without_t_0() -> None:
@@ -100,9 +108,88 @@ def test_one_file_never_mixes_with_and_without_t_0() -> None:
 
 
 def test_short_trajectories_are_never_padded() -> None:
-    with pytest.raises(InvalidArgumentError, match="fewer than 6 waypoints") as caught:
-        convert((pair(straight(5)),), ConversionPlan(waypoints=6, truncate=True))
+    with pytest.raises(InvalidArgumentError, match="5 waypoints, fewer than 6") as caught:
+        convert((pair(straight(5)),), replace(PLAN, truncate=True))
     assert "Nothing is made up" in caught.value.advice
+
+
+def test_a_tenth_of_a_second_to_half_a_second_takes_one_waypoint_of_five() -> None:
+    """Ten times a second at 5 m/s: the car is at 2.5 m after half a second, not after 2.5 s."""
+    fine = tuple((0.5 * number, 0.0) for number in range(1, 61))
+    result = convert((pair(fine),), replace(PLAN, time_step_s=0.1, truncate=True))
+    assert result.pairs == (pair(tuple((2.5 * step, 0.0) for step in range(1, 7))),)
+    assert result.done == (
+        "took one waypoint of 5: 0.1 s to 0.5 s apart",
+        "cut 2 trajectories to the first 6 waypoints, 3 s",
+    )
+
+
+@pytest.mark.parametrize(("step_s", "n"), [(0.2, 15), (0.3, 10), (1.0, 3), (1.5, 2), (0.25, 12)])
+def test_any_time_step_gives_the_places_of_a_steady_drive(step_s: float, n: int) -> None:
+    steady = tuple((4.0 * step_s * number, 1.0 * step_s * number) for number in range(1, n + 1))
+    result = convert((pair(steady),), replace(PLAN, time_step_s=step_s))
+    assert result.pairs[0].edited is not None
+    places = tuple((2.0 * step, 0.5 * step) for step in range(1, 7))
+    assert list(result.pairs[0].edited) == approximately(places)
+
+
+def test_a_horizon_of_less_than_three_seconds_is_too_short() -> None:
+    with pytest.raises(InvalidArgumentError, match="6 waypoints, fewer than 30"):
+        convert((pair(straight(6)),), replace(PLAN, time_step_s=0.1))
+
+
+WRONG: dict[str, tuple[dict[str, Any], Waypoints]] = {
+    "centimetres": ({"centimetres": True}, ((100.0, 200.0),) * 6),
+    "swap": ({"swap": True}, ((2.0, 1.0),) * 6),
+    "rotate back": ({"rotate_deg": 180}, ((-1.0, -2.0),) * 6),
+    "rotate left": ({"rotate_deg": 90}, ((2.0, -1.0),) * 6),
+    "mirror": ({"mirror": True}, ((1.0, -2.0),) * 6),
+    "reverse": ({"reverse": True}, ((1.0, 2.0),) * 6),
+    "cumulative": ({"cumulative": True}, ((1.0, 2.0), *((0.0, 0.0),) * 5)),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_each_option_mends_its_mistake(name: str) -> None:
+    changes, points = WRONG[name]
+    result = convert((pair(points),), replace(PLAN, **changes))
+    assert result.pairs[0].source is not None
+    assert list(result.pairs[0].source) == approximately(((1.0, 2.0),) * 6)
+    assert len(result.done) == 1
+
+
+def test_reversing_turns_the_order_round() -> None:
+    result = convert((pair(tuple(reversed(straight(6)))),), replace(PLAN, reverse=True))
+    assert result.pairs == (pair(straight(6)),)
+
+
+def test_source_and_edited_change_places() -> None:
+    result = convert((RawPair("s1", straight(6), None),), replace(PLAN, exchange=True))
+    assert result.pairs == (RawPair("s1", None, straight(6)),)
+
+
+def test_what_is_invalid_becomes_null_and_is_listed() -> None:
+    sound, wild = straight(6), (*straight(5), (900.0, 0.0))
+    leap, short = (*straight(5), (45.0, 0.0)), straight(4)
+    broken = ((math.nan, 0.0), *straight(5))
+    pairs = (
+        RawPair("s1", sound, wild),
+        RawPair("s2", leap, short),
+        RawPair("s3", broken, None),
+    )
+    result = convert(pairs, replace(PLAN, null_invalid=True))
+    assert result.pairs == (
+        RawPair("s1", sound, None),
+        RawPair("s2", None, None),
+        RawPair("s3", None, None),
+    )
+    assert result.nulled == (
+        "s3: source holds a number that is not finite",
+        "s2: edited has 4 waypoints, fewer than 6",
+        "s1: edited has a coordinate of 900 m, out of bounds",
+        "s2: source has a step of 40.00 m",
+    )
+    assert result.done == ("wrote null for 4 trajectories of 3 samples",)
 
 
 def test_headings_are_left_out_and_said_so() -> None:
@@ -117,7 +204,7 @@ def test_headings_are_left_out_and_said_so() -> None:
         (((1.0,),) * 6, "wrong_waypoint_shape"),
         (((1.0, 2.0, 3.0, 4.0),) * 6, "wrong_waypoint_shape"),
         (((1.0, 2.0), *((1.0, 2.0, 0.0),) * 5), "wrong_waypoint_shape"),
-        (((math.nan, 2.0),) * 6, "non_finite"),
+        (((math.nan, 2.0),) * 6, "wrong_waypoint_shape"),
     ],
 )
 def test_what_is_not_a_trajectory_is_refused(points: Waypoints, code: str) -> None:
@@ -126,10 +213,10 @@ def test_what_is_not_a_trajectory_is_refused(points: Waypoints, code: str) -> No
     assert caught.value.code == code
 
 
-def test_swap_comes_before_the_offset() -> None:
-    plan = ConversionPlan(waypoints=6, swap_axes=True, origin_offset_m=OFFSET_M)
+def test_turning_comes_before_the_offset() -> None:
+    plan = replace(PLAN, rotate_deg=-90, origin_offset_m=OFFSET_M)
     lidar = tuple((0.0, float(step)) for step in range(7))
     result = convert((pair(lidar),), plan)
     assert result.pairs[0].source is not None
     assert list(result.pairs[0].source) == approximately(straight(6))
-    assert [sentence.split()[0] for sentence in result.done] == ["swapped", "turned", "left"]
+    assert [sentence.split()[0] for sentence in result.done] == ["turned", "turned", "left"]

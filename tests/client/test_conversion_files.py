@@ -1,11 +1,18 @@
 import gzip
 import json
+import math
+import os
+import pickle
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from exceptiondrive.conversion import RawPair, read_pairs, write_submission
+from exceptiondrive.checking import write_file
+from exceptiondrive.conversion import RawPair, submission_text
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.pair_files import read_pairs
 from exceptiondrive.recorder import Recorder
 
 SIX = tuple((float(step), 0.5) for step in range(1, 7))
@@ -72,6 +79,71 @@ def test_csv_may_carry_headings_and_t_0(tmp_path: Path) -> None:
     assert pairs[0].edited == ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))
 
 
+def test_an_object_by_sample_id_is_read(tmp_path: Path) -> None:
+    sides = {"source": LISTS, "edited": None}
+    by_id = written(tmp_path, "a.json", json.dumps({"s1": sides}))
+    inside = written(tmp_path, "b.json", json.dumps(DOCUMENT | {"predictions": {"s1": sides}}))
+    assert read_pairs([by_id]) == ((PAIR,), None)
+    assert read_pairs([inside]) == ((PAIR,), "sample")
+
+
+def test_one_of_several_modes_is_taken_where_it_is_said(tmp_path: Path) -> None:
+    other = [[0.0, 0.0]] * 6
+    several = written(tmp_path, "a.json", json.dumps([PREDICTION | {"source": [other, LISTS]}]))
+    assert read_pairs([several], mode=1) == ((PAIR,), None)
+    for mode in (None, 2):
+        with pytest.raises(InvalidArgumentError, match="s1: source has 2 modes") as caught:
+            read_pairs([several], mode=mode)
+        assert "--mode N, from 0 to 1" in caught.value.advice
+    single = written(tmp_path, "b.json", json.dumps([PREDICTION | {"source": [LISTS]}]))
+    assert read_pairs([single]) == ((PAIR,), None)
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(b"\xef\xbb\xbf" + json.dumps(DOCUMENT).encode())
+    assert read_pairs([path]) == ((PAIR,), "sample")
+
+
+def test_null_in_a_trajectory_is_no_number(tmp_path: Path) -> None:
+    path = written(tmp_path, "a.json", json.dumps([PREDICTION | {"source": [[1, None], [1, 2]]}]))
+    source = read_pairs([path])[0][0].source
+    assert source is not None
+    assert math.isnan(source[0][1])
+
+
+def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    missing = np.full((1, 6, 2), np.nan)
+    np.savez(path, sample_id=np.array(["s1"]), source=np.array([LISTS]), edited=missing)
+    assert read_pairs([path]) == ((PAIR,), None)
+    np.savez(path, sample_id=np.array(["s1"], dtype=object), source=missing, edited=missing)
+    with pytest.raises(InvalidArgumentError, match="Object arrays cannot be loaded"):
+        read_pairs([path])
+    np.savez(path, sample_id=np.array(["s1"]))
+    with pytest.raises(InvalidArgumentError, match="has no array"):
+        read_pairs([path])
+
+
+class Opened:
+    """Unpickled, it would make a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (self.folder,)
+
+
+def test_a_pickle_is_never_loaded(tmp_path: Path) -> None:
+    path, folder = tmp_path / "a.pkl", tmp_path / "made"
+    path.write_bytes(pickle.dumps(Opened(folder)))
+    with pytest.raises(InvalidArgumentError, match="is a pickle, which is never loaded") as caught:
+        read_pairs([path])
+    assert "docs/client.md has a line" in caught.value.advice
+    assert not folder.exists()
+
+
 HEADER = "sample_id,trajectory,step,x_m,y_m\n"
 
 
@@ -86,6 +158,7 @@ HEADER = "sample_id,trajectory,step,x_m,y_m\n"
         (HEADER + "s1,source,1,0,0\ns1,source,3,0,0\n", "without a gap"),
         ('{"sample_id": "s1"}\nrubbish\n', "line 2 is not JSON"),
         ('{"source": null}', "needs a sample_id"),
+        ('{"s1": [[1, 0]]}', "needs a sample_id"),
         ('{"sample_id": "s1", "plan": []}', "unknown key plan"),
         ('{"sample_id": "s1", "edited": 5}', "s1: edited must be a list"),
         ('{"sample_id": "s1", "edited": [[true, 1]]}', "s1: edited must be a list"),
@@ -118,6 +191,6 @@ def test_files_of_two_splits_are_not_mixed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["out.json", "out.json.gz"])
 def test_what_is_written_is_read_back(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
-    assert write_submission(path, "sample", [PAIR]) == path.stat().st_size
+    assert write_file(path, submission_text("sample", [PAIR])) == path.stat().st_size
     assert read_pairs([path]) == ((PAIR,), "sample")
     assert sorted(tmp_path.iterdir()) == [path]

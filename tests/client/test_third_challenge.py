@@ -32,6 +32,7 @@ from exceptiondrive_schemas.check.fault_list import Path as Place
 from exceptiondrive_schemas.check.rules import RULES
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_schemas.split import Manifest
@@ -111,6 +112,9 @@ class GapRules:
 
     def notes(self, n_predictions: int) -> tuple[str, ...]:
         return ()
+
+    def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> None:
+        pass
 
     def document(self, split: str, answers: Mapping[str, Any]) -> GapsDocument:
         return GapsDocument(split, answers)

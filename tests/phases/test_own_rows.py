@@ -14,7 +14,7 @@ BOARD = "/?phase=test"
 
 
 def marked(page: str) -> list[str]:
-    return re.findall(r'id="e-([0-9a-z]+)" class="own"', page)
+    return re.findall(r'id="e-([0-9a-z]+)" class="own[ "]', page)
 
 
 @pytest.fixture

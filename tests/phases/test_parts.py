@@ -182,6 +182,43 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert changes == [f"{words} (2 samples)"]
 
 
+def test_nobody_picks_after_the_reveal(life: "Life") -> None:
+    """Not by withdrawing, nor by publishing; and the private score of no other entry is shown."""
+    policy = {"entries_shown": "chosen", "entries_private": True, "late_entries": "own_view"}
+    life.make_phase(closes_at=life.ahead(60), policy=policy)
+    older = life.submit("alpha", PRIVATE_ONLY, "Older")
+    chosen = life.submit("alpha", PUBLIC_ONLY, "Chosen")
+    other = life.submit("beta", CAREFUL)
+    life.work()
+    for who, each in (("alpha", older), ("alpha", chosen), ("beta", other)):
+        life.request("POST", f"/api/v1/submissions/{each}/publish", who)
+    life.request("POST", f"/api/v1/submissions/{chosen}/choose", "alpha")
+    secret = life.submit("beta", PUBLIC_ONLY, "Kept private")
+    life.work()
+    life.move(closes_at=life.now())
+    late = life.submit("gamma", CAREFUL)
+    life.work()
+    assert life.json(f"/api/v1/submissions/{late}", "gamma")["sheet"]["n"] == 2
+    life.apply(reveal(life))
+    assert set(life.entry_ids()) == {chosen, other}
+    sheets = {
+        each: life.json(f"/api/v1/submissions/{each}", who)["sheet"]
+        for who, each in (("alpha", older), ("alpha", chosen), ("beta", secret), ("gamma", late))
+    }
+    assert [each for each, sheet in sheets.items() if sheet is not None] == [chosen]
+    assert sheets[chosen]["n"] == 3
+    assert life.get(f"/api/v1/submissions/{older}/receipt", "alpha").status_code == 404
+    for deed, each in (("publish", secret), ("unpublish", other)):
+        refusal = life.request("POST", f"/api/v1/submissions/{each}/{deed}", "beta")
+        assert (refusal.status_code, refusal.json()["code"]) == (409, "conflict")
+    life.request("POST", f"/api/v1/submissions/{chosen}/withdraw", "alpha")
+    life.work()
+    assert set(life.entry_ids()) == {other}, "the older entry does not take its place"
+    assert life.get("/api/v1/leaderboard?phase=test&view=late").status_code == 404
+    again = life.upload("gamma", PUBLIC_ONLY, "Once more")
+    assert (again.status_code, again.json()["code"]) == (403, "phase_closed")
+
+
 def test_the_whole_may_be_revealed_instead_and_a_split_without_parts_has_nothing(
     life: "Life",
 ) -> None:

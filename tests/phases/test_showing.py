@@ -198,7 +198,21 @@ def test_a_team_chooses_its_entry_until_the_deadline(life: "Life") -> None:
     assert "the choice stands" in refusal.json()["detail"]
     life.request("POST", f"/api/v1/submissions/{first}/withdraw", "alpha")
     life.work()
-    assert set(life.entry_ids()) == {third, other}
+    assert set(life.entry_ids()) == {other}, "the choice stands, and it is withdrawn"
+
+
+def test_after_the_deadline_no_older_version_takes_the_place_of_a_withdrawn_one(
+    life: "Life",
+) -> None:
+    plain(life, closes_at=life.ahead(60))
+    submit(life, "alpha", 3.0, "A")
+    newest = submit(life, "alpha", 9.0, "A")
+    kept = submit(life, "alpha", 5.0, "B")
+    assert set(life.entry_ids()) == {newest, kept}
+    life.move(closes_at=life.now())
+    life.request("POST", f"/api/v1/submissions/{newest}/withdraw", "alpha")
+    life.work()
+    assert set(life.entry_ids()) == {kept}
 
 
 # --- families by date -------------------------------------------------------------------------

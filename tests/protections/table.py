@@ -114,7 +114,7 @@ PROTECTIONS = (
         "upload-places",
         f"{SERVER}.web.upload_places:UploadPlaces.held_by",
         _any_number_of_places,
-        "tests/operating/test_slow_senders.py::test_a_team_that_sends_slowly_holds_its_own_places_alone",
+        "tests/server/test_overload.py::test_a_team_has_few_places_and_leaves_the_others_free",
     ),
     Protection(
         "refused-before-stored",

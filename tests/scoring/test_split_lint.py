@@ -20,8 +20,9 @@ N_BAD = 60
 
 @pytest.fixture(scope="module")
 def sound() -> Split:
-    """The synthetic split: nothing is wrong with it but that it has no controls."""
-    return sample_split()
+    """The synthetic split without its controls: nothing else is wrong with it."""
+    split = sample_split()
+    return split.model_copy(update={"samples": split.counted})
 
 
 def found_in(
@@ -30,15 +31,13 @@ def found_in(
     recorded: Mapping[str, Sequence[Sequence[float]]] | None = None,
     controls: Sequence[str] = (),
 ) -> dict[str, LintWarning]:
-    ordered = sorted(samples, key=lambda sample: sample.sample_id)
-    recorded_m = np.full((len(ordered), protocol.geometry.waypoints, 2), np.nan)
-    for row, sample in enumerate(ordered):
-        if recorded and sample.sample_id in recorded:
-            recorded_m[row] = recorded[sample.sample_id]
+    ordered = [
+        sample.model_copy(update={"recorded": (recorded or {}).get(sample.sample_id)})
+        for sample in sorted(samples, key=lambda sample: sample.sample_id)
+    ]
     split = LintedSplit(
         sample_ids=[sample.sample_id for sample in ordered],
         arrays=split_arrays(ordered, protocol.taxonomy),
-        recorded_m=recorded_m,
         is_control=np.array([sample.sample_id in controls for sample in ordered]),
     )
     return {warning.code: warning for warning in lint(split, protocol)}

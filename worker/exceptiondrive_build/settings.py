@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from exceptiondrive_build.values import Mark
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.datasheet import Words
 from exceptiondrive_schemas.split import SplitName
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -85,6 +86,13 @@ class InspectSection(Document):
     by_family: bool = Field(default=False, description="draw from each family by its share")
 
 
+class AuxiliarySection(Document):
+    """Pairs that are edited although the screening did not choose them."""
+
+    draw: Annotated[int, Field(ge=0)] = 0
+    seed: int = 1
+
+
 class LocalizeSection(Document):
     """Which of a detector's boxes may be a region."""
 
@@ -97,6 +105,26 @@ class VerifySection(Document):
 
     min_iou: Share = 0.7
     max_corner_distance_m: Positive = 1.0
+
+
+class FreezeSection(Document):
+    """What of the keyframes goes into the split beside the regions."""
+
+    recorded: bool = Field(default=True, description="the path that was really driven")
+    recorded_is_public: bool = Field(
+        default=False, description="the manifest tells it to participants"
+    )
+    controls: tuple[str, ...] = Field(
+        default=(), description="sample ids whose region no good driver would heed"
+    )
+
+
+class DatasheetSection(Words):
+    """What readers are told, in the organizers' own words."""
+
+    examples: tuple[str, ...] = Field(
+        default=(), description="sample ids whose pictures are shown; needs `licence`"
+    )
 
 
 class Price(Document):
@@ -125,8 +153,11 @@ class WorkshopSettings(Document):
     edit: EditSection
     review: ReviewSection
     inspect: InspectSection = InspectSection()
+    auxiliary: AuxiliarySection = AuxiliarySection()
     localize: LocalizeSection = LocalizeSection()
     verify: VerifySection = VerifySection()
+    freeze: FreezeSection = FreezeSection()
+    datasheet: DatasheetSection = DatasheetSection()
     currency: str = "USD"
     prices: dict[str, Price] = Field(default_factory=dict, description="by name of the model")
 

@@ -73,14 +73,12 @@ class LintedSplit:
 
     Attributes:
         sample_ids: N ids.
-        arrays: Regions, tasks, scenes and required clearances.
-        recorded_m: (N, T, 2) waypoints that were really driven; NaN where not recorded.
+        arrays: Regions, tasks, scenes, required clearances, and what was really driven.
         is_control: (N,) whether no good driver would heed the region.
     """
 
     sample_ids: Sequence[str]
     arrays: SplitArrays
-    recorded_m: FloatArray
     is_control: BoolArray
 
     def ids_of(self, which: BoolArray) -> tuple[str, ...]:
@@ -90,7 +88,9 @@ class LintedSplit:
     @property
     def has_recorded(self) -> BoolArray:
         """Whether a sample has a recorded path, (N,)."""
-        given: BoolArray = ~np.isnan(self.recorded_m[:, 0, 0])
+        if self.arrays.recorded_m is None:
+            return np.zeros(len(self.sample_ids), dtype=np.bool_)
+        given: BoolArray = ~np.isnan(self.arrays.recorded_m[:, 0, 0])
         return given
 
 
@@ -300,8 +300,8 @@ class _Drives:
         self.split = split
         self._geometry = geometry
         self._regions = prepare_regions(split.arrays.regions_m)
-        self._times_s = np.arange(geometry.waypoints + 1) * geometry.time_step_s
-        first_step_m = np.linalg.norm(split.recorded_m[:, 0], axis=-1)
+        self._times_s: FloatArray = np.array(range(geometry.waypoints + 1)) * geometry.time_step_s
+        first_step_m = np.linalg.norm(self._recorded()[:, 1], axis=-1)
         self._speed_mps = first_step_m / geometry.time_step_s
 
     def clearance_m(self, points_m: FloatArray) -> FloatArray:
@@ -315,7 +315,8 @@ class _Drives:
     def _recorded(self) -> FloatArray:
         """The recorded path; standing where there is none."""
         points_m = self.standing()
-        points_m[:, 1:] = np.nan_to_num(self.split.recorded_m)
+        if self.split.arrays.recorded_m is not None:
+            points_m[:, 1:] = np.nan_to_num(self.split.arrays.recorded_m)
         return points_m
 
     def of_recorded_m(self, regions_m: FloatArray | None = None) -> FloatArray:
@@ -337,12 +338,11 @@ class _Drives:
 
     def avoids(self) -> BoolArray:
         """Whether a car that moves can keep clear of the region."""
-        speed_mps: FloatArray = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
+        speed_mps = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
         braking_s = np.minimum(self._times_s, speed_mps[:, None] / BRAKE_MPS2)
         stopping_m = speed_mps[:, None] * braking_s - BRAKE_MPS2 * braking_s**2 / 2
         cruising_m = speed_mps[:, None] * self._times_s
-        gripping_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)
-        sideways_mps2 = np.asarray(gripping_mps2, dtype=np.float64)[:, None]
+        sideways_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)[:, None]
 
         def drives() -> Iterator[FloatArray]:
             for road in (_straight, _Road(self._recorded(), self._geometry).positions_m):

@@ -9,6 +9,7 @@ import numpy as np
 from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
@@ -219,7 +220,10 @@ class _Rows:
         return {key: share for key, share in exact.items() if share < least}
 
     def _why_unranked(self, entry: ScoredEntry, flags: Sequence[str]) -> str:
-        uncovered = self._uncovered(entry.record.sheet)
+        sheet = entry.record.sheet
+        uncovered = too_little_covered(
+            self._challenge, sheet.coverage.exact_shares(sheet.n), self._ranking.min_coverage
+        )
         reasons = []
         if flags:
             labels = " and ".join(FLAGS[code].label for code in flags)
@@ -227,12 +231,7 @@ class _Rows:
                 f"flagged {labels}; protocol {self._protocol.version} ranks no such entry"
             )
         if uncovered:
-            least = self._ranking.min_coverage
-            named = self._challenge.words.covered
-            parts = [
-                f"{named[key]} cover {_below(share, least)}" for key, share in uncovered.items()
-            ]
-            reasons.append(f"{' and '.join(parts)} of the samples; ranking takes {least:.0%}")
+            reasons.append(uncovered)
         undefined = [
             self._challenge.metric(key.metric).label
             for key in self._order
@@ -241,12 +240,3 @@ class _Rows:
         if undefined and not uncovered:
             reasons.append(f"{' and '.join(undefined)} not defined")
         return "; ".join(reasons)
-
-
-def _below(share: float, least: float) -> str:
-    """Per cent to as many digits as it takes to see that the share is below the least."""
-    for decimals in range(2, 6):
-        text = f"{share:.{decimals}%}"
-        if float(text[:-1]) < round(100 * least, 9):
-            return text
-    return f"less than {least:.0%}"

@@ -5,7 +5,7 @@ terminal and the worker's own log.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
-from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_scoring.measure import measure
@@ -40,17 +40,16 @@ class SplitRefusedError(ValueError):
         super().__init__(f"split {split_name} is refused:\n" + "\n".join(lines))
 
 
-def regions_of(split: Split) -> FloatArray:
-    """Corners of all hazard regions in the order of the samples, (N, 4, 2) metres."""
-    return np.array([sample.region for sample in split.samples], dtype=np.float64)
-
-
 def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, ...]:
-    """Every fault of a split under a protocol; none means that it can be scored."""
+    """Every fault of a split under a protocol; none means that it can be scored.
+
+    Nobody asks for the task and the region of a withdrawn sample: it may be withdrawn for them.
+    """
+    left = [sample for sample in split.samples if sample.withdrawn is None]
     ids = [sample.sample_id for sample in split.samples]
     repeated = [sample_id for sample_id, count in Counter(ids).items() if count > 1]
     known = {task.id for task in protocol.tasks}
-    strangers = [sample.sample_id for sample in split.samples if sample.task not in known]
+    strangers = [sample.sample_id for sample in left if sample.task not in known]
     partless = [sample.sample_id for sample in split.samples if sample.part is None]
     found = [
         SplitFault("sample ids that occur more than once", tuple(sorted(repeated))),
@@ -61,7 +60,7 @@ def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, 
         *_part_faults(split, partless),
         *_count_faults(split),
         *_recorded_faults(split, protocol.geometry),
-        *_region_faults(np.array(ids), regions_of(split), protocol.geometry),
+        *_region_faults(left, protocol.geometry),
     ]
     return tuple(fault for fault in found if fault.sample_ids)
 
@@ -105,10 +104,10 @@ def _recorded_faults(split: Split, geometry: GeometrySection) -> list[SplitFault
     ]
 
 
-def _region_faults(
-    ids: NDArray[np.str_], regions_m: FloatArray, geometry: GeometrySection
-) -> list[SplitFault]:
+def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) -> list[SplitFault]:
     """Faults of the regions; each later question is asked only where the earlier ones are well."""
+    ids = np.array([sample.sample_id for sample in samples])
+    regions_m = np.array([it.region for it in samples], dtype=np.float64).reshape(-1, 4, 2)
     sound = np.asarray(np.isfinite(regions_m).all(axis=(1, 2)), dtype=np.bool_)
     faults = [_fault("hazard regions with a corner that is not finite", ids, ~sound)]
 

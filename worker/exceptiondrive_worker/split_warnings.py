@@ -21,13 +21,12 @@ _SHOWN = 5
 
 def split_warnings(split: Split, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
     """Return every doubt about a split that can be scored under this protocol."""
-    samples = sorted(split.samples, key=lambda sample: sample.sample_id)
-    n_samples, n_waypoints = len(samples), protocol.geometry.waypoints
+    left = [sample for sample in split.samples if sample.withdrawn is None]
+    samples = sorted(left, key=lambda sample: sample.sample_id)
     linted = LintedSplit(
         sample_ids=[sample.sample_id for sample in samples],
         arrays=split_arrays(samples, protocol.taxonomy),
-        recorded_m=np.full((n_samples, n_waypoints, 2), np.nan),
-        is_control=np.zeros(n_samples, dtype=np.bool_),
+        is_control=np.array([sample.control for sample in samples], dtype=np.bool_),
     )
     return lint(linted, protocol)
 

@@ -23,13 +23,16 @@ COMMANDS = {
         ".local_commands",
         "Draw samples: trajectories, footprints, tube, region, clearance.",
     ),
-    "convert": (".local_commands", "Make a submission of a planner's own files."),
+    "convert": (".convert_command", "Make a submission of a planner's own files."),
     "version": (".local_commands", "Print the versions of client and protocol."),
     "login": (".account_commands", "Keep a team token for a server."),
     "logout": (".account_commands", "Forget the token of a server."),
     "whoami": (".account_commands", "Show whose token is in use."),
     "manifest": (".split_commands", "Fetch the sample ids of a phase."),
-    "submit": (".submission_commands", "Check a file, then upload it."),
+    "submit": (
+        ".submission_commands",
+        "Check a file, say what an upload will do, then upload it.",
+    ),
     "status": (".submission_commands", "Show one submission."),
     "submissions": (
         ".submission_commands",

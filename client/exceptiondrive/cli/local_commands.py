@@ -1,8 +1,8 @@
-"""Commands that work without a server: check, evaluate, convert, version."""
+"""Commands that work without a server: check, evaluate, plot, version."""
 
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, cast, get_args
+from typing import Annotated
 
 import typer
 
@@ -10,17 +10,13 @@ from exceptiondrive.checking import check_file, chosen_protocol, manifest_of, re
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.cli.tables import report_view, sheet_view
-from exceptiondrive.conversion import ConversionPlan, FollowedPoint, read_pairs, write_submission
-from exceptiondrive.conversion import convert as convert_pairs
+from exceptiondrive.cli.tables import outlook_view, report_view, sheet_view
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive.evaluation import evaluate_file, read_split
+from exceptiondrive.evaluation import read_split, score, sound_file
 from exceptiondrive.plot import plot_file
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import packaged_protocol
-
-MAX_OFFSET_M = 20.0
 
 
 def check(
@@ -94,12 +90,13 @@ def evaluate(
     """Score a file on this machine.
 
     It is done exactly as the worker does it. The table is rounded as the board is; --json prints
-    the exact score sheet. Needs the extra `evaluate` (numpy) and a split with regions: see `split
+    the exact score sheet. Below it stands what the file looks like. Needs the extra `evaluate` (numpy) and a split with regions: see `split
     download`.
     """
     rules = chosen_protocol(protocol)
-    sheet = evaluate_file(file, split=split, protocol=rules)
-    show_result(sheet, json, *sheet_view(sheet, rules))
+    sound = sound_file(file, split, rules)
+    sheet = score(sound.document, sound.split, rules)
+    show_result(sheet, json, *sheet_view(sheet, rules), *outlook_view(sound.report))
 
 
 def plot(
@@ -132,82 +129,6 @@ def plot(
     show_result(facts, json, f"{counted(len(drawn), 'sample')} in {output}")
 
 
-def convert(
-    files: Annotated[
-        list[Path],
-        typer.Argument(metavar="FILE", help="JSON, JSON lines or CSV; shards become one."),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="OUT", help="Submission file to write (.json[.gz])."
-        ),
-    ],
-    split: Annotated[
-        str | None,
-        typer.Option("--split", metavar="NAME", help="Name of the split, if no file says it."),
-    ] = None,
-    swap_axes: Annotated[
-        bool,
-        typer.Option("--swap-axes", help="From x right / y forward to x forward / y left."),
-    ] = False,
-    origin_offset_m: Annotated[
-        float,
-        typer.Option(
-            "--origin-offset-m",
-            metavar="M",
-            help="The given origin lies so far ahead of the rear axle (nuScenes lidar: 0.943713 "
-            "Singapore, 0.985793 Boston).",
-        ),
-    ] = 0.0,
-    follows: Annotated[
-        str,
-        typer.Option(
-            "--follows",
-            metavar="sensor|rear-axle",
-            help="Whose path the waypoints are: of that origin, or of the rear axle.",
-        ),
-    ] = "sensor",
-    truncate: Annotated[
-        bool, typer.Option("--truncate", help="Cut longer horizons to what the protocol takes.")
-    ] = False,
-    protocol: options.ProtocolOption = None,
-    json: options.Json = False,
-) -> None:
-    """Make a submission of a planner's own files.
-
-    Brings trajectories into the form and frame of a submission file, in this order: axes, origin,
-    t = 0, horizon.
-    A point at t = 0 and a heading column are left out by themselves; nothing is ever padded.
-    Every step that was taken is printed.
-    """
-    if follows not in get_args(FollowedPoint):
-        raise InvalidArgumentError("wrong_option", "--follows must be sensor or rear-axle.")
-    if not abs(origin_offset_m) <= MAX_OFFSET_M:
-        raise InvalidArgumentError(
-            "wrong_option", f"--origin-offset-m must be within {MAX_OFFSET_M:g} m."
-        )
-    plan = ConversionPlan(
-        waypoints=chosen_protocol(protocol).geometry.waypoints,
-        swap_axes=swap_axes,
-        origin_offset_m=origin_offset_m,
-        follows=cast(FollowedPoint, follows),
-        truncate=truncate,
-    )
-    pairs, split_of_files = read_pairs(files)
-    split = split or split_of_files
-    if split is None:
-        raise InvalidArgumentError(
-            "wrong_split", "No file says which split it is for.", "Add --split NAME."
-        )
-    outcome = convert_pairs(pairs, plan)
-    size_bytes = write_submission(output, split, outcome.pairs)
-    facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
-    facts |= {"size_bytes": size_bytes, "done": list(outcome.done)}
-    done = [f"- {sentence}" for sentence in outcome.done or ("nothing had to be changed",)]
-    show_result(facts, json, *done, f"{len(outcome.pairs)} predictions in {output}")
-
-
 def version() -> None:
     """Print the versions of client and protocol."""
     protocol = packaged_protocol()
@@ -217,5 +138,5 @@ def version() -> None:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    for command in (check, evaluate, plot, convert, version):
+    for command in (check, evaluate, plot, version):
         app.command()(command)

@@ -134,7 +134,7 @@ COMMENTS = ('"//', '"/*', '"#')
 MAX_HEADER_BYTES = 1024
 MIN_CSV_COMMAS = 2
 MIN_IDS_AS_KEYS = 2
-"""So many keys that do not belong there, and none that does: sample ids stand as keys."""
+"""So many objects under keys that do not belong there, and none that does: ids stand as keys."""
 OTHER_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "sample_id": ("id", "token", "sample", "sample_token"),
@@ -189,7 +189,7 @@ class SubmissionReader:
         self._answers: dict[str, Any] = {}
         self._seen: set[str] = set()
         self._reading: Path = ()
-        self._n_unknown_keys = 0
+        self._n_ids_as_keys = 0
         self._is_of_another_form = False
         self.faults = faults
         self.challenge: ChallengeId | None = None
@@ -197,6 +197,7 @@ class SubmissionReader:
         self.n_predictions: int | None = None
         self.notes: list[str] = []
         self.profile: FileProfile | None = None
+        self.unranked_because: str | None = None
 
     def read(self) -> CheckedDocument | None:
         """Read the file; return its content if it is sound."""
@@ -255,9 +256,9 @@ class SubmissionReader:
                 follows.got,
                 hint=f"looks like JSON lines; {CONVERT}" if are_lines else None,
             )
-        elif self._n_unknown_keys >= MIN_IDS_AS_KEYS and not self._seen:
+        elif self._n_ids_as_keys >= MIN_IDS_AS_KEYS and not self._seen:
             self._is_of_another_form = True
-            got = f"an object with {self._n_unknown_keys:,} other keys"
+            got = f"an object with {self._n_ids_as_keys:,} objects under other keys"
             hint = f"looks like an object by sample id; {CONVERT}"
             expected = "an object with the keys schema, split and predictions"
             self._refuse(FaultCode.WRONG_TYPE, (), expected, got, hint=hint)
@@ -276,10 +277,11 @@ class SubmissionReader:
             self._seen.add(key)
             self._read_name(key)
         else:
-            self._n_unknown_keys += 1
             expected = f"only {', '.join(ROOT_KEYS)}"
             self._refuse(FaultCode.UNKNOWN_KEY, (key,), expected, quoted(key))
-            self._report_repeated(self._stream.value(), (key,))
+            value = self._stream.value()
+            self._n_ids_as_keys += isinstance(value, dict | list)
+            self._report_repeated(value, (key,))
 
     def _read_name(self, key: str) -> None:
         value = self._stream.value()
@@ -376,6 +378,7 @@ class SubmissionReader:
         challenge = self.challenge or PLANNING.id
         rules = self._rules or RULES[challenge](self._protocol, self.faults)
         self.notes += rules.notes(len(self._answers))
+        self.unranked_because = rules.unranked_because(len(self._answers), self.profile)
         return rules.document(self.split, self._answers)
 
     def _refuse(
@@ -483,7 +486,11 @@ def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
     if not text.startswith(UTF8_BYTE_ORDER_MARK):
         return text
     faults.add(
-        FaultCode.BYTE_ORDER_MARK, (), expected="JSON from the first byte on", got="EF BB BF"
+        FaultCode.BYTE_ORDER_MARK,
+        (),
+        expected="JSON from the first byte on",
+        got="EF BB BF",
+        hint="exceptiondrive convert writes the file without it",
     )
     return text[len(UTF8_BYTE_ORDER_MARK) :]
 
@@ -495,7 +502,11 @@ def _report(data: bytes, faults: FaultList, reader: SubmissionReader | None = No
         n_predictions=reader.n_predictions if reader else None,
         digest=f"sha256:{hashlib.sha256(data).hexdigest()}",
         size_bytes=len(data),
-        faults=faults.groups(reader.n_predictions if reader else None),
+        faults=faults.groups(
+            reader.n_predictions if reader else None,
+            is_of_planner=not (reader and reader.profile and reader.profile.mend),
+        ),
         notes=tuple(reader.notes) if reader else (),
         profile=reader.profile if reader else None,
+        unranked_because=reader.unranked_because if reader else None,
     )

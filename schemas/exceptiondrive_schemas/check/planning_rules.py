@@ -7,16 +7,20 @@ from array import array
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
 from exceptiondrive_schemas.check.source_fit import file_profile
+from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import FileProfile
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
+OFF_COURSE = "off_course"
 NUMBERS = (float, int)
 FARTHEST_M = 1e9
 """Farther than any coordinate of the earth: nothing can be made of such a number."""
@@ -29,8 +33,8 @@ class PlanningRules:
     optional_keys: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
+        self._protocol = protocol
         self._geometry = protocol.geometry
-        self._plausibility = protocol.plausibility
         self._faults = faults
         self._frame = FrameCheck(protocol)
         self._n_missing = {"source": 0, "edited": 0}
@@ -52,7 +56,7 @@ class PlanningRules:
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
         """Check what can be told only over all predictions; say what the file looks like."""
         recorded = manifest.recorded if manifest else None
-        profile = file_profile(answers, self._geometry, self._plausibility, recorded)
+        profile = file_profile(answers, self._geometry, self._protocol.plausibility, recorded)
         self._frame.finish(self._faults, profile)
         return profile
 
@@ -65,6 +69,19 @@ class PlanningRules:
             for key, cost in costs.items()
             if self._n_missing[key]
         )
+
+    def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
+        """Say why a sound file would be scored but not ranked; None where nothing tells that."""
+        ranking, plausibility = self._protocol.ranking, self._protocol.plausibility
+        shares = {
+            key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
+        }
+        reasons = [too_little_covered(PLANNING, shares, ranking.min_coverage)]
+        median_m = None if profile is None else profile.median_source_l2_m
+        limit_m = plausibility.flag_off_course_m
+        if OFF_COURSE in ranking.unranked_flags and median_m is not None and median_m > limit_m:
+            reasons.append(f"flagged {FLAGS[OFF_COURSE].label}: median source L2 {median_m:.2f} m")
+        return "; ".join(filter(None, reasons)) or None
 
     def document(self, split: str, answers: Mapping[str, Any]) -> PlanningDocument:
         """Return the sound file."""

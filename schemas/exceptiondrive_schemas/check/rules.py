@@ -40,6 +40,9 @@ class PredictionRules(Protocol):
     def notes(self, n_predictions: int) -> tuple[str, ...]:
         """Say what a sound file leaves out."""
 
+    def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
+        """Say why a sound file would be scored but not ranked; None where it would be ranked."""
+
     def document(self, split: str, answers: Mapping[str, Any]) -> CheckedDocument:
         """Return the sound file."""
 

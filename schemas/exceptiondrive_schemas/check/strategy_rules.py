@@ -3,9 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar, get_args
 
+from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check.answers import StrategyAnswer, StrategyDocument
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, check_text, kind, quoted
+from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import FaultCode
+from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
@@ -26,6 +29,7 @@ class StrategyRules:
     def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
         self._faults = faults
         self._task_ids = frozenset(task.id for task in protocol.tasks)
+        self._min_coverage = protocol.ranking.min_coverage
         self._n_missing = 0
 
     def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
@@ -44,6 +48,11 @@ class StrategyRules:
             return ()
         share = f"{self._n_missing:,} of {n_predictions:,} samples"
         return (f"strategy is null for {share}: each counts as wrong and under-warning",)
+
+    def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
+        """Say why a sound file would be scored but not ranked; None where it would be ranked."""
+        share = 1 - self._n_missing / max(n_predictions, 1)
+        return too_little_covered(STRATEGY, {"edited": share}, self._min_coverage)
 
     def document(self, split: str, answers: Mapping[str, Any]) -> StrategyDocument:
         """Return the sound file."""

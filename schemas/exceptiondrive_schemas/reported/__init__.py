@@ -33,6 +33,11 @@ class ReportedChallenge(Document):
     """What a paper reports on one challenge; without an aggregate it does not say which."""
 
     aggregate: Aggregate | None = None
+    n_samples: int | None = None
+    samples: str
+    """What was scored, in words; `n_samples` of them, where the paper says how many."""
+    protocol: str
+    """What scored it, in words."""
     rows: tuple[ReportedRow, ...]
 
 

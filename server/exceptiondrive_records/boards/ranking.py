@@ -4,13 +4,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from sqlalchemy import ColumnElement, select
+from sqlalchemy import ColumnElement, exists, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.policy import (
+    has_closed,
     is_anonymous,
     is_late,
+    is_split_revealed,
     pseudonym_of_method,
     pseudonym_of_team,
 )
@@ -76,7 +79,8 @@ def entries_for_board(
 
     That is the latest scored submission of each (team, method) that came in time and is public, or
     one of each team where the phase says so. The late view holds the latest late ones besides. A
-    method whose latest submission was withdrawn falls back to the one before it.
+    method whose latest submission was withdrawn falls back to the one before it, until the deadline:
+    withdrawn later, it leaves no entry, so that nobody picks after seeing the outcome.
 
     Args:
         session: To read with.
@@ -93,7 +97,7 @@ def entries_for_board(
         raise NotFound("phase", phase_id)
     key = (protocol_digest, split_revision or phase.split_revision)
     scored = _scored_under(session, phase, *key)
-    due = _due(phase, scored, view)
+    due = _due(session, phase, scored, view)
     sheets = _sheets(session, [each.submission.id for each in due], *key)
     public = {each.submission.id: each for each in scored if _is_public(phase, each.submission)}
     return [
@@ -107,7 +111,8 @@ def entry_ids_for_board(
 ) -> set[str]:
     """Return the submissions of `entries_for_board`, without reading a sheet."""
     phase = session.get_one(Phase, phase_id)
-    due = _due(phase, _scored_under(session, phase, protocol_digest, split_revision), "main")
+    scored = _scored_under(session, phase, protocol_digest, split_revision)
+    due = _due(session, phase, scored, "main")
     return {each.submission.id for each in due}
 
 
@@ -128,6 +133,58 @@ def names_of(session: Session, submission_ids: list[str]) -> list[Names]:
         .where(Submission.id.in_(submission_ids))
     )
     return [Names(*row) for row in session.execute(query)]
+
+
+def replaced_by(session: Session, submission: Submission) -> str | None:
+    """Return what stands on the board in place of a scored submission of the same team.
+
+    A later run of the same method, or the one that stands for the team where the phase shows one of
+    each; None where it stands itself, or is no entry at all.
+    """
+    phase = session.get_one(Phase, submission.phase_id)
+    if submission.status is not SubmissionStatus.SCORED or not _is_public(phase, submission):
+        return None
+    standing = standing_of(session, phase, submission.team_id, submission.method, submission)
+    return None if standing is None or standing.id == submission.id else standing.id
+
+
+def standing_of(
+    session: Session, phase: Phase, team_id: int, method: str, beside: Submission | None = None
+) -> Submission | None:
+    """Return the submission that a scored one of this team and method stands beside or replaces.
+
+    Args:
+        session: To read with.
+        phase: Where it competes.
+        team_id: Whose it is.
+        method: Name of the method.
+        beside: The submission itself, where there is one: late ones stand apart.
+    """
+    team = session.get_one(Team, team_id)
+    query = (
+        select(Submission)
+        .where(
+            Submission.phase_id == phase.id,
+            Submission.team_id == team_id,
+            stood_at_deadline(phase),
+        )
+        .order_by(Submission.received_at, Submission.id)
+    )
+    is_late_one = (
+        is_late(phase, beside) if beside is not None else has_closed(phase, database_now(session))
+    )
+    stood = [
+        _Scored(each, team, "")
+        for each in session.scalars(query)
+        if _is_public(phase, each) and is_late(phase, each) == is_late_one
+    ]
+    is_one_of_team = phase.policy.entries_shown == "chosen" and not is_late_one
+    if is_one_of_team and not team.is_reference:
+        due = _of_teams(stood)
+    else:
+        due = _of_methods(each for each in stood if each.submission.method == method)
+    is_there = SubmissionStatus.SCORED
+    return next((each.submission for each in due if each.submission.status is is_there), None)
 
 
 def _scored_under(
@@ -163,13 +220,46 @@ def _sheets(
     return {row.submission_id: row for row in session.scalars(query)}
 
 
-def _due(phase: Phase, scored: list[_Scored], view: BoardView) -> list[_Scored]:
+def stood_at_deadline(phase: Phase) -> ColumnElement[bool]:
+    """Return the condition on submissions with a score that were not withdrawn before the deadline."""
+    is_scored = Submission.status == SubmissionStatus.SCORED
+    if phase.closes_at is None:
+        return is_scored
+    return is_scored | (
+        (Submission.status == SubmissionStatus.WITHDRAWN)
+        & (Submission.withdrawn_at >= phase.closes_at)
+        & exists().where(ScoreSheetRow.submission_id == Submission.id)
+    )
+
+
+def _due(session: Session, phase: Phase, scored: list[_Scored], view: BoardView) -> list[_Scored]:
     public = [each for each in scored if _is_public(phase, each.submission)]
-    in_time = [each for each in public if not is_late(phase, each.submission)]
+    stood = sorted([*public, *_withdrawn_since(session, phase)], key=_by_arrival)
+    in_time = [each for each in stood if not is_late(phase, each.submission)]
     due = _of_teams(in_time) if phase.policy.entries_shown == "chosen" else _of_methods(in_time)
-    if view == "late":
+    if view == "late" and not is_split_revealed(session, phase):
         due += _of_methods(each for each in public if is_late(phase, each.submission))
-    return sorted(due, key=lambda each: (each.submission.received_at, each.submission.id))
+    is_there = SubmissionStatus.SCORED
+    return sorted((each for each in due if each.submission.status is is_there), key=_by_arrival)
+
+
+def _withdrawn_since(session: Session, phase: Phase) -> list[_Scored]:
+    """Public entries that were withdrawn after the deadline: what they displaced stays displaced."""
+    query = (
+        select(Submission, Team)
+        .join(Team, Team.id == Submission.team_id)
+        .where(
+            Submission.phase_id == phase.id,
+            Submission.status == SubmissionStatus.WITHDRAWN,
+            stood_at_deadline(phase),
+        )
+    )
+    found = [_Scored(submission, team, "") for submission, team in session.execute(query)]
+    return [each for each in found if _is_public(phase, each.submission)]
+
+
+def _by_arrival(scored: _Scored) -> tuple[datetime, str]:
+    return scored.submission.received_at, scored.submission.id
 
 
 def _is_public(phase: Phase, submission: Submission) -> bool:

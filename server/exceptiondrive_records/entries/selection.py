@@ -4,10 +4,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.ranking import stood_at_deadline
 from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
-from exceptiondrive_records.phases.policy import has_closed, is_late
+from exceptiondrive_records.phases.policy import has_closed, hid_scores, is_late
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -40,12 +41,13 @@ def is_chosen(session: Session, submission: Submission) -> bool:
     """Whether this is the last choice of its team among its scored submissions."""
     if submission.chosen_at is None:
         return False
+    phase = session.get_one(Phase, submission.phase_id)
     query = (
         select(Submission.id)
         .where(
             Submission.team_id == submission.team_id,
             Submission.phase_id == submission.phase_id,
-            Submission.status == SubmissionStatus.SCORED,
+            stood_at_deadline(phase),
             Submission.chosen_at.is_not(None),
         )
         .order_by(Submission.chosen_at.desc(), Submission.received_at.desc(), Submission.id.desc())
@@ -58,10 +60,10 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
 
     Raises:
         NotFound: No such submission.
-        Conflict: The phase shows every entry, or there is no score yet.
+        Conflict: The phase shows every entry, there is no score yet, or it is too late to pick.
     """
     submission, phase = _scored(session, submission_id)
-    _require_private(phase)
+    _require_private(session, phase)
     if submission.published_at is None:
         submission.published_at = database_now(session)
         want_boards(session, phase)
@@ -74,10 +76,10 @@ def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission
 
     Raises:
         NotFound: No such submission.
-        Conflict: The phase shows every entry, or there is no score yet.
+        Conflict: The phase shows every entry, there is no score yet, or it is too late to pick.
     """
     submission, phase = _scored(session, submission_id)
-    _require_private(phase)
+    _require_private(session, phase)
     if submission.published_at is not None:
         submission.published_at = None
         want_boards(session, phase)
@@ -94,6 +96,10 @@ def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:
     return submission, session.get_one(Phase, submission.phase_id)
 
 
-def _require_private(phase: Phase) -> None:
+def _require_private(session: Session, phase: Phase) -> None:
     if not phase.policy.entries_private:
         raise Conflict("This phase shows every scored entry; withdraw it to take it off.")
+    if has_closed(phase, database_now(session)) and hid_scores(session, phase):
+        raise Conflict(
+            "Scores that were hidden are shown now: what is public stays public, and the rest private."
+        )

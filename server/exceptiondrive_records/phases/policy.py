@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.splits import part_revision
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.phase_settings import PhaseNow, SplitPart
@@ -43,9 +44,27 @@ def has_closed(phase: Phase, moment: datetime) -> bool:
     return phase.closes_at is not None and moment >= phase.closes_at
 
 
-def takes_late_entries(phase: Phase, moment: datetime) -> bool:
-    """Whether what comes at this moment is accepted for the late view."""
-    return has_closed(phase, moment) and phase.policy.late_entries == "own_view"
+def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool:
+    """Whether what comes at this moment is accepted for the late view.
+
+    Nothing is once the split is revealed: late files would ask the private part again and again.
+    """
+    is_wanted = has_closed(phase, moment) and phase.policy.late_entries == "own_view"
+    return is_wanted and not is_split_revealed(session, phase)
+
+
+def is_split_revealed(session: Session, phase: Phase) -> bool:
+    """Whether the phase began with the public part of its split and shows another one now."""
+    if phase.policy.live_part != "public":
+        return False
+    public = part_revision(session, phase.split_name, phase.split_revision, "public")
+    return public not in (None, phase.split_revision)
+
+
+def hid_scores(session: Session, phase: Phase) -> bool:
+    """Whether teams were shown scores after the deadline that were kept from them before."""
+    was_hidden = phase.unfrozen_at is not None and phase.policy.frozen_scores == "hidden"
+    return was_hidden or is_split_revealed(session, phase)
 
 
 def is_late(phase: Phase, submission: Submission) -> bool:
@@ -63,7 +82,7 @@ def phase_now(session: Session, phase: Phase) -> PhaseNow:
         frozen_since=frozen_since(phase, now),
         families_shown_from=families_shown_from(phase, now),
         is_anonymous=is_anonymous(phase),
-        takes_late_entries=takes_late_entries(phase, now),
+        takes_late_entries=takes_late_entries(session, phase, now),
     )
 
 

@@ -105,16 +105,25 @@ def _kind(old: Standing | None, new: Standing | None) -> Change:
         return "appears"
     if new is None:
         return "disappears"
-    if _numbers(old) != _numbers(new):
+    if _numbers_differ(old, new):
         return "numbers"
     is_same = (old.rank, old.rank_interval) == (new.rank, new.rank_interval)
     return "none" if is_same else "rank_only"
 
 
-def _numbers(standing: Standing) -> tuple[object, ...]:
-    """Return the published numbers; whom the reminder is measured against is none of them."""
-    effect = standing.reminder_effect
-    return (standing.metrics, standing.families, None if effect is None else effect.differences)
+def _numbers_differ(old: Standing, new: Standing) -> bool:
+    """Whether a published number changes; whom the reminder is measured against is none of them.
+
+    A metric that one of the boards does not have yet changes no number of the other.
+    """
+    if old.families.keys() != new.families.keys():
+        return True
+    rows = [(old.metrics, new.metrics)]
+    rows += [(row, new.families[family]) for family, row in old.families.items()]
+    effects = [each and each.differences for each in (old.reminder_effect, new.reminder_effect)]
+    return effects[0] != effects[1] or any(
+        before[key] != after[key] for before, after in rows for key in before.keys() & after.keys()
+    )
 
 
 def _effect(standing: Standing | None) -> MetricRow | None:

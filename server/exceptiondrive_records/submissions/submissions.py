@@ -203,7 +203,7 @@ def require_acceptable(
     if first is not None:
         require_same_link(first, linked_to)
         return first
-    _require_open(phase, arrival(arrived_at, database_now(session)))
+    _require_open(session, phase, arrival(arrived_at, database_now(session)))
     require_quota(session, team_id, phase)
     require_counterpart(session, team_id, phase, linked_to)
     return None
@@ -332,8 +332,8 @@ def _same_bytes(
     ).first()
 
 
-def _require_open(phase: Phase, now: datetime) -> None:
-    if is_open(phase, now) or takes_late_entries(phase, now):
+def _require_open(session: Session, phase: Phase, now: datetime) -> None:
+    if is_open(phase, now) or takes_late_entries(session, phase, now):
         return
     if phase.opens_at is not None and now < phase.opens_at:
         raise PhaseClosed(phase.title, opens_at=phase.opens_at)

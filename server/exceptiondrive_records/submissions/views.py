@@ -6,9 +6,15 @@ from statistics import median
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import ranks_on
+from exceptiondrive_records.boards.boards import entry_ids, ranks_on
+from exceptiondrive_records.boards.ranking import replaced_by
 from exceptiondrive_records.entries.selection import is_chosen
-from exceptiondrive_records.phases.policy import is_anonymous, is_late, pseudonym_of_team
+from exceptiondrive_records.phases.policy import (
+    is_anonymous,
+    is_late,
+    is_split_revealed,
+    pseudonym_of_team,
+)
 from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
 from exceptiondrive_records.phases.tables import Phase
@@ -68,6 +74,7 @@ def view(
         rank=_rank(session, submission, ranks) if is_scored else None,
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
+        replaced_by=replaced_by(session, submission),
         is_chosen=is_chosen(session, submission),
         is_published=not phase.policy.entries_private or submission.published_at is not None,
         score_kept_back_since=hidden_since,
@@ -114,7 +121,16 @@ def queue_place(
 
 
 def published_sheet(session: Session, submission: Submission, phase: Phase) -> ScoreSheet | None:
-    """Return the sheet under the protocol and split revision that the phase shows, as it may be."""
+    """Return the sheet under the protocol and split revision that the phase shows, as it may be.
+
+    After a reveal of the split that is the final entry's alone: else a team would learn which of
+    its entries is the best on the private part.
+    """
+    board_id = phase.current_board_id
+    if is_split_revealed(session, phase) and (
+        board_id is None or submission.id not in entry_ids(session, board_id)
+    ):
+        return None
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)
     return None if row is None else shown_sheet(session, phase, row)

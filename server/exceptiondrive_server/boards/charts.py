@@ -1,20 +1,21 @@
-"""The ceiling chart: the first primary metric against the second, with HCC <= 100 - UR.
+"""The charts of a board: two metrics that the challenge names, and the clearance curve.
 
 Labels stand beside their point, never on top of another one; arrows lead from a submission without
 the reminder to the one with it.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
-from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.score_sheet import Interval
+from exceptiondrive_schemas.challenges import Corner, Metric
+from exceptiondrive_schemas.score_sheet import ClearanceCurve, Interval
 from exceptiondrive_server.boards.entry_facts import (
     challenge_of,
     entry_key,
+    flags_of,
     interval_of,
     primary_metrics,
     values_of,
@@ -22,6 +23,7 @@ from exceptiondrive_server.boards.entry_facts import (
 from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import Digits, fixed
 from exceptiondrive_server.web.scales import Scale, nice_scale, px
+from exceptiondrive_server.web.templating import template_filter
 
 CHARACTER_WIDTH = 7.4
 LINE_HEIGHT = 16.0
@@ -31,8 +33,7 @@ FAR = 30.0
 HEAD = 9.0
 GAP = 9.0
 """Arrows end before the point that they lead to."""
-MAX_POINTS = 24
-_Ends = tuple[float, float, float, float]
+MAX_SCORED = 20
 
 
 class Box(NamedTuple):
@@ -114,16 +115,16 @@ class Point:
 
     x: str
     y: str
-    ceiling_y: str
     x_whisker: tuple[str, str] | None
     y_whisker: tuple[str, str] | None
-    source: str
+    kind: str
+    """`scored` (and ranked), `listed` (without a rank) or `reference`."""
     title: str
 
 
 @dataclass(frozen=True)
-class CeilingChart:
-    """All coordinates of the chart."""
+class ScatterChart:
+    """All coordinates of the chart, and the entries without one of the two metrics."""
 
     width: int
     height: int
@@ -133,16 +134,24 @@ class CeilingChart:
     bottom: str
     x_ticks: tuple[Tick, ...]
     y_ticks: tuple[Tick, ...]
-    impossible: str
-    ceiling: tuple[str, str, str, str]
-    ceiling_label: tuple[float, float, float]
+    corners: tuple[Label, ...]
     points: tuple[Point, ...]
     labels: tuple[Label, ...]
     arrows: tuple[Arrow, ...]
-    x_title: str
-    y_title: str
-    outside: tuple[str, ...]
+    x_metric: Metric
+    y_metric: Metric
+    without: tuple[str, ...]
     description: str
+
+    @property
+    def x_title(self) -> str:
+        """What stands along x."""
+        return _axis_title(self.x_metric)
+
+    @property
+    def y_title(self) -> str:
+        """What stands along y."""
+        return _axis_title(self.y_metric)
 
 
 @dataclass(frozen=True)
@@ -156,38 +165,49 @@ class _Mark:
     y_interval: Interval | None
 
 
-def ceiling_chart(
-    board: Board,
-    entries: Sequence[BoardEntry],
-    average: Average,
-    *,
-    width: int = 640,
-    height: int = 560,
-) -> CeilingChart | None:
-    """Draw entries; None if no entry has both values.
+def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
+    """Return the entries that the chart of a board draws: the first scored ones, the references."""
+    scored = [entry for entry in board.entries if entry.source == "scored"]
+    references = [entry for entry in board.entries if entry.source == "reference"]
+    return (*scored[:MAX_SCORED], *references)
+
+
+@template_filter
+def charted_values(
+    board: Board, average: Average, chart: "ScatterChart"
+) -> list[tuple[BoardEntry, float | None, float | None]]:
+    """Return each entry that the chart is about with its two values, y before x."""
+    keys = chart.y_metric.key, chart.x_metric.key
+    rows = [(entry, values_of(entry, board, average)) for entry in charted_entries(board)]
+    return [(entry, values.get(keys[0]), values.get(keys[1])) for entry, values in rows]
+
+
+def scatter_chart(
+    board: Board, average: Average, *, width: int = 640, height: int = 480
+) -> ScatterChart | None:
+    """Draw the entries of a board by the two metrics of its challenge; None if none has both.
 
     Args:
-        board: The board they stand on.
-        entries: What to draw, most important first; the first twenty-four are drawn.
+        board: Scored entries and references; the first twenty scored ones are drawn.
         average: Which average to draw.
         width: Width of the drawing; 640 for wide screens, 350 for phones.
         height: Height of the drawing.
     """
-    marks = _marks(board, entries[:MAX_POINTS], average)
+    challenge = challenge_of(board)
+    words = challenge.words.chart
+    if not {words.x, words.y} <= set(challenge.metric_keys):
+        return None
+    metrics = challenge.metric(words.x), challenge.metric(words.y)
+    entries = charted_entries(board)
+    marks = _marks(board, entries, average, metrics)
     if not marks:
         return None
     left, right, top, bottom = 52.0, width - 16.0, 14.0, height - 52.0
-    framing = [mark for mark in marks if mark.entry.source != "reference"] or marks
-    x_scale = _scale([m.x for m in framing], [m.x_interval for m in framing], (left, right), width)
-    y_scale = _scale([m.y for m in framing], [m.y_interval for m in framing], (bottom, top), width)
-    outside = [m for m in marks if not (x_scale.holds(m.x) and y_scale.holds(m.y))]
-    marks = [mark for mark in marks if mark not in outside]
-    points = tuple(_point(mark, x_scale, y_scale) for mark in marks)
-    first, second = primary_metrics(challenge_of(board))[:2]
-    ends = _ceiling_ends(x_scale, y_scale)
-    spots = [(x_scale.at(mark.x), y_scale.at(mark.y)) for mark in marks]
-    words = _ceiling_label(ends, spots)
-    return CeilingChart(
+    x_scale = _scale([m.x for m in marks], [m.x_interval for m in marks], (left, right), width)
+    y_scale = _scale([m.y for m in marks], [m.y_interval for m in marks], (bottom, top), width)
+    drawn = {entry_key(mark.entry) for mark in marks}
+    corners = _corners(words.corners, x_scale, y_scale)
+    return ScatterChart(
         width=width,
         height=height,
         left=px(left),
@@ -196,18 +216,16 @@ def ceiling_chart(
         bottom=px(bottom),
         x_ticks=_ticks(x_scale),
         y_ticks=_ticks(y_scale),
-        impossible=_impossible(x_scale, y_scale),
-        ceiling=(px(ends[0]), px(ends[1]), px(ends[2]), px(ends[3])),
-        ceiling_label=words,
-        points=points,
-        arrows=effect_arrows([mark.entry for mark in marks], (second, first), x_scale, y_scale)
+        corners=corners,
+        points=tuple(_point(mark, x_scale, y_scale, metrics) for mark in marks),
+        arrows=effect_arrows([mark.entry for mark in marks], metrics, x_scale, y_scale)
         if average == board.headline
         else (),
-        labels=_labels(marks, x_scale, y_scale, ends, words),
-        x_title=_axis_title(second),
-        y_title=_axis_title(first),
-        outside=tuple(f"{m.entry.method} ({m.y:.2f} at {m.x:.2f})" for m in outside),
-        description=_description(marks, first.label, second.label),
+        labels=_labels(marks, x_scale, y_scale, corners),
+        x_metric=metrics[0],
+        y_metric=metrics[1],
+        without=tuple([e.method for e in entries if entry_key(e) not in drawn]),
+        description=_description(marks, metrics),
     )
 
 
@@ -216,17 +234,17 @@ def _axis_title(metric: Metric) -> str:
     return f"{metric.title}, {metric.label} %" if metric.label.isupper() else f"{metric.title}, %"
 
 
-def _marks(board: Board, entries: Sequence[BoardEntry], average: Average) -> list[_Mark]:
-    first, second = primary_metrics(challenge_of(board))[:2]
+def _marks(
+    board: Board, entries: Sequence[BoardEntry], average: Average, metrics: tuple[Metric, Metric]
+) -> list[_Mark]:
     marks = []
     for entry in entries:
         values = values_of(entry, board, average)
-        x, y = values.get(second.key), values.get(first.key)
+        x, y = (values.get(metric.key) for metric in metrics)
         if x is None or y is None:
             continue
-        x_interval = interval_of(entry, board, average, second.key)
-        y_interval = interval_of(entry, board, average, first.key)
-        marks.append(_Mark(entry, x * 100, y * 100, _times_100(x_interval), _times_100(y_interval)))
+        ends = [_times_100(interval_of(entry, board, average, m.key)) for m in metrics]
+        marks.append(_Mark(entry, x * 100, y * 100, *ends))
     return marks
 
 
@@ -240,11 +258,12 @@ def _scale(
     extent: tuple[float, float],
     width: int,
 ) -> Scale:
+    """From 0 to what holds every value and interval, 100 at the most."""
     ends = [end for interval in intervals if interval for end in interval]
-    spread = max([*values, *ends]) - min([*values, *ends])
-    room = max(spread * 0.06, 1.0)
-    wanted = [*values, *ends, min(values) - room, max(values) + room]
-    return nice_scale(wanted, extent, n_ticks=7 if width > 480 else 5, floor=0.0, ceiling=100.0)
+    n_ticks = 6 if width > 480 else 5
+    return nice_scale(
+        [*values, *ends], extent, n_ticks=n_ticks, floor=0.0, ceiling=100.0, include=(0.0, 10.0)
+    )
 
 
 def _ticks(scale: Scale) -> tuple[Tick, ...]:
@@ -252,42 +271,29 @@ def _ticks(scale: Scale) -> tuple[Tick, ...]:
     return tuple(Tick(px(scale.at(tick)), fixed(tick, decimals)) for tick in scale.ticks)
 
 
-def _ceiling_ends(x: Scale, y: Scale) -> _Ends:
-    """Ends of the line HCC = 100 - UR inside the plot, as x1, y1, x2, y2."""
-    x_low = max(x.domain[0], 100 - y.domain[1])
-    x_high = min(x.domain[1], 100 - y.domain[0])
-    return (x.at(x_low), y.at(100 - x_low), x.at(x_high), y.at(100 - x_high))
+def _corners(words: Mapping[Corner, str], x: Scale, y: Scale) -> tuple[Label, ...]:
+    """What the corners mean, inside the frame."""
+    placed = []
+    for corner, text in words.items():
+        is_left, is_top = corner.endswith("left"), corner.startswith("top")
+        at = (x.extent[0] + 8 if is_left else x.extent[1] - 6, y.extent[1 if is_top else 0])
+        anchor: Anchor = "start" if is_left else "end"
+        placed.append(Label(px(at[0]), px(at[1] + (14 if is_top else -8)), anchor, text, None))
+    return tuple(placed)
 
 
-def _impossible(x: Scale, y: Scale) -> str:
-    """Corners of the region above the ceiling, as an SVG points list; empty if out of view."""
-    if x.domain[1] + y.domain[1] <= 100:
-        return ""
-    x1, y1, x2, y2 = _ceiling_ends(x, y)
-    top, right, bottom = y.extent[1], x.extent[1], y.extent[0]
-    corners = [(x1, top), (x1, y1), (x2, y2), (right, y2 if x2 >= right else bottom)]
-    corners += [(right, top)]
-    return " ".join(f"{px(a)},{px(b)}" for a, b in corners)
-
-
-def _ceiling_label(ends: _Ends, spots: Sequence[tuple[float, float]]) -> tuple[float, float, float]:
-    """Place and turn of the words along the line, where no point is near: x, y, degrees."""
-    x1, y1, x2, y2 = ends
-    angle = math.degrees(math.atan2(y2 - y1, x2 - x1)) if x2 > x1 else 0.0
-    places = [(x1 + s / 20 * (x2 - x1), y1 + s / 20 * (y2 - y1)) for s in range(4, 17)]
-    x, y = max(places, key=lambda place: min(math.dist(place, spot) for spot in spots))
-    return (x, y, angle)
-
-
-def _point(mark: _Mark, x: Scale, y: Scale) -> Point:
+def _point(mark: _Mark, x: Scale, y: Scale, metrics: tuple[Metric, Metric]) -> Point:
+    kind = "listed" if mark.entry.rank is None else "scored"
+    kind = "reference" if mark.entry.source == "reference" else kind
+    along, up = metrics
+    flags = f" ({flags_of(mark.entry)})" if mark.entry.flags else ""
     return Point(
         x=px(x.at(mark.x)),
         y=px(y.at(mark.y)),
-        ceiling_y=px(y.clamped(100 - mark.x)),
         x_whisker=_whisker(mark.x_interval, x),
         y_whisker=_whisker(mark.y_interval, y),
-        source=mark.entry.source,
-        title=f"{mark.entry.method}: {mark.y:.2f} % at {mark.x:.2f} %",
+        kind=kind,
+        title=f"{mark.entry.method}{flags}: {up.label} {mark.y:.2f} %, {along.label} {mark.x:.2f} %",
     )
 
 
@@ -296,32 +302,13 @@ def _whisker(interval: Interval | None, scale: Scale) -> tuple[str, str] | None:
 
 
 def _labels(
-    marks: Sequence[_Mark],
-    x: Scale,
-    y: Scale,
-    ends: _Ends,
-    words: tuple[float, float, float],
+    marks: Sequence[_Mark], x: Scale, y: Scale, corners: Sequence[Label]
 ) -> tuple[Label, ...]:
     frame = Box(x.extent[0] + 2, y.extent[1] + 2, x.extent[1] + 12, y.extent[0] - 2)
     anchors = [(mark.entry.method, x.at(mark.x), y.at(mark.y)) for mark in marks]
     bars = [_extent_box(mark, x, y) for mark in marks]
-    bars += [_drop_box(mark, x, y) for mark in marks]
-    return place_labels(anchors, frame, [*bars, *_line_boxes(ends), *_word_boxes(words)])
-
-
-def _line_boxes(ends: _Ends) -> list[Box]:
-    """The ceiling as small obstacles."""
-    x1, y1, x2, y2 = ends
-    places = [(x1 + s / 80 * (x2 - x1), y1 + s / 80 * (y2 - y1)) for s in range(81)]
-    return [Box(x - 2, y - 2, x + 2, y + 2) for x, y in places]
-
-
-def _word_boxes(words: tuple[float, float, float]) -> list[Box]:
-    """The words along the ceiling as small obstacles."""
-    x, y, angle = words
-    cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    places = [(x + s * cos + 14 * sin, y + s * sin - 14 * cos) for s in range(-90, 91, 12)]
-    return [Box(a - 8, b - 8, a + 8, b + 8) for a, b in places]
+    words = [_text_box(c.text, float(c.x), float(c.y), c.anchor) for c in corners]
+    return place_labels(anchors, frame, [*bars, *words])
 
 
 def _extent_box(mark: _Mark, x: Scale, y: Scale) -> Box:
@@ -331,16 +318,11 @@ def _extent_box(mark: _Mark, x: Scale, y: Scale) -> Box:
     return Box(x.clamped(low) - 2, at - 2, x.clamped(high) + 2, at + 2)
 
 
-def _drop_box(mark: _Mark, x: Scale, y: Scale) -> Box:
-    """The dotted drop from the ceiling as an obstacle for labels."""
-    at = x.at(mark.x)
-    return Box(at - 2, y.clamped(100 - mark.x), at + 2, y.at(mark.y))
-
-
-def _description(marks: Sequence[_Mark], first: str, second: str) -> str:
+def _description(marks: Sequence[_Mark], metrics: tuple[Metric, Metric]) -> str:
+    along, up = metrics
     shown = ", ".join(f"{m.entry.method} {m.y:.2f} at {m.x:.2f}" for m in marks[:12])
     more = f" and {len(marks) - 12} more" if len(marks) > 12 else ""
-    return f"{first} against {second} in per cent: {shown}{more}. No point can lie above the line."
+    return f"{up.label} against {along.label} in per cent: {shown}{more}."
 
 
 _OFFSETS: tuple[tuple[float, float, Anchor], ...] = (
@@ -494,3 +476,79 @@ def effect_lines(board: Board, digits: Digits) -> tuple[EffectLine, ...]:
             parts.append(text)
         lines.append(EffectLine(entry.method, effect.without_method, tuple(parts)))
     return tuple(lines)
+
+
+Curves = tuple[tuple[BoardEntry, ClearanceCurve], ...]
+"""Entries with the share of their samples that keeps at least a multiple of the required clearance.
+
+Where a curve starts, at no clearance, it stands at 100 - UR; the area under it up to the required
+clearance is HCC, as exactly as its steps allow.
+"""
+MAX_CURVES = 4
+"""So many lines are told apart by colour and dashes."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One entry's curve, as the points of a polyline."""
+
+    entry: BoardEntry
+    points: str
+    at_required: float
+    """Share of samples that keep the whole required clearance."""
+
+
+@dataclass(frozen=True)
+class CurveChart:
+    """Curves on one pair of axes, in SVG units; `required_x` is the required clearance."""
+
+    width: int
+    height: int
+    left: str
+    right: str
+    top: str
+    bottom: str
+    required_x: str
+    x_ticks: tuple[Tick, ...]
+    y_ticks: tuple[Tick, ...]
+    curves: tuple[Curve, ...]
+    description: str
+
+
+def best_entries(board: Board) -> tuple[BoardEntry, ...]:
+    """Return the leader and the next best ranked entries."""
+    ranked = sorted([e for e in board.entries if e.rank is not None], key=lambda e: e.rank or 0)
+    ranked.sort(key=lambda entry: entry is not board.leader)
+    return tuple(ranked[:MAX_CURVES])
+
+
+def curve_chart(
+    known: Curves, average: Average, *, width: int = 640, height: int = 380
+) -> CurveChart | None:
+    """Draw the curves of some entries; None where there are none."""
+    if not known:
+        return None
+    left, right, top, bottom = 52.0, width - 16.0, 14.0, height - 52.0
+    reach = max((len(curve.micro) - 1) * curve.step for _, curve in known)
+    x_scale = Scale((0.0, reach), (left, right), tuple(i / 2 for i in range(int(reach * 2) + 1)))
+    y_scale = Scale((0.0, 1.0), (bottom, top), (0.0, 0.25, 0.5, 0.75, 1.0))
+    curves = []
+    for entry, curve in known:
+        shares = curve.micro if average == "micro" else curve.macro_family
+        at = [(x_scale.at(k * curve.step), y_scale.at(share)) for k, share in enumerate(shares)]
+        points = " ".join(f"{px(x)},{px(y)}" for x, y in at)
+        curves.append(Curve(entry, points, shares[round(1 / curve.step)]))
+    return CurveChart(
+        width=width,
+        height=height,
+        left=px(left),
+        right=px(right),
+        top=px(top),
+        bottom=px(bottom),
+        required_x=px(x_scale.at(1.0)),
+        x_ticks=tuple(Tick(px(x_scale.at(tick)), f"{tick:g}") for tick in x_scale.ticks),
+        y_ticks=tuple(Tick(px(y_scale.at(tick)), f"{tick:.0%}"[:-1]) for tick in y_scale.ticks),
+        curves=tuple(curves),
+        description="Share of scenes that keep the whole required clearance: "
+        + ", ".join(f"{one.entry.method} {one.at_required:.1%}" for one in curves),
+    )

@@ -1,6 +1,6 @@
 """Two entries of one board side by side: a plain verdict, families as dumbbells, differences."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,9 +12,10 @@ from exceptiondrive_schemas.board import (
     PairedDifference,
 )
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key
+from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
 from exceptiondrive_server.web.numbers import MINUS, Digits, listed, unit_of
 from exceptiondrive_server.web.scales import Scale, nice_scale
@@ -23,7 +24,6 @@ from exceptiondrive_server.web.templating import template_filter
 LINE_HEIGHT = 40
 WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16
 NARROW = 310
-NOT_SEPARABLE = "not separable on this split"
 Sheets = tuple[ScoreSheet | None, ScoreSheet | None]
 
 
@@ -118,6 +118,11 @@ class Comparison:
             return ""
         return "a" if (x > y) == (metric.better == "higher") else "b"
 
+    def marked(self, metric: Metric) -> str:
+        """Return which is marked as the better one: none that a flag bars from leading."""
+        better = self.better(metric)
+        return "" if better and is_barred({"a": self.a, "b": self.b}[better]) else better
+
     @cached_property
     def verdict(self) -> str:
         """Which entry is ahead, in plain words, and whether the data can tell."""
@@ -130,10 +135,10 @@ class Comparison:
             return f"Both stand at {digits.text(first, x)} {unit_of(first)} {first.label}."
         ahead, behind = (self.a, self.b) if self.better(first) == "a" else (self.b, self.a)
         gap = digits.text(first, abs(x - y))
-        lead = f"{ahead.method} leads {behind.method} by {gap} points of {first.label}."
+        lead = f"{first.label}: {ahead.method} is {gap} points better than {behind.method}."
         found = self.paired.overall[first.key] if self.paired else None
         sure = self._sentence(found) if found else _certainty(ahead, behind, first)
-        return f"{lead} {sure}"
+        return " ".join([lead, sure, *flagged((ahead, behind))])
 
     def _sentence(self, found: PairedDifference) -> str:
         """What the comparison sample by sample says."""
@@ -149,45 +154,37 @@ class Comparison:
 
     @cached_property
     def families_sentence(self) -> str:
-        """The families in which each leads, and the widest gap."""
-        metric, digits = self.first, self.digits
-        sign = 1 if metric.better == "higher" else -1
-        known = [
-            (head, x, y)
+        """The families in which one is surely ahead, sample by sample, and how many stay open."""
+        if self.paired is None:
+            return ""
+        found = [
+            (self.paired.families.get(head.id), short_title(head.title).lower())
             for head in self.board.families
-            if (x := family_value(self.a, head.id, metric)) is not None
-            and (y := family_value(self.b, head.id, metric)) is not None
         ]
-        gaps = [
-            (sign * (x - y), short_title(head.title).lower())
-            for head, x, y in known
-            if digits.text(metric, x) != digits.text(metric, y)
-        ]
-        if not known:
-            return "No family split is known for both."
-        if not gaps:
-            return "They are equal in every family."
+        sign = 1 if self.first.better == "higher" else -1
         parts = []
-        for entry, sign in ((self.a, 1), (self.b, -1)):
-            names = [name for gap, name in gaps if gap * sign > 0]
-            is_all = len(names) == len(self.board.families)
-            where = "in every family" if is_all else f"in {listed(names)} scenes"
-            parts += [f"{entry.method} is ahead {where}"] if names else []
-        widest, name = max(gaps, key=lambda gap: abs(gap[0]))
-        size = digits.text(metric, abs(widest))
-        return f"{'; '.join(parts)}. The widest gap is {size} points, in {name} scenes."
+        for entry, side in ((self.a, sign), (self.b, -sign)):
+            names = [name for each, name in found if side_of(each) == side]
+            if names:
+                parts.append(f"{entry.method} is ahead in {listed(names)} scenes")
+        n_open = sum([side_of(each) == 0 for each, _ in found])
+        if n_open:
+            parts.append(
+                "in no family is one surely ahead"
+                if n_open == len(found)
+                else f"in {counted(n_open, 'family', 'families')} the split does not tell them apart"
+            )
+        words = "; ".join(parts)
+        return f"{words[:1].upper()}{words[1:]}." if words else ""
 
 
 def default_pair(board: Board) -> tuple[BoardEntry, BoardEntry] | None:
-    """Return the two best ranked entries; else two reported ones with families; else None."""
+    """Return the leader and the best ranked entry beside it; None where not two are ranked."""
     ranked = sorted((e for e in board.entries if e.rank is not None), key=lambda e: e.rank or 0)
-    metric = challenge_of(board).metrics[0]
-    reported = [entry for entry in board.entries if entry.source == "reported" and entry.families]
-    reported.sort(key=lambda entry: -(entry.metrics.get(metric.key) or 0.0))
-    for group in (ranked, reported):
-        if len(group) >= 2:
-            return group[0], group[1]
-    return None
+    first = board.leader or next(iter(ranked), None)
+    others = [e for e in ranked if e is not first]
+    others.sort(key=lambda e: not e.may_lead)
+    return (first, others[0]) if first and others else None
 
 
 def find_pair(board: Board, a: str, b: str) -> PairedComparison | None:
@@ -214,7 +211,15 @@ def _negated(found: PairedDifference) -> PairedDifference:
 @template_filter
 def is_sure(found: PairedDifference | None) -> bool:
     """Whether a paired comparison settles which is better."""
-    return found is not None and found.verdict != NOT_SEPARABLE
+    return side_of(found) != 0
+
+
+def side_of(found: PairedDifference | None) -> int:
+    """Return 1 or -1, on which side of zero the whole interval lies; 0 where it does not."""
+    if found is None or found.interval is None:
+        return 0
+    low, high = found.interval
+    return (low > 0) - (high < 0)
 
 
 @template_filter
@@ -224,17 +229,17 @@ def family_value(entry: BoardEntry, family: str, metric: Metric) -> float | None
     return None if cell is None else cell.metrics.get(metric.key)
 
 
+def flagged(entries: Iterable[BoardEntry]) -> list[str]:
+    """Name the flags of some entries, a sentence each."""
+    return [f"{entry.method} is flagged: {flags_of(entry)}." for entry in entries if entry.flags]
+
+
 def _certainty(ahead: BoardEntry, behind: BoardEntry, metric: Metric) -> str:
     """What rank intervals, else intervals, say of two that were not compared sample by sample."""
-    if "reported" in (ahead.source, behind.source):
-        return (
-            "At least one of the two is reported, not scored here: no interval is known, "
-            "and the samples may differ."
-        )
     if ahead.rank_interval and behind.rank_interval:
         if ahead.rank_interval[1] < behind.rank_interval[0]:
-            return "Their rank intervals do not overlap: the order is sure on this split."
-        return "Their rank intervals overlap: this split does not settle which is better."
+            return "The ranks that each could have do not overlap."
+        return "The ranks that each could have overlap: this split does not settle which is better."
     one, two = ahead.intervals.get(metric.key), behind.intervals.get(metric.key)
     if one is None or two is None:
         return "Without intervals for both, this board does not say whether the order is sure."

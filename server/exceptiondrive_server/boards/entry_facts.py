@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, Outcome
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, OutcomePart
+from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import DASH, slug
@@ -82,6 +83,17 @@ def rank_range(entry: BoardEntry) -> str:
     return str(low) if low == high else f"{low}{DASH}{high}"
 
 
+def flags_of(entry: BoardEntry) -> str:
+    """Write the labels of an entry's flags: `Stands still, Blind to the edit`."""
+    return ", ".join([flag.label for flag in entry.flags])
+
+
+@template_filter
+def is_barred(entry: BoardEntry) -> bool:
+    """Whether a flag bars an entry from being shown as the best."""
+    return bars_leading(flag.code for flag in entry.flags)
+
+
 def find_entry(board: Board, key: str) -> BoardEntry | None:
     """Return the entry with this key, if it stands on the board."""
     return next((entry for entry in board.entries if entry_key(entry) == key), None)
@@ -102,14 +114,13 @@ def interval_of(entry: BoardEntry, board: Board, average: Average, key: str) -> 
     return entry.intervals.get(key) if average == board.headline else None
 
 
-def outcome_parts(challenge: Challenge, values: MetricRow) -> dict[Outcome, float] | None:
-    """Return the three parts of all samples: kept + lost + hit = 1.
+def outcome_parts(
+    challenge: Challenge, values: MetricRow
+) -> tuple[tuple[OutcomePart, float], ...] | None:
+    """Return the parts of the outcome bar with their shares, which sum to one but for rounding.
 
-    For planning, HCC + lost clearance + UR = 1; for strategy, accuracy + the other errors +
-    under-warning = 1. None where one of the two primary metrics is undefined.
+    None where one of them is undefined, or was not counted by the scorer.
     """
-    first, second = primary_metrics(challenge)[:2]
-    kept, hit = values.get(first.key), values.get(second.key)
-    if kept is None or hit is None:
-        return None
-    return {"kept": kept, "lost": max(0.0, 1.0 - kept - hit), "hit": hit}
+    parts = [(part, values.get(part.metric)) for part in challenge.words.outcome]
+    known = tuple([(part, share) for part, share in parts if share is not None])
+    return known if len(known) == len(parts) else None

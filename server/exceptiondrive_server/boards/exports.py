@@ -10,7 +10,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.printable import one_line, spreadsheet_text
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.entry_facts import challenge_of
-from exceptiondrive_server.boards.query import SOURCES
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, SOURCES
 from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
 
 PAPER_TITLE = (
@@ -62,18 +62,19 @@ def tex_escape(text: str) -> str:
 
 
 def in_blocks(board: Board) -> list[list[BoardEntry]]:
-    """Return the entries of a board by source, in the order of the page."""
-    blocks = [[e for e in board.entries if e.source == source] for source in SOURCES]
+    """Return the entries of this board's own samples by source, in the order of the page."""
+    blocks = [[e for e in board.entries if e.source == s] for s in SOURCES if s != "reported"]
     return [block for block in blocks if block]
 
 
 def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
-    """Write a booktabs table; scored, reference and reported rows are set apart by rules."""
+    """Write a booktabs table: scored and reference rows apart, the leader bold, flags named."""
     challenge, digits = challenge_of(board), Digits.of(protocol.publication)
+    leader = board.leader
     arrows = {"higher": r" $\uparrow$", "lower": r" $\downarrow$", None: ""}
     heads = [
         f"{_tex_label(m.label)} ({tex_escape(unit_of(m))}){arrows[m.better]}"
-        for m in challenge.metrics
+        for m in challenge.columns
     ]
     lines = [
         f"% {permalink(board, site_url)}",
@@ -82,6 +83,8 @@ def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
             f"({board.n_samples} samples), protocol {board.protocol.version} "
             f"{board.protocol.digest}"
         ),
+        f"% every number is the {AVERAGE_TITLES[board.headline]}",
+        f"% leads: {one_line(leader.method) if leader else 'nobody'}",
         r"% needs \usepackage{booktabs}",
         rf"\begin{{tabular}}{{rl{'r' * len(heads)}}}",
         r"\toprule",
@@ -90,10 +93,12 @@ def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
     for block in in_blocks(board):
         lines.append(r"\midrule")
         for entry in block:
-            cells = [digits.text(m, entry.metrics.get(m.key)) or "--" for m in challenge.metrics]
-            name = tex_escape(entry.method) + (
-                "" if entry.source == "scored" else f" ({entry.source})"
-            )
+            cells = [digits.text(m, entry.metrics.get(m.key)) or "--" for m in challenge.columns]
+            name = tex_escape(entry.method)
+            name = rf"\textbf{{{name}}}" if entry is leader else name
+            marks = [flag.label for flag in entry.flags]
+            marks = marks if entry.source == "scored" else [entry.source, *marks]
+            name += f" ({tex_escape(', '.join(marks))})" if marks else ""
             lines.append(" & ".join([str(entry.rank or "--"), name, *cells]) + r" \\")
     lines += [r"\bottomrule", r"\end{tabular}", ""]
     return "\n".join(lines).replace("\u2212", "$-$")
@@ -124,10 +129,11 @@ def bibtex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
 
 
 def comma_separated(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
-    """Write one line per entry: fractions and metres as published, intervals, families."""
+    """Write one line per entry: fractions and metres as published, intervals, families, flags."""
     import pandas as pd  # takes most of a second, which nobody else shall wait for
 
-    lines = [_line(board, entry, permalink(board, site_url)) for entry in board.entries]
+    address = permalink(board, site_url)
+    lines = [_line(board, entry, address) for block in in_blocks(board) for entry in block]
     frame = pd.DataFrame(lines, columns=_columns(board), dtype=object)
     return str(frame.to_csv(index=False, lineterminator="\n"))
 
@@ -140,7 +146,7 @@ def _columns(board: Board) -> list[str]:
         *("submission_id", "method", "team", "submitted_at", *keys),
         *(f"{key}_{end}" for key in keys for end in ("low", "high")),
         *(f"{keys[0]}.{family.id}" for family in board.families),
-        *("flags", "board_url"),
+        *("flags", "leads", "unranked_because", "average", "board_url"),
     ]
 
 
@@ -168,6 +174,9 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
         **{f"{key}_high": ends[1] for key, ends in intervals.items()},
         **{f"{first}.{id}": cell.metrics.get(first) for id, cell in entry.families.items()},
         "flags": " ".join(flag.code for flag in entry.flags),
+        "leads": entry is board.leader,
+        "unranked_because": entry.unranked_because,
+        "average": board.headline,
         "board_url": address,
     }
 
@@ -183,12 +192,13 @@ EXPORTS: Mapping[str, Export] = MappingProxyType(
 
 @dataclass(frozen=True)
 class BoardNote:
-    """One published board, without its entries."""
+    """One published board: who leads it, in sentences, in place of its entries."""
 
     number: int
     digest: str
     protocol: str
     published_at: datetime
+    findings: str
 
 
 @dataclass(frozen=True)
@@ -224,7 +234,7 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     _text(entry, "id", address)
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(board.published_at))
-    _text(entry, "summary", f"Content {board.digest}.")
+    _text(entry, "summary", f"{board.findings} Content {board.digest}.")
 
 
 def _text(parent: Xml.Element, name: str, text: str) -> None:

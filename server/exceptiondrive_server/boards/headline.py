@@ -3,18 +3,16 @@
 All of them come from the board's numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from functools import partial
 
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.boards.entry_facts import entry_url, primary_metrics
-from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.entry_facts import entry_url, flags_of, primary_metrics
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import (
-    THIN_SPACE,
     Digits,
     day,
     grouped,
@@ -45,128 +43,109 @@ class Headline:
 
 
 def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Digits) -> Headline:
-    """Say what the board shows; without a scored entry, what the paper reported, or nothing."""
+    """Say what the board shows of its leader, whom no flag bars from leading, and of the others."""
     words = challenge.words
     if board is None:
         return Headline(words.headline.question, ("No board has been published yet.",), ())
     ranked = [entry for entry in board.entries if entry.rank is not None]
-    reported = [entry for entry in board.entries if entry.source == "reported"]
-    shown = ranked or reported
+    n_listed = sum([bool(entry.unranked_flags) for entry in board.entries])
+    note = ("ranked" if ranked else "ranked yet") + (f", {n_listed} listed" if n_listed else "")
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),
         Fact("Tasks", str(n_tasks), f"in {counted(len(board.families), 'family', 'families')}"),
-        _entries_fact(words.subjects.capitalize(), ranked, reported),
-        *_best_facts(challenge, shown, digits, partial(entry_url, board=board)),
+        Fact(words.subjects.capitalize(), grouped(len(ranked)), note),
+        *_leader_facts(board, challenge, digits),
     )
-    return Headline(
-        _title(challenge, ranked), _findings(challenge, ranked, reported, digits), facts
-    )
+    return Headline(_title(board, challenge), _findings(board, ranked, challenge, digits), facts)
 
 
-def _entries_fact(label: str, ranked: Sequence[BoardEntry], reported: Sequence[BoardEntry]) -> Fact:
-    if ranked:
-        note = "ranked" + (f", {len(reported)} reported" if reported else "")
-        return Fact(label, grouped(len(ranked)), note)
-    note = "reported, none scored yet" if reported else "none scored yet"
-    return Fact(label, grouped(len(reported)), note)
-
-
-def _best(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:
-    known = [entry for entry in entries if entry.metrics.get(metric.key) is not None]
-    sign = -1 if metric.better == "higher" else 1
-    return min(known, key=lambda e: sign * (e.metrics[metric.key] or 0.0), default=None)
-
-
-def _best_facts(
-    challenge: Challenge,
-    entries: Sequence[BoardEntry],
-    digits: Digits,
-    url: Callable[[BoardEntry], str],
-) -> tuple[Fact, ...]:
-    facts = []
+def _leader_facts(board: Board, challenge: Challenge, digits: Digits) -> Iterator[Fact]:
+    leader = board.leader
+    if leader is None:
+        return
     for metric in primary_metrics(challenge):
-        best = _best(entries, metric)
-        if best is None:
-            continue
-        text = digits.text(metric, best.metrics[metric.key]) or ""
-        word = "Highest" if metric.better == "higher" else "Lowest"
-        facts.append(
-            Fact(
-                f"{word} {metric.label}",
-                with_unit(metric, text),
-                best.method,
-                url(best),
-            )
-        )
-    return tuple(facts)
+        text = digits.text(metric, leader.metrics.get(metric.key))
+        if text is not None:
+            label = f"{metric.label} of the leader"
+            yield Fact(label, with_unit(metric, text), leader.method, entry_url(leader, board))
 
 
-def _title(challenge: Challenge, ranked: Sequence[BoardEntry]) -> str:
-    """One sentence about the safest ranked entry; a question where there is none."""
-    second = primary_metrics(challenge)[1]
-    safest = _best(ranked, second)
-    value = safest.metrics[second.key] if safest else None
-    words = challenge.words.headline
-    if value is None:
+def _title(board: Board, challenge: Challenge) -> str:
+    """One sentence about the leader, counted over all samples; a question where there is none."""
+    second, words = primary_metrics(challenge)[1], challenge.words.headline
+    share = board.leader.micro.get(second.key) if board.leader else None
+    if share is None:
         return words.question
-    sentence = next((text for least, text in words.by_share if value >= least), words.question)
-    return sentence.format(often=_often(value), cases=_often_noun(value), rest=_often(1 - value))
+    sentence = next(text for least, text in words.by_share if share >= least)
+    return sentence.format(often=_often(share), cases=_cases(share), rest=_often(1 - share))
 
 
 def _often(share: float) -> str:
-    """Write a share as `4 times out of 5`, on the nearest honest small fraction."""
-    hits, of = _small_fraction(share)
-    return f"{'once' if hits == 1 else f'{hits} times'} in {of}"
+    """Write a share as `about 4 times in 5`, on the nearest honest small fraction."""
+    about, hits, of = _small_fraction(share)
+    if hits in (0, of):
+        return "every time" if hits else "not once"
+    return f"{about}{'once' if hits == 1 else f'{hits} times'} in {of}"
 
 
-def _often_noun(share: float) -> str:
-    hits, of = _small_fraction(share)
-    return f"{'one' if hits == 1 else hits} hazard{'' if hits == 1 else 's'} in {of}"
+def _cases(share: float) -> str:
+    about, hits, of = _small_fraction(share)
+    return f"{about}{'one hazard' if hits == 1 else f'{hits} hazards'} in {of}"
 
 
-def _small_fraction(share: float) -> tuple[int, int]:
-    """Return the simplest fraction within 1.5 points of a share: hits, out of."""
-    for of in (2, 3, 4, 5, 6, 7, 8, 9, 10):
+def _small_fraction(share: float) -> tuple[str, int, int]:
+    """Return the simplest fraction within 1.5 points of a share, with how near it is: hits, out of.
+
+    A share that is nearly, and not quite, none or all is never said to be it.
+    """
+    if share in (0.0, 1.0):
+        return "", int(share), 1
+    if not 0.01 <= share <= 0.99:
+        return ("less than ", 1, 100) if share < 0.5 else ("more than ", 99, 100)
+    for of in (*range(2, 11), 100):
         hits = round(share * of)
         if 0 < hits < of and abs(hits / of - share) <= 0.015:
-            return hits, of
-    return max(1, min(99, round(share * 100))), 100
+            break
+    return ("" if hits / of == share else "about "), hits, of
 
 
 def _findings(
-    challenge: Challenge,
-    ranked: Sequence[BoardEntry],
-    reported: Sequence[BoardEntry],
-    digits: Digits,
+    board: Board, ranked: Sequence[BoardEntry], challenge: Challenge, digits: Digits
 ) -> tuple[str, ...]:
-    if ranked:
-        of = f"Of {counted(len(ranked), f'ranked {challenge.words.subject}')}"
-        return (_finding(challenge, ranked, of, digits),)
-    none = "Nobody has been scored on this board yet."
-    if not reported:
-        return (none,)
-    of = f"Of the {len(reported)} {challenge.words.subjects} in the paper"
-    return (none, _finding(challenge, reported, of, digits))
-
-
-def _finding(challenge: Challenge, entries: Sequence[BoardEntry], of: str, digits: Digits) -> str:
-    first, second = primary_metrics(challenge)[:2]
-    best, safest = _best(entries, first), _best(entries, second)
-    if best is None or safest is None:
-        return ""
-    high = digits.fraction(best.metrics[first.key] or 0.0)
-    low = digits.fraction(safest.metrics[second.key] or 0.0)
-    who = best.method if best is safest else f"{best.method} and {safest.method}"
-    verb = "reaches" if best is safest else "reach"
-    if len(entries) == 1:
-        return (
-            f"The only one so far, {who}, reaches a {first.title.lower()} of {high}{THIN_SPACE}% "
-            f"and a {second.title.lower()} of {low}{THIN_SPACE}%."
-        )
-    return (
-        f"{of}, {who} {verb} the highest {first.title.lower()}, {high}{THIN_SPACE}%, "
-        f"and the lowest {second.title.lower()}, {low}{THIN_SPACE}%."
+    words, leader = challenge.words, board.leader
+    if not ranked:
+        return (f"No {words.subject} is ranked on this board yet.",)
+    if leader is None:
+        flags = listed(sorted({flag.label for entry in ranked for flag in entry.flags}))
+        return (f"Nobody leads: every ranked {words.subject} is flagged ({flags}).",)
+    numbers = listed(
+        [
+            f"{metric.title.lower()} {with_unit(metric, text)}"
+            for metric in primary_metrics(challenge)
+            if (text := digits.text(metric, leader.metrics.get(metric.key))) is not None
+        ]
     )
+    average = AVERAGE_TITLES[board.headline]
+    if len(ranked) == 1:
+        lead = f"The only ranked {words.subject} so far is {leader.method}"
+    else:
+        lead = f"Of {len(ranked)} ranked {words.subjects}, {leader.method} leads"
+    above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
+    return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above, leader))
+
+
+def _own_flags(leader: BoardEntry) -> str:
+    """Name the flags of the leader, which do not bar it."""
+    return f"; flagged “{flags_of(leader)}”" if leader.flags else ""
+
+
+def _above(above: Sequence[BoardEntry], leader: BoardEntry) -> Iterator[str]:
+    if len(above) > MAX_NAMED:
+        yield f"The {len(above)} that rank above it are flagged, and do not lead."
+    elif above:
+        names = listed([f"{entry.method} (“{flags_of(entry)}”)" for entry in above])
+        verb, whose, them = ("ranks", "its", "it") if len(above) == 1 else ("rank", "their", "them")
+        yield f"{names} {verb} above it, but {whose} flags bar {them} from leading."
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.charts import ceiling_chart, effect_lines
+from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
 from exceptiondrive_server.boards.comparison import Comparison, default_pair
 from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
 from exceptiondrive_server.boards.headline import (
@@ -27,7 +27,7 @@ from exceptiondrive_server.boards.headline import (
     change_line,
     headline,
 )
-from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, Average, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.numbers import Digits, day, minute
@@ -38,7 +38,7 @@ NARROW_PX = (350, 400)
 T = TypeVar("T")
 
 
-class _Same(Generic[T]):
+class Same(Generic[T]):
     """A value that equals itself alone: a document that is read once needs no other key."""
 
     def __init__(self, value: T) -> None:
@@ -48,7 +48,7 @@ class _Same(Generic[T]):
         return id(self.value)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.value is other.value
+        return isinstance(other, Same) and self.value is other.value
 
 
 class ShownBoard(NamedTuple):
@@ -68,27 +68,31 @@ class ShownBoard(NamedTuple):
     rows: dict[str, Markup]
     charts: Markup
     families: Markup
+    metrics: Markup
 
 
 @lru_cache(maxsize=64)
 def _shown(
-    same_board: _Same[Board],
-    same_protocol: _Same[ProtocolDocument],
+    same_board: Same[Board],
+    same_protocol: Same[ProtocolDocument],
+    same_curves: Same[Curves],
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
 ) -> ShownBoard:
-    board, protocol = same_board.value, same_protocol.value
+    board, protocol, curves = same_board.value, same_protocol.value, same_curves.value
     table = board_table(board, protocol, query, is_current)
     digits, average = table.builder.digits, table.builder.average
-    set_row, entries = macro("boards/table.html", "board_row"), [row.entry for row in table.rows]
-    pair, (narrow, low) = default_pair(board), NARROW_PX
-    charts = pair and macro("boards/charts.html", "board_charts")(
+    set_row, pair = macro("boards/table.html", "board_row"), default_pair(board)
+    narrow, low = NARROW_PX
+    charts = macro("boards/charts.html", "board_charts")(
         table=table,
-        chart=ceiling_chart(board, entries, average),
-        narrow_chart=ceiling_chart(board, entries, average, width=narrow, height=low),
+        chart=scatter_chart(board, average),
+        narrow_chart=scatter_chart(board, average, width=narrow, height=low),
+        curves_chart=curve_chart(curves, average),
+        narrow_curves=curve_chart(curves, average, width=narrow, height=low),
         effects=effect_lines(board, digits),
-        both=Comparison(board, *pair, digits),
+        both=Comparison(board, *pair, digits) if pair else None,
         entry_choices=entry_choices(board),
         compared_fields=board_fields(board, is_current),
     )
@@ -101,19 +105,20 @@ def _shown(
         axes=macro("boards/table.html", "axis_symbols")(table),
         head=macro("boards/table.html", "table_head")(table),
         rows={row.key: set_row(row, table, False) for row in table.rows},
-        charts=charts or Markup(),
+        charts=charts,
         families=macro("boards/table.html", "heat_map")(table),
+        metrics=_metrics(Same(table.builder.challenge), average),
     )
 
 
 @lru_cache(maxsize=16)
-def _metrics(challenge: _Same[Challenge]) -> Markup:
-    return macro("web/macros/icons.html", "metrics")(challenge.value)
+def _metrics(challenge: Same[Challenge], average: Average) -> Markup:
+    return macro("web/macros/icons.html", "metrics")(challenge.value, average)
 
 
 @lru_cache(maxsize=16)
 def _scene(
-    drawing: _Same[ProtocolDrawing], protocol: _Same[ProtocolDocument], challenge: _Same[Challenge]
+    drawing: Same[ProtocolDrawing], protocol: Same[ProtocolDocument], challenge: Same[Challenge]
 ) -> Markup:
     scene = scene_drawing(drawing.value, protocol.value)
     caption = challenge.value.words.scene_caption.format(
@@ -196,7 +201,7 @@ class Notice:
 class BoardPage:
     """What the records say for a query: phases, the board to show, its protocol, what else there is.
 
-    `current_protocol` is the version in force; `is_current` says whether the phase shows this board
+    The board holds no reported rows. `current_protocol` is the version in force; `is_current` says whether the phase shows this board
     now, or its late view; `before` is the board that was shown before it.
     """
 
@@ -212,6 +217,10 @@ class BoardPage:
     before: BoardBefore | None = None
     now: PhaseNow | None = None
     has_late_view: bool = False
+    curves: Curves = ()
+    """Clearance curves of the best entries."""
+    has_reported: bool = False
+    """Whether the phase also shows what a paper reports, which has a page of its own."""
 
     @cached_property
     def shown(self) -> ShownBoard | None:
@@ -222,7 +231,7 @@ class BoardPage:
         """
         if self.board is None:
             return None
-        same = _Same(self.board), _Same(self.protocol)
+        same = Same(self.board), Same(self.protocol), Same(self.curves)
         return _shown(*same, self.query, self.is_current, self.before)
 
     @property
@@ -241,12 +250,14 @@ class BoardPage:
     @property
     def scene(self) -> Markup:
         """The drawing of what the protocol measures."""
-        return _scene(_Same(self.drawing), _Same(self.protocol), _Same(self.challenge))
+        return _scene(Same(self.drawing), Same(self.protocol), Same(self.challenge))
 
     @property
     def metrics(self) -> Markup:
-        """What the numbers mean."""
-        return _metrics(_Same(self.challenge))
+        """What the numbers mean, as the average that is shown."""
+        if self.shown is not None:
+            return self.shown.metrics
+        return _metrics(Same(self.challenge), self.protocol.grading.headline)
 
     @cached_property
     def phase_title(self) -> str:
@@ -275,9 +286,9 @@ class BoardPage:
         headline_average = self.board.headline
         shown = self.query.average or headline_average
         return [
-            Choice("", f"{title} (ranks)", average == shown)
+            Choice("", f"{title.capitalize()} (ranks)", average == shown)
             if average == headline_average
-            else Choice(average, title, average == shown)
+            else Choice(average, title.capitalize(), average == shown)
             for average, title in AVERAGE_TITLES.items()
         ]
 
@@ -352,11 +363,13 @@ class BoardPage:
 
 def entry_choices(board: Board) -> tuple[tuple[str, str], ...]:
     """Return the key and the title of the entries that a comparison offers."""
-    suffix = {"scored": "", "reference": " (reference)", "reported": " (reported)"}
     others = [entry for entry in board.entries[MAX_CHOICES:] if entry.source != "scored"]
     return tuple(
         [
-            (entry_key(entry), entry.method + suffix[entry.source])
+            (
+                entry_key(entry),
+                entry.method + (" (reference)" if entry.source == "reference" else ""),
+            )
             for entry in (*board.entries[:MAX_CHOICES], *others)
         ]
     )

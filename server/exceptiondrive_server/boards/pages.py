@@ -10,6 +10,9 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import ids_of_team
+from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.reported import reported_paper
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
 from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.page import PhaseLink
@@ -62,6 +65,23 @@ def show_history(request: Request, services: ServicesOf, query: AskedBoard) -> R
         lines=lines[:MAX_HISTORY],
         n_more=max(0, len(lines) - MAX_HISTORY),
         has_late_view=has_late_view,
+    )
+
+
+@router.get("/reported/{challenge}")
+def show_reported(request: Request, challenge: KnownChallenge) -> Response:
+    """Show what the paper reports, digit for digit: other samples, under another protocol."""
+    paper = reported_paper()
+    if challenge not in paper.challenges:
+        raise NotFound("paper that reports on", challenge)
+    return page(
+        request,
+        "boards/reported.html",
+        "board",
+        challenge=CHALLENGES[challenge],
+        paper=paper,
+        reported=paper.challenges[challenge],
+        families=packaged_protocol().families,
     )
 
 

@@ -15,7 +15,7 @@ from resvg_py import svg_to_bytes
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.boards.entry_facts import board_name, challenge_of
+from exceptiondrive_server.boards.entry_facts import board_name, challenge_of, flags_of
 from exceptiondrive_server.boards.headline import headline
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
@@ -104,11 +104,12 @@ class PictureRow:
     y: int
     rank: str
     method: str
+    flags: str
+    is_leader: bool
     value: str
     low: str | None
     width: str | None
     point: str
-    source: str
 
 
 @dataclass(frozen=True)
@@ -170,12 +171,12 @@ def foot(board: Board) -> str:
 def _rows(board: Board, digits: Digits) -> tuple[PictureRow, ...]:
     builder = RowBuilder.of(board, board.headline, digits)
     ranked = sorted((e for e in board.entries if e.rank is not None), key=lambda e: e.rank or 0)
-    printed = [entry for entry in board.entries if entry.source == "reported"]
-    rows = [builder.row(entry) for entry in (ranked or printed)[:MAX_ROWS]]
-    return tuple(_row(at, row) for at, row in enumerate(rows))
+    rows = [builder.row(entry) for entry in ranked[:MAX_ROWS]]
+    return tuple(_row(at, row, row.entry is board.leader) for at, row in enumerate(rows))
 
 
-def _row(at: int, row: Row) -> PictureRow:
+def _row(at: int, row: Row, is_leader: bool) -> PictureRow:
+    flags, room = fitted(flags_of(row.entry), 18, 240), TRACK[0] - LEFT - 76
     cell = row.cells[0]
     whisker = cell.whisker
     low = whisker.low if whisker else None
@@ -183,12 +184,13 @@ def _row(at: int, row: Row) -> PictureRow:
     return PictureRow(
         y=318 + 46 * at,
         rank=row.rank or "–",
-        method=fitted(row.entry.method, 26, TRACK[0] - LEFT - 76),
+        method=fitted(row.entry.method, 26, room - (width_of(flags, 18) + 12 if flags else 0)),
+        flags=flags,
+        is_leader=is_leader,
         value=cell.text or "none",
         low=None if low is None else _track(low),
         width=None if width is None else px(width / 100 * (TRACK[1] - TRACK[0])),
         point=_track(whisker.point) if whisker else "-99",
-        source=row.entry.source,
     )
 
 

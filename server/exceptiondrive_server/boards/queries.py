@@ -1,5 +1,8 @@
 """What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
+from collections.abc import Iterator
+from functools import lru_cache
+
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
@@ -18,18 +21,25 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import is_open, list_phases
 from exceptiondrive_records.phases.policy import phase_now, takes_late_entries
+from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.score_sheet import ClearanceCurve
+from exceptiondrive_server.boards.charts import Curves, best_entries
+from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History
-from exceptiondrive_server.boards.headline import BoardBefore
-from exceptiondrive_server.boards.page import BoardPage, PhaseLink
+from exceptiondrive_server.boards.headline import BoardBefore, headline
+from exceptiondrive_server.boards.page import BoardPage, PhaseLink, Same
 from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.web.numbers import Digits
 
 
 def read_board(session: Session, query: BoardQuery) -> BoardPage:
@@ -44,7 +54,7 @@ def read_board(session: Session, query: BoardQuery) -> BoardPage:
         protocol = latest_protocol(session)
         return BoardPage(query, (), None, None, protocol, (), protocol.version)
     row = choose_board(session, phase, query)
-    board = parsed_board(row) if row else None
+    board = own_board(parsed_board(row)) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
     return BoardPage(
@@ -58,9 +68,49 @@ def read_board(session: Session, query: BoardQuery) -> BoardPage:
         is_current=row is None or row.id in (phase.current_board_id, phase.late_board_id),
         now=phase_now(session, phase),
         has_late_view=phase.late_board_id is not None,
+        has_reported=phase.shows_reported,
+        curves=_curves_of(session, phase, board) if board else (),
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
     )
+
+
+def own_board(board: Board) -> Board:
+    """Return a board without what papers report, which is of other samples; made once per board."""
+    return _own_board(Same(board))
+
+
+@lru_cache(maxsize=32)
+def _own_board(same: Same[Board]) -> Board:
+    board = same.value
+    own = tuple([entry for entry in board.entries if entry.source != "reported"])
+    return board.model_copy(update={"entries": own}) if len(own) < len(board.entries) else board
+
+
+_CURVES: dict[Same[Board], Curves] = {}
+"""Of boards that were shown of late: neither they nor their sheets change."""
+MAX_KEPT_CURVES = 64
+
+
+def _curves_of(session: Session, phase: Phase, board: Board) -> Curves:
+    """The clearance curves of the best entries, as far as their sheets carry them."""
+    key = Same(board)
+    if key not in _CURVES:
+        if len(_CURVES) >= MAX_KEPT_CURVES:
+            _CURVES.clear()
+        _CURVES[key] = tuple(_read_curves(session, phase, board))
+    return _CURVES[key]
+
+
+def _read_curves(
+    session: Session, phase: Phase, board: Board
+) -> Iterator[tuple[BoardEntry, ClearanceCurve]]:
+    for entry in best_entries(board):
+        key = (entry.submission_id, board.protocol.digest, board.split.revision)
+        row = session.get(ScoreSheetRow, key)
+        curve = shown_sheet(session, phase, row).clearance_curve if row else None
+        if curve is not None:
+            yield entry, curve
 
 
 _OWN_DRAWINGS: dict[str, ProtocolDrawing] = {}
@@ -104,7 +154,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         n_samples=split.n_samples,
         is_open=is_open(phase, now),
         is_ahead=phase.opens_at is not None and now < phase.opens_at,
-        takes_late=takes_late_entries(phase, now),
+        takes_late=takes_late_entries(session, phase, now),
         is_current=is_current,
         opens_at=phase.opens_at,
         closes_at=phase.closes_at,
@@ -210,8 +260,8 @@ def _protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
     return tuple(session.scalars(query.order_by(ProtocolRow.created_at)))
 
 
-def read_history(session: Session, query: BoardQuery, limit: int = 30) -> History:
-    """Read the newest boards of a phase, without their entries.
+def read_history(session: Session, query: BoardQuery, limit: int = 10) -> History:
+    """Read the newest boards of a phase, with who leads them in place of their entries.
 
     Raises:
         NotFound: The phase does not exist, or there is none at all.
@@ -220,11 +270,18 @@ def read_history(session: Session, query: BoardQuery, limit: int = 30) -> Histor
     if phase is None:
         raise NotFound("phase", "")
     newest = (
-        select(BoardRow.number, BoardRow.digest, ProtocolRow.version, BoardRow.published_at)
-        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        select(BoardRow)
         .where(BoardRow.phase_id == phase.id, was_shown())
         .order_by(BoardRow.number.desc())
         .limit(limit)
     )
-    notes = tuple(BoardNote(*row) for row in session.execute(newest))
+    notes = tuple([_note(session, row) for row in session.scalars(newest)])
     return History(phase.id, phase.title, notes)
+
+
+def _note(session: Session, row: BoardRow) -> BoardNote:
+    board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
+    digits = Digits.of(protocol.publication)
+    said = headline(board, challenge_of(board), len(protocol.tasks), digits)
+    findings = " ".join(said.findings)
+    return BoardNote(row.number, row.digest, protocol.version, row.published_at, findings)

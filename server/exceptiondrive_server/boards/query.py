@@ -23,8 +23,8 @@ SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")
 """In the order in which boards show them; rows of different sources are never mixed."""
 AVERAGES: tuple[Average, ...] = ("macro_family", "micro")
 AVERAGE_TITLES: Mapping[Average, str] = {
-    "macro_family": "over families",
-    "micro": "over samples",
+    "macro_family": "mean of families",
+    "micro": "mean of scenes",
 }
 BY_RANK = "rank"
 DEFAULT_SORT = BY_RANK
@@ -38,7 +38,8 @@ _SORTS = ", ".join((BY_RANK, "method", "date", "family.ID", *_METRICS))
 class BoardQuery(BaseModel):
     """What a visitor asked for; every field has a default that the address leaves out.
 
-    `hidden` holds the optional columns that are switched off.
+    `hidden` holds the optional columns that are switched off, `added` those that are off unless
+    they are asked for.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -71,6 +72,7 @@ class BoardQuery(BaseModel):
     search: str = ""
     page: int = Field(1, ge=1, lt=2**31)
     hidden: frozenset[str] = frozenset()
+    added: frozenset[str] = frozenset()
 
     @model_validator(mode="after")
     def _is_one_board(self) -> Self:
@@ -102,6 +104,7 @@ class BoardQuery(BaseModel):
             given["sort"] = _SIGNS.get(given["order"], "?") + given["sort"].removeprefix("-")
         given["search"] = given.get("q", "")[:MAX_SEARCH]
         given["hidden"] = _hidden(many)
+        given["added"] = _names(many.get("add", []))
         try:
             return cls.model_validate(given)
         except ValidationError as error:
@@ -141,6 +144,7 @@ class BoardQuery(BaseModel):
             ("sort", self.sort if self.sort != DEFAULT_SORT else None),
             ("page", self.page if self.page > 1 else None),
             ("hide", ",".join(sorted(self.hidden)) or None),
+            ("add", ",".join(sorted(self.added)) or None),
         ]
         return [(key, str(value)) for key, value in given if value is not None]
 
@@ -195,6 +199,9 @@ def _refused(error: ValidationError) -> InvalidRecord:
 def _hidden(many: Mapping[str, list[str]]) -> frozenset[str]:
     """Columns switched off: a `hide` list, or the form's checkboxes against all it offered."""
     if "offered" in many:
-        offered = {name for text in many["offered"] for name in text.split(",") if name}
-        return frozenset(offered - set(many.get("show", [])))
-    return frozenset(name for text in many.get("hide", []) for name in text.split(",") if name)
+        return _names(many["offered"]) - set(many.get("show", []))
+    return _names(many.get("hide", []))
+
+
+def _names(texts: Iterable[str]) -> frozenset[str]:
+    return frozenset([name for text in texts for name in text.split(",") if name])

@@ -12,6 +12,7 @@ from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_server.boards.entry_facts import (
     BADGES,
     Badge,
@@ -39,6 +40,8 @@ def sort_entries(
 ) -> list[BoardEntry]:
     """Sort entries of a board within scored, reference, reported; ranks stay as they are.
 
+    Entries that are listed without a rank stand below the others, whatever the sort.
+
     Args:
         board: The board they stand on.
         entries: Some or all of its entries.
@@ -58,7 +61,7 @@ def sort_entries(
     known.sort(key=lambda pair: pair[0], reverse=descending)
     if key == BY_RANK:  # what has no rank stands by the first metric, the best first
         unknown.sort(key=_by_first_metric(board, average))
-    found = [*(entry for _, entry in known), *unknown]
+    found = sorted([*(e for _, e in known), *unknown], key=lambda e: bool(e.unranked_flags))
     return [entry for source in SOURCES for entry in found if entry.source == source]
 
 
@@ -138,11 +141,9 @@ class Movement:
 
 @dataclass(frozen=True)
 class OutcomeBar:
-    """HCC + lost clearance + UR = 100 %, in per cent of the bar."""
+    """Shares of samples: kind, start and width of each part in per cent of the bar."""
 
-    kept: float
-    lost: float
-    hit: float
+    parts: tuple[tuple[str, float, float], ...]
     words: str
 
 
@@ -169,6 +170,7 @@ class Row:
     rank: str | None
     rank_interval: str | None
     rank_words: str
+    could_be_first: bool
     movement: Movement | None
     badge: Badge
     cells: tuple[Cell, ...]
@@ -200,17 +202,17 @@ class RowBuilder:
         board: Board,
         average: Average,
         digits: Digits,
-        hidden: frozenset[str] = frozenset(),
+        query: BoardQuery | None = None,
         is_current: bool = True,
     ) -> "RowBuilder":
-        """Prepare axes and best values from all entries of a board."""
+        """Prepare axes and best values from all entries of a board; `query` names the columns."""
         challenge = challenge_of(board)
         primary = primary_metrics(challenge)
         return cls(
             board=board,
             average=average,
             digits=digits,
-            metrics=tuple([m for m in challenge.metrics if m.key not in hidden]),
+            metrics=shown_metrics(challenge, query or BoardQuery()),
             axes={metric.key: _axis(board, average, metric) for metric in primary},
             best=_best(board, primary, average, digits),
             heat_top=_heat_top(board, challenge.metrics[0].key),
@@ -233,6 +235,7 @@ class RowBuilder:
             rank=None if entry.rank is None else str(entry.rank),
             rank_interval=_rank_interval(entry),
             rank_words=_rank_words(entry),
+            could_be_first=could_be_first(entry),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
             cells=tuple([self._cell(entry, m, values.get(m.key)) for m in self.metrics]),
@@ -240,34 +243,13 @@ class RowBuilder:
             tiles=self._tiles(entry),
         )
 
-    def leader_line(self, key: str) -> float | None:
-        """Return where the leader's nearer interval end stands on an axis, in per cent."""
-        leader = next((entry for entry in self.board.entries if entry.rank == 1), None)
-        interval = interval_of(leader, self.board, self.average, key) if leader else None
-        if interval is None:
-            return None
-        is_high = self.challenge.metric(key).better == "higher"
-        return self.axes[key].clamped(interval[0 if is_high else 1])
-
     def outcome(self, entry: BoardEntry) -> OutcomeBar | None:
         """Return the outcome bar of an entry, or None where a part is undefined."""
-        parts = outcome_parts(self.challenge, values_of(entry, self.board, self.average))
-        if parts is None:
-            return None
-        text = {name: self.digits.fraction(share) for name, share in parts.items()}
-        first, second = primary_metrics(self.challenge)[:2]
-        between = self.challenge.words.outcome["lost"]
-        words = (
-            f"{first.label} {text['kept']} %, {between} {text['lost']} %, "
-            f"{second.label} {text['hit']} %"
-        )
-        return OutcomeBar(parts["kept"] * 100, parts["lost"] * 100, parts["hit"] * 100, words)
+        return outcome_bar(self.challenge, values_of(entry, self.board, self.average), self.digits)
 
     def _cell(self, entry: BoardEntry, metric: Metric, value: float | None) -> Cell:
         text = self.digits.text(metric, value)
-        is_best = (
-            entry.source == "scored" and text is not None and text == self.best.get(metric.key)
-        )
+        is_best = entry.may_lead and text is not None and text == self.best.get(metric.key)
         axis = self.axes.get(metric.key)
         whisker = None
         if axis is not None and value is not None:
@@ -303,7 +285,7 @@ class RowBuilder:
             n_text=n_text,
             text=text,
             step=None if value is None else self._heat_step(metric, value),
-            is_best=entry.rank is not None
+            is_best=entry.may_lead
             and value is not None
             and value == self.best_by_family.get(family),
             is_small=n is not None and n < SMALL_FAMILY,
@@ -350,9 +332,9 @@ def _axis(board: Board, average: Average, metric: Metric) -> Scale:
 def _best(
     board: Board, primary: Sequence[Metric], average: Average, digits: Digits
 ) -> dict[str, str]:
-    """Best published text per primary metric, among ranked entries."""
+    """Best published text per primary metric, among the entries that may lead."""
     best: dict[str, str] = {}
-    ranked = [values_of(e, board, average) for e in board.entries if e.rank is not None]
+    ranked = [values_of(e, board, average) for e in board.entries if e.may_lead]
     for metric in primary:
         known = [value for row in ranked if (value := row.get(metric.key)) is not None]
         if known:
@@ -362,7 +344,7 @@ def _best(
 
 
 def _heat_top(board: Board, key: str) -> float:
-    """A round maximum over every scored and reported family cell."""
+    """A round maximum over every scored family cell."""
     values = [
         value
         for entry in board.entries
@@ -374,17 +356,35 @@ def _heat_top(board: Board, key: str) -> float:
 
 
 def _best_by_family(board: Board, metric: Metric) -> dict[str, float]:
-    """Best value of a metric in each family, among ranked entries."""
+    """Best value of a metric in each family, among the entries that may lead."""
     best: dict[str, float] = {}
     better = min if metric.better == "lower" else max
     for entry in board.entries:
-        if entry.rank is None:
+        if not entry.may_lead:
             continue
         for family, cell in entry.families.items():
             value = cell.metrics.get(metric.key)
             if value is not None:
                 best[family] = better(best.get(family, value), value)
     return best
+
+
+def outcome_bar(challenge: Challenge, values: MetricRow, digits: Digits) -> OutcomeBar | None:
+    """Return the outcome bar of a row of metrics, or None where a part is undefined."""
+    shares = outcome_parts(challenge, values)
+    if shares is None:
+        return None
+    words = ", ".join([f"{part.words} {digits.fraction(share)} %" for part, share in shares])
+    drawn, start = [], 0.0
+    for part, share in shares:
+        drawn.append((part.kind, start, share * 100))
+        start += share * 100
+    return OutcomeBar(tuple(drawn), words)
+
+
+def could_be_first(entry: BoardEntry) -> bool:
+    """Whether the paired intervals leave open that an entry is the first."""
+    return entry.rank_interval is not None and entry.rank_interval[0] == 1
 
 
 def _rank_interval(entry: BoardEntry) -> str | None:
@@ -400,7 +400,7 @@ def _rank_words(entry: BoardEntry) -> str:
     if entry.rank_interval is None:
         return f"rank {entry.rank}"
     low, high = entry.rank_interval
-    return f"rank {entry.rank}; the intervals allow {low} to {high}"
+    return f"rank {entry.rank}; it could be any from {low} to {high}"
 
 
 def _movement(entry: BoardEntry, board: Board) -> Movement | None:
@@ -441,8 +441,15 @@ class Column:
 
 def metric_columns(challenge: Challenge, query: BoardQuery) -> tuple[Column, ...]:
     """Return the heads of all shown metrics, in the challenge's order."""
-    shown = [metric for metric in challenge.metrics if metric.key not in query.hidden]
+    shown = shown_metrics(challenge, query)
     return tuple([_metric_column(challenge, metric, query) for metric in shown])
+
+
+def shown_metrics(challenge: Challenge, query: BoardQuery) -> tuple[Metric, ...]:
+    """Return the metrics that are columns: those not switched off, and the extra ones asked for."""
+    off, extra = query.hidden, query.added
+    kinds = {"column": lambda key: key not in off, "extra column": lambda key: key in extra}
+    return tuple([m for m in challenge.metrics if m.shown in kinds and kinds[m.shown](m.key)])
 
 
 def method_column(challenge: Challenge, query: BoardQuery) -> Column:
@@ -498,11 +505,7 @@ def _sorting(challenge: Challenge, query: BoardQuery, key: str) -> tuple[Order |
     return "ascending", query.url(sort=f"-{key}")
 
 
-_BLOCK_TITLES = {
-    "scored": "Scored by this server",
-    "reference": "Reference rows",
-    "reported": "Reported in the paper",
-}
+_BLOCK_TITLES = {"scored": "Scored by this server", "reference": "Reference rows"}
 
 
 @dataclass(frozen=True)
@@ -538,6 +541,21 @@ class BoardTable:
     def average_words(self) -> str:
         """Over what the metrics are averaged."""
         return AVERAGE_TITLES[self.builder.average]
+
+    @property
+    def small_family(self) -> int:
+        """Below so many scenes a family is small."""
+        return SMALL_FAMILY
+
+    @cached_property
+    def first_sentence(self) -> str:
+        """Say which rows are marked: those that could be the first."""
+        found = [entry for entry in self.board.entries if could_be_first(entry)]
+        if not found:
+            return ""
+        if len(found) == 1:
+            return f"Marked at the left: {found[0].method}, which alone could be first."
+        return f"Marked at the left: the {len(found)} that could be first."
 
     @property
     def is_headline(self) -> bool:
@@ -581,6 +599,11 @@ class BoardTable:
         return _optional(self.builder.challenge)
 
     @cached_property
+    def extra_columns(self) -> list[tuple[str, str]]:
+        """Key and label of each column that is off unless it is asked for."""
+        return _extra(self.builder.challenge)
+
+    @cached_property
     def sources(self) -> list[tuple[EntrySource | None, str, int]]:
         """Source, title and count of each filter by source."""
         counts = {source: 0 for source in SOURCES}
@@ -598,10 +621,7 @@ class BoardTable:
         if source == "scored":
             words = "Ranked by the protocol's headline average; this view shows the other one."
             return "" if self.is_headline else words
-        if source == "reference":
-            return "Yardsticks scored by the same code, never ranked."
-        other = "" if self.is_headline else " The paper prints one average only."
-        return BADGES["reported"].meaning + other
+        return "Yardsticks scored by the same code, never ranked."
 
     @cached_property
     def sort_sentence(self) -> str:
@@ -633,8 +653,13 @@ class BoardTable:
 
 def _optional(challenge: Challenge) -> list[tuple[str, str]]:
     """All columns but rank, method and primary metrics."""
-    diagnostic = [(m.key, m.label) for m in challenge.metrics if m.role == "diagnostic"]
+    columns = [metric for metric in challenge.metrics if metric.shown == "column"]
+    diagnostic = [(m.key, m.label) for m in columns if m.role == "diagnostic"]
     return [*diagnostic, ("outcome", "Outcome and families"), ("date", "Date")]
+
+
+def _extra(challenge: Challenge) -> list[tuple[str, str]]:
+    return [(m.key, m.label) for m in challenge.metrics if m.shown == "extra column"]
 
 
 def board_table(
@@ -647,12 +672,14 @@ def board_table(
     Raises:
         InvalidRecord: This board has nothing of the name that the query sorts by.
     """
-    offered = {key for key, _ in _optional(challenge_of(board))}
-    query = query.model_copy(update={"hidden": query.hidden & offered})
+    challenge = challenge_of(board)
+    columns = {
+        "hidden": query.hidden & dict(_optional(challenge)).keys(),
+        "added": query.added & dict(_extra(challenge)).keys(),
+    }
+    query = query.model_copy(update=columns)
     average = query.average or board.headline
-    builder = RowBuilder.of(
-        board, average, Digits.of(protocol.publication), query.hidden, is_current
-    )
+    builder = RowBuilder.of(board, average, Digits.of(protocol.publication), query, is_current)
     found = [entry for entry in board.entries if _matches(entry, query)]
     found = sort_entries(board, found, query.sort, average)
     by_source = {source: [e for e in found if e.source == source] for source in SOURCES}

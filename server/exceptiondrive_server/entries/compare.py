@@ -10,10 +10,17 @@ from exceptiondrive_server.boards.comparison import (
     Comparison,
     difference_table,
     find_pair,
-    is_sure,
+    flagged,
+    side_of,
 )
-from exceptiondrive_server.boards.entry_facts import board_fields, challenge_of, entry_key
+from exceptiondrive_server.boards.entry_facts import (
+    board_fields,
+    challenge_of,
+    entry_key,
+    is_barred,
+)
 from exceptiondrive_server.boards.page import entry_choices
+from exceptiondrive_server.boards.table import outcome_bar
 from exceptiondrive_server.entries.queries import MAX_COMPARED, ComparedEntries
 from exceptiondrive_server.web.numbers import Digits, listed
 
@@ -49,6 +56,8 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     return page | {
         "both": both,
         "choices": (*offered, *rest),
+        "fit": [entry for entry in entries if not is_barred(entry)],
+        "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
         "differences": difference_table(both, shown.protocol, reading.sheets),
         "against": [[against(board, one, other, digits) for other in entries] for one in entries],
         "verdict": verdict(board, entries, digits) if len(entries) > 2 else both.verdict,
@@ -86,30 +95,35 @@ def against(board: Board, one: BoardEntry, other: BoardEntry, digits: Digits) ->
     if pair is None:
         return Against("unknown", text or "none", "no interval")
     found = pair.overall[first.key]
-    if not is_sure(found):
+    if not side_of(found):
         return Against("open", text or "none", "not separable")
-    is_better = ((found.difference or 0) > 0) == (first.better == "higher")
+    is_better = (side_of(found) > 0) == (first.better == "higher")
     return Against("sure", text or "none", f"surely {'better' if is_better else 'worse'}")
 
 
 def verdict(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> str:
-    """Say whom the leader of these is surely ahead of, and from whom the split cannot tell it."""
+    """Say whom the best of these is surely ahead of, and from whom the split cannot tell it.
+
+    One that a flag bars from leading is the best of none but its like.
+    """
     first = challenge_of(board).metrics[0]
-    leader = _leader(entries, first)
+    fit = [entry for entry in entries if not is_barred(entry)]
+    leader = _leader(fit or entries, first)
     if leader is None:
         return f"None of them has {first.label}."
     groups: dict[str, list[str]] = {"sure": [], "open": [], "unknown": []}
     for other in entries:
         if other is not leader:
             groups[against(board, leader, other, digits).kind].append(other.method)
-    parts = [f"Of these, {leader.method} has the best {first.label}"]
+    among = "Of these" if len(fit) in (0, len(entries)) else "Of those that no flag bars"
+    parts = [f"{among}, {leader.method} has the best {first.label}"]
     if groups["sure"]:
         parts.append(f"it is surely better than {listed(groups['sure'])}")
     if groups["open"]:
         parts.append(f"this split does not tell it from {listed(groups['open'], 'or')}")
     if groups["unknown"]:
         parts.append(f"against {listed(groups['unknown'])} no paired interval is known")
-    return "; ".join(parts) + "."
+    return " ".join(["; ".join(parts) + ".", *flagged(entries)])
 
 
 def _leader(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:

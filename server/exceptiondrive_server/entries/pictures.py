@@ -1,7 +1,7 @@
 """What other sites show of an entry: its picture beside a link (OpenGraph), its badge in a README."""
 
 from exceptiondrive_schemas.board import BoardEntry
-from exceptiondrive_server.boards.entry_facts import challenge_of
+from exceptiondrive_server.boards.entry_facts import challenge_of, flags_of
 from exceptiondrive_server.boards.pictures import (
     LEFT,
     RIGHT,
@@ -45,6 +45,7 @@ def entry_picture(reading: EntryData) -> str:
         picture={"subtitle": subtitle(reading.phase_title, reading.protocol.version), "foot": foot(board)},
         title=in_lines(entry.method, NAME_SIZE, TITLE_WIDTH, 2),
         by=fitted(entry.team or row.badge.word, 28, RIGHT - LEFT),
+        flags=fitted(f"Flagged: {flags_of(entry)}" if entry.flags else "", 26, RIGHT - LEFT),
         figures=[
             (LEFT + 340 * at, label, value, fitted(note, 20, 320))
             for at, (label, value, note) in enumerate(figures)
@@ -60,9 +61,11 @@ def entry_picture(reading: EntryData) -> str:
 
 
 def badge(reading: EntryData) -> str:
-    """Say rank and the first metric as SVG, or that the entry is reported or not ranked."""
+    """Say rank, the first metric and flags as SVG, or that the entry is not ranked."""
     entry, metric = reading.entry, challenge_of(reading.board).metrics[0]
     text = Digits.of(reading.protocol.publication).text(metric, entry.metrics.get(metric.key))
-    rank = "late" if entry.is_late else f"rank {entry.rank}" if entry.rank else entry.source
-    words = f"{rank}, {f'{metric.label} {text} %' if text else 'no score'}"
-    return render("entries/badge.svg", words=words)
+    unranked = "not ranked" if entry.source == "scored" else entry.source
+    rank = "late" if entry.is_late else f"rank {entry.rank}" if entry.rank else unranked
+    parts = [rank, f"{metric.label} {text} %" if text else "no score"]
+    parts += [f"flagged: {flags_of(entry)}"] if entry.flags else []
+    return render("entries/badge.svg", words=", ".join(parts))

@@ -13,15 +13,21 @@ from exceptiondrive_schemas.drawing import SampleDrawing, outcome, shapes
 from exceptiondrive_schemas.protocol import PlausibilitySection
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
 from exceptiondrive_schemas.taxonomy import Task
+from exceptiondrive_server.boards.charts import curve_chart
 from exceptiondrive_server.boards.entry_facts import (
     board_fields,
     challenge_of,
     entry_key,
     entry_url,
-    outcome_parts,
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
-from exceptiondrive_server.boards.table import SMALL_FAMILY, Row, RowBuilder
+from exceptiondrive_server.boards.table import (
+    SMALL_FAMILY,
+    OutcomeBar,
+    Row,
+    RowBuilder,
+    outcome_bar,
+)
 from exceptiondrive_server.entries.queries import EntryData
 from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
 from exceptiondrive_server.web.numbers import Digits
@@ -46,13 +52,11 @@ class Part(NamedTuple):
         """Whether its numbers come from few samples."""
         return self.row.n is not None and self.row.n < SMALL_FAMILY
 
-    def bar(self, challenge: Challenge) -> dict[str, float] | None:
-        """Return the outcome's three shares; of a paper that prints one metric alone, that one."""
-        values = self.row.metrics
-        first = values.get(challenge.metrics[0].key)
-        alone = None if first is None else {"kept": first, "lost": 0.0, "hit": 0.0}
-        parts = outcome_parts(challenge, values)
-        return alone if parts is None else {str(name): share for name, share in parts.items()}
+
+@template_filter
+def bar_of(part: Part, challenge: Challenge, digits: Digits) -> OutcomeBar | None:
+    """Return the outcome bar of a part; None where the scorer did not count its shares."""
+    return outcome_bar(challenge, part.row.metrics, digits)
 
 
 def entry_page(reading: EntryData) -> dict[str, Any]:
@@ -63,6 +67,8 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
     row, plausibility = builder.row(entry), reading.protocol.plausibility
     is_macro = board.headline == "macro_family"
     effects = effect_table(board, entry, digits)
+    curve = sheet.clearance_curve if sheet else None
+    curves = ((entry, curve),) if curve else ()
     return {
         "reading": reading,
         "challenge": challenge,
@@ -73,6 +79,10 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
         "other": entry.micro if is_macro else entry.macro_family,
         "parts": tuple(_parts(reading, challenge.metrics[0])),
+        "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
+        "details": _details(board, entry),
+        "curve": curve_chart(curves, board.headline),
+        "narrow_curve": curve_chart(curves, board.headline, width=350, height=300),
         "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
         "past_axis": _past_axis(reading, challenge.metrics[0]),
         "panels": panels(reading),
@@ -96,6 +106,19 @@ def _parts(reading: EntryData, first: Metric) -> Iterator[Part]:
             for task in reading.protocol.taxonomy.tasks_of(head.id):
                 if task.id in tasks:
                     yield Part(task.id, task.title, task.hazard, tasks[task.id], None, False)
+
+
+def _details(board: Board, entry: BoardEntry) -> list[Metric]:
+    """Metrics that are no columns, as far as the entry has them; shares of the bar stand with it."""
+    challenge = challenge_of(board)
+    drawn = {part.metric for part in challenge.words.outcome}
+    return [
+        metric
+        for metric in challenge.metrics
+        if metric.shown == "details"
+        and metric.key not in drawn
+        and any(row.get(metric.key) is not None for row in (entry.metrics, entry.micro))
+    ]
 
 
 def _past_axis(reading: EntryData, metric: Metric) -> Scale:

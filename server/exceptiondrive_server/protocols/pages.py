@@ -12,6 +12,7 @@ from exceptiondrive_records.protocols.protocols import (
     list_protocols,
 )
 from exceptiondrive_records.splits.drawings import protocol_drawing
+from exceptiondrive_records.splits.shown import splits_under
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Strategy
@@ -39,6 +40,7 @@ def show_protocol(request: Request, services: ServicesOf, version: str) -> Respo
         known = {protocol.version: protocol for protocol in versions}
         protocol = known.get(version) or find_protocol(session, version)
         drawing = protocol_drawing(session, protocol)
+        splits = splits_under(session, protocol.digest)
     digests = [each.digest for each in versions]
     place = digests.index(protocol.digest) if protocol.digest in digests else 0
     previous = versions[place - 1] if place else None
@@ -53,6 +55,7 @@ def show_protocol(request: Request, services: ServicesOf, version: str) -> Respo
         scene=scene_drawing(drawing, protocol),
         strategies=sorted(Strategy, key=lambda strategy: caution[strategy.value]),
         previous=previous,
+        splits=splits,
         changes=protocol_changes(previous, protocol) if previous else (),
     )
 

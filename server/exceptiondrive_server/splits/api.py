@@ -2,11 +2,13 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.splits.shown import shown_revision
 from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.web.auth import ServicesOf
@@ -16,6 +18,26 @@ from exceptiondrive_server.web.problems import problem_responses
 router = APIRouter(prefix="/splits", tags=["splits"])
 MAX_SPLIT_BYTES = 64 * 1024 * 1024
 GZIP_MAGIC = b"\x1f\x8b"
+
+
+@router.get(
+    "/{name}/datasheet",
+    operation_id="getDatasheet",
+    responses=problem_responses(ProblemCode.NOT_FOUND),
+)
+def get_datasheet(
+    services: ServicesOf,
+    name: Annotated[str, Path(max_length=64, description="name of a split")],
+    revision: Annotated[
+        str | None, Query(max_length=80, description="by default the one in force")
+    ] = None,
+) -> Datasheet:
+    """Tell how a split was made, where its makers say so."""
+    with services.database.read() as session:
+        sheet = shown_revision(session, name, revision).datasheet
+    if sheet is None:
+        raise NotFound("datasheet of split", name)
+    return sheet
 
 
 @router.get(

@@ -8,9 +8,10 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import is_anonymous
-from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
+from exceptiondrive_records.phases.redaction import score_kept_back_since
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.submissions.views import published_sheet
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.problems import ProblemCode
@@ -75,9 +76,10 @@ def _statement(session: Session, submission: Submission) -> ReceiptStatement:
     phase = find_phase(session, submission.phase_id)
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)
-    if row is None or score_kept_back_since(session, phase, submission) is not None:
+    sheet = published_sheet(session, submission, phase)
+    is_hidden = score_kept_back_since(session, phase, submission) is not None
+    if row is None or sheet is None or is_hidden:
         raise NotFound("receipt of a score for submission", submission.id)
-    sheet = shown_sheet(session, phase, row)
     return ReceiptStatement(
         submission_id=submission.id,
         file_digest=submission.file_digest,

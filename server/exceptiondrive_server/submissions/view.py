@@ -114,6 +114,16 @@ def policy_sentences(seen: SubmissionView) -> Iterator[str]:
     if seen.score_kept_back_since is not None:
         since = minute(seen.score_kept_back_since)
         yield f"The board is frozen since {since}; the score is shown when it is revealed."
+    elif seen.status is SubmissionStatus.SCORED and seen.sheet is None:
+        yield (
+            "Samples that were private count now; a score on them is shown for the entries that "
+            "stood on the board at the deadline alone."
+        )
+    if seen.replaced_by is not None:
+        yield (
+            f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
+            "this one stands again."
+        )
     if seen.is_chosen:
         yield "The team chose it: it stands for the team on the board."
     if not seen.is_published:

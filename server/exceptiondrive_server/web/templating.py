@@ -18,6 +18,7 @@ from jinja2 import Environment, FileSystemLoader, PrefixLoader, StrictUndefined
 from jinja2.ext import Extension
 from markupsafe import Markup, escape
 
+from exceptiondrive_schemas.formulas import over_families
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.scales import px
@@ -157,6 +158,7 @@ def environment() -> Environment:
         ticks=ticks,
         stars=stars,
         a=with_article,
+        over_families=over_families,
         unit=numbers.unit_of,
     )
     return made

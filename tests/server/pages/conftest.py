@@ -138,7 +138,7 @@ def strategy_board(lively_board: Board) -> Board:
             "method": "Careful agent, no reminder",
             "rank": 2,
             "previous_rank": 1,
-            "metrics": {**metrics, "accuracy": 0.45, "under_warning": 0.44},
+            "metrics": {**metrics, "accuracy": 0.45, "under_warning": 0.44, "over_warning": 0.11},
         }
     )
     agent = agent.model_copy(update={"reminder_effect": EFFECT})

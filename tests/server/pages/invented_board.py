@@ -3,6 +3,7 @@
 The invented entries exist here alone; nothing of them ships.
 """
 
+import base64
 from datetime import UTC, datetime, timedelta
 
 from exceptiondrive_schemas.board import (
@@ -15,6 +16,19 @@ from exceptiondrive_schemas.board import (
     ReminderEffect,
 )
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.datasheet import (
+    Agreement,
+    Audit,
+    Cell,
+    Datasheet,
+    Decider,
+    Example,
+    Revision,
+    SplitWarning,
+    Stage,
+    WithdrawnSamples,
+    Words,
+)
 from exceptiondrive_schemas.protocol import (
     packaged_protocol,
 )
@@ -37,6 +51,91 @@ MANIFEST = Manifest(
     time_step_s=0.5,
     sample_ids=tuple(f"s{index:04d}" for index in range(N)),
 )
+PIXEL = base64.b64encode(
+    bytes.fromhex(
+        "ffd8ffe000104a46494600010100000100010000ffdb004300080606070605080707070909080a0c140d0c0b0b0c"
+        "1912130f141d1a1f1e1d1a1c1c20242e2720222c231c1c2837292c30313434341f27393d38323c2e333432ffc000"
+        "0b080001000101011100ffc4001f0000010501010101010100000000000000000102030405060708090a0bffc400"
+        "b5100002010303020403050504040000017d01020300041105122131410613516107227114328191a1082342b1c1"
+        "1552d1f02433627282090a161718191a25262728292a3435363738393a434445464748494a535455565758595a63"
+        "6465666768696a737475767778797a838485868788898a92939495969798999aa2a3a4a5a6a7a8a9aab2b3b4b5b6"
+        "b7b8b9bac2c3c4c5c6c7c8c9cad2d3d4d5d6d7d8d9dae1e2e3e4e5e6e7e8e9eaf1f2f3f4f5f6f7f8f9faffda0008"
+        "010100003f00fbfaffd9"
+    )
+)
+"""A grey JPEG of one pixel."""
+DATASHEET = Datasheet(
+    schema_="exceptiondrive.datasheet/1",
+    name="sample",
+    title="Sample",
+    revision=MANIFEST.revision,
+    protocol="1.0",
+    n_samples=N,
+    n_scenes=60,
+    n_controls=6,
+    n_recorded=N,
+    withdrawn=(WithdrawnSamples(reason="The hazard stands on the pavement.", n=2),),
+    changes=Revision(
+        previous="sha256:" + "1a" * 32,
+        words="Two samples failed the audit, and three regions lay a metre too far.",
+        moved=3,
+        withdrawn=2,
+    ),
+    words=Words(
+        purpose="To see whether planners heed what does not belong on the road.",
+        source="Made-up scenes.",
+        licence="CC BY-NC-SA 4.0",
+        licence_url="https://creativecommons.org/licenses/by-nc-sa/4.0/",
+        contact="the organizers",
+        published="2026-11-22",
+    ),
+    stages=(
+        Stage(id="suitable", title="The task suits the scene", n=3446, of=17850),
+        Stage(id="edited", title="Edited in every view", n=3446, of=3446),
+        Stage(id="accepted", title="Accepted by review and people", n=3181, of=3446),
+        Stage(id="localized", title="Region proposed", n=0, of=3181),
+        Stage(id="verified", title="Region verified by two people", n=0, of=0),
+    ),
+    families=tuple(
+        Cell(id=f.id, title=f.title, candidates=850, suitable=200, accepted=180, n=COUNTS[f.id])
+        for f in PROTOCOL.families
+    ),
+    tasks=tuple(
+        Cell(id=t.id, title=t.title, candidates=850, suitable=20, accepted=18, n=12)
+        for t in PROTOCOL.tasks
+    ),
+    audit=Audit(
+        accepted=3181,
+        drawn=168,
+        passed=163,
+        confidence=0.95,
+        wilson=(0.9322, 0.9872),
+        finite_population=(0.9333, 0.9869),
+    ),
+    agreement=Agreement(
+        n=240,
+        both_accepted=231,
+        same_word=236,
+        beyond=9,
+        iou_mean=0.912,
+        iou_median=0.93,
+        corner_m_max=0.98,
+        alpha=0.714,
+    ),
+    deciders=(
+        Decider(
+            stage="screen",
+            by="vision-model",
+            is_person=False,
+            decisions=17850,
+            prompt="sha256:" + "c4" * 32,
+        ),
+        Decider(stage="verify", by="person 1", is_person=True, decisions=240),
+    ),
+    warnings=(SplitWarning(code="unavoidable", what="no moving car avoids the region", count=4),),
+    examples=(Example(caption="Lane Blockage", source=PIXEL, edited=PIXEL),) * 3,
+)
+"""What a workshop might have said of the small split; the shares of the funnel are the paper's."""
 LONG_AGO = datetime(2020, 5, 4, 9, 30, tzinfo=UTC)
 """Before any board of a test, whatever the clock of the machine says."""
 PAPER = {
@@ -85,6 +184,9 @@ EFFECT = ReminderEffect(
         "under_warning": PairedDifference(
             difference=-0.1525, interval=(-0.22, -0.09), discordant=0.4, verdict="with is better"
         ),
+        "over_warning": PairedDifference(
+            difference=-0.01, interval=(-0.05, 0.03), discordant=0.1, verdict="not separable"
+        ),
     },
 )
 
@@ -92,6 +194,20 @@ EFFECT = ReminderEffect(
 def values(row: tuple[float, ...]) -> dict[str, float | None]:
     scale = (100, 100, 100, 1, 1, 1)
     return {key: round(v / s, 6) for key, v, s in zip(KEYS, row, scale, strict=True)}
+
+
+def counted_values(row: tuple[float, ...], progress: float | None) -> dict[str, float | None]:
+    """Values as a scorer gives them that counts outcomes and progress."""
+    hcc, ur = row[0] / 100, row[1] / 100
+    clear, unmoved = round(hcc * 0.6, 4), round(ur * 0.3, 4)
+    return {
+        **values(row),
+        "progress": progress,
+        "clear": clear,
+        "close": round(1 - ur - clear, 4),
+        "hit_reacting": round(ur - unmoved, 4),
+        "hit_unmoved": unmoved,
+    }
 
 
 def _interval(value: float, half: float) -> tuple[float, float]:
@@ -116,7 +232,7 @@ def _families(hcc: float, ur: float) -> dict[str, FamilyCell]:
 
 def scored(index: int, started: datetime) -> BoardEntry:
     method, team, hcc, ur, hpr, cts, cts_x, cts_y, interval, previous = INVENTED[index]
-    metrics = values((hcc, ur, hpr, cts, cts_x, cts_y))
+    metrics = counted_values((hcc, ur, hpr, cts, cts_x, cts_y), 0.62 + 0.05 * index)
     return BoardEntry(
         source="scored",
         rank=index + 1,
@@ -130,12 +246,13 @@ def scored(index: int, started: datetime) -> BoardEntry:
         submitted_at=started - timedelta(days=9 - index, hours=index),
         metrics=metrics,
         macro_family=metrics,
-        micro=values((hcc - 0.7, ur + 0.4, hpr - 0.5, cts, cts_x, cts_y)),
+        micro=counted_values((hcc - 0.7, ur + 0.4, hpr - 0.5, cts, cts_x, cts_y), 0.6),
         intervals={
             "hcc": _interval(hcc / 100, 0.041 - 0.002 * index),
             "ur": _interval(ur / 100, 0.038),
             "hpr": _interval(hpr / 100, 0.03),
             "cts": (cts - 0.1, cts + 0.1),
+            "progress": _interval(0.62 + 0.05 * index, 0.03),
         },
         families=_families(hcc / 100, ur / 100),
         coverage={"edited": 1.0, "source": 1.0},
@@ -143,8 +260,10 @@ def scored(index: int, started: datetime) -> BoardEntry:
     )
 
 
-def reference(method: str, row: tuple[float, ...], flags: tuple[Flag, ...] = ()) -> BoardEntry:
-    metrics = values(row)
+def reference(
+    method: str, row: tuple[float, ...], progress: float, flags: tuple[Flag, ...] = ()
+) -> BoardEntry:
+    metrics = counted_values(row, progress)
     return BoardEntry(
         source="reference",
         rank=None,
@@ -230,7 +349,7 @@ def lively_entries() -> tuple[BoardEntry, ...]:
     return (
         *(scored(index, started) for index in range(len(INVENTED))),
         unscored(started),
-        reference("FREEZE", (97.20, 0.0, 12.44, 3.61, 3.60, 0.02), (STILL,)),
-        reference("CONSTANT VELOCITY", (8.13, 90.02, 7.90, 0.0, 0.0, 0.0), (BLIND,)),
+        reference("FREEZE", (97.20, 0.0, 12.44, 3.61, 3.60, 0.02), 0.0, (STILL,)),
+        reference("CONSTANT VELOCITY", (8.13, 90.02, 7.90, 0.0, 0.0, 0.0), 1.0, (BLIND,)),
         *(reported(method) for method in PAPER),
     )

@@ -10,6 +10,7 @@ import numpy as np
 from fastapi import APIRouter, FastAPI
 from tests.server.pages.invented_board import (
     COUNTS,
+    DATASHEET,
     LONG_AGO,
     MANIFEST,
     PROTOCOL,
@@ -50,6 +51,7 @@ from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.routes import PAGES
+from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.responses import mount_static
@@ -60,6 +62,7 @@ from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_spli
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
 ROUTES.include_router(PAGES)
 ROUTES.include_router(boards.router, prefix="/api/v1", include_in_schema=False)
+ROUTES.include_router(splits.router, prefix="/api/v1", include_in_schema=False)
 
 
 class Services:
@@ -111,7 +114,7 @@ class Site:
         """Create a phase over the small split, registering protocol and split."""
         with self.database.write() as session:
             add_protocol(session, packaged_protocol_toml(), "test")
-            register_split(session, MANIFEST, COUNTS, "test")
+            register_split(session, MANIFEST, COUNTS, "test", datasheet=DATASHEET)
             create_phase(
                 session,
                 NewPhase(

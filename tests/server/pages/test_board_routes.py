@@ -256,7 +256,7 @@ async def test_a_long_board_is_paged_and_still_weighs_less_than_150_kilobytes(
     site.publish(lively_board.model_copy(update={"entries": (*many, *others)}))
     answer = await site.get("/")
     assert len(answer.content) < 150_000
-    assert "Page 1 of 50, 1,009 entries" in answer.text
+    assert "Page 1 of 50, 1,002 entries" in answer.text
     last = await site.get("/?page=50")
     assert ">P 999</a>" in last.text
 
@@ -270,7 +270,7 @@ async def test_the_strategy_challenge_has_a_board_of_its_own_metrics(
     assert "Under-warning" in text
     assert "61.25" in text
     assert "HCC" not in text.split('<section id="board"')[1].split('id="submit"')[0]
-    assert "Even the most careful agent warns too little 2 times in 7." in text
+    assert "Even the leading agent is too careless about 2 times in 7." in text
     assert (await site.get("/compare?phase=strategy")).status_code == 200
     assert (await site.get("/entries/a0000000kq?phase=strategy")).status_code == 200
 

@@ -2,17 +2,19 @@
 
 from typing import Any
 
-from tests.server.pages.invented_board import KEYS
+import pytest
+from tests.server.pages.invented_board import KEYS, STILL
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_server.boards.queries import own_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
 
 
 def view(board: Board, protocol: ProtocolDocument, **query: Any) -> BoardTable:
-    return board_table(board, protocol, BoardQuery(**query))
+    return board_table(own_board(board), protocol, BoardQuery(**query))
 
 
 def test_the_columns_of_a_planning_board() -> None:
@@ -20,24 +22,28 @@ def test_the_columns_of_a_planning_board() -> None:
     assert columns == ["hcc", "ur", "hpr", "cts", "cts_x", "cts_y"]
 
 
-def test_outcome_bars_add_up_to_the_whole(lively_board: Board, protocol: ProtocolDocument) -> None:
-    for block in view(lively_board, protocol).blocks:
-        for row in block.rows:
-            if row.outcome:
-                assert abs(row.outcome.kept + row.outcome.lost + row.outcome.hit - 100) < 1e-6
-
-
-def test_the_papers_rows_are_shown_digit_for_digit(
-    paper_board: Board, protocol: ProtocolDocument
+def test_the_outcome_bar_draws_shares_of_samples_one_beside_the_other(
+    lively_board: Board, protocol: ProtocolDocument
 ) -> None:
-    rows = {row.entry.method: row for row in view(paper_board, protocol).blocks[0].rows}
-    printed = ("21.03", "78.11", "18.59", "1.57", "1.55", "0.24")
-    by_key = dict(zip(KEYS, printed, strict=True))
-    shown = [cell.text for cell in rows["ST-P3"].cells]
-    assert shown == [by_key.get(key) for key in PLANNING.metric_keys]
-    families = [tile.text for tile in rows["AutoVLA"].tiles]
-    assert families == ["9.90", "12.86", "10.22", "9.78", "9.92", "9.56"]
-    assert rows["VAD"].tiles == ()
+    rows = [row for block in view(lively_board, protocol).blocks for row in block.rows]
+    bars = [row.outcome for row in rows if row.outcome]
+    assert len(bars) == 8
+    for bar in bars:
+        assert [kind for kind, _, _ in bar.parts] == ["kept", "lost", "hit", "unmoved"]
+        ends = [start + width for _, start, width in bar.parts]
+        assert [start for _, start, _ in bar.parts] == [0, *ends[:-1]]
+        assert ends[-1] == pytest.approx(100)
+    shares = [lively_board.entries[0].metrics[part.metric] for part in PLANNING.words.outcome]
+    assert [width for _, _, width in bars[0].parts] == [100 * (share or 0) for share in shares]
+
+
+def test_a_row_of_a_scorer_that_counted_no_outcomes_has_no_bar(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    first = lively_board.entries[0]
+    older = first.model_copy(update={"metrics": {key: first.metrics[key] for key in KEYS}})
+    board = lively_board.model_copy(update={"entries": (older,)})
+    assert view(board, protocol).blocks[0].rows[0].outcome is None
 
 
 def test_only_scored_rows_carry_a_rank_and_a_best_mark(
@@ -69,20 +75,13 @@ def test_movement_is_told_in_words(lively_board: Board, protocol: ProtocolDocume
     ]
 
 
-def test_the_leaders_nearer_end_is_the_dotted_line(
+def test_the_rows_that_could_be_first_are_those_whose_rank_range_holds_1(
     lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     seen = view(lively_board, protocol)
-    leader = seen.blocks[0].rows[0]
-    hcc, ur = leader.cells[0].whisker, leader.cells[1].whisker
-    assert hcc is not None
-    assert ur is not None
-    assert ur.low is not None
-    assert ur.width is not None
-    assert seen.builder.leader_line("hcc") == hcc.low
-    end = seen.builder.leader_line("ur")
-    assert end is not None
-    assert abs(end - (ur.low + ur.width)) < 1e-9
+    marked = [row.entry.rank_interval for row in seen.rows if row.could_be_first]
+    assert marked == [(1, 2), (1, 3)]
+    assert seen.first_sentence == "Marked at the left: the 2 that could be first."
 
 
 def test_the_other_average_shows_its_values_without_intervals(
@@ -94,14 +93,47 @@ def test_the_other_average_shows_its_values_without_intervals(
     assert first.cells[0].whisker is not None
     assert first.cells[0].whisker.low is None
     assert first.rank == "1"
-    reported = seen.blocks[-1].rows[0]
-    assert reported.cells[0].text is None
 
 
 def test_primary_columns_cannot_be_hidden(lively_board: Board, protocol: ProtocolDocument) -> None:
     seen = view(lively_board, protocol, hidden=frozenset({"hcc", "hpr"}))
     shown = [column.key for column in seen.columns]
-    assert shown == [key for key in PLANNING.metric_keys if key != "hpr"]
+    assert shown == [metric.key for metric in PLANNING.columns if metric.key != "hpr"]
+
+
+def test_progress_is_a_column_for_who_asks_for_it(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    keys = [metric.key for metric in PLANNING.columns]
+    assert [column.key for column in view(lively_board, protocol).columns] == keys
+    seen = view(lively_board, protocol, added=frozenset({"progress", "clear"}))
+    assert [column.key for column in seen.columns] == [*keys, "progress"]
+    assert seen.rows[0].cells[-1].text == "62.00"
+    assert seen.extra_columns == [("progress", "Progress")]
+
+
+def test_what_a_flag_bars_from_leading_is_never_marked_as_the_best(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    first, second, *others = lively_board.entries
+    parked = first.model_copy(update={"flags": (STILL,)})
+    seen = view(lively_board.model_copy(update={"entries": (parked, second, *others)}), protocol)
+    cells = [[cell.is_best for cell in row.cells[:2]] for row in seen.rows[:2]]
+    assert cells == [[False, False], [True, True]]
+    assert not any(tile.is_best for tile in seen.rows[0].tiles)
+
+
+def test_listed_entries_stand_below_the_ranked_ones_whatever_the_sort(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    first, *others = lively_board.entries
+    changes = {"rank": None, "rank_interval": None, "unranked_flags": ("stands_still",)}
+    listed = first.model_copy(update={**changes, "unranked_because": "it stands still"})
+    board = lively_board.model_copy(update={"entries": (*others[:6], listed, *others[6:])})
+    for sort in ("rank", "-hcc", "ur", "method"):
+        rows = view(board, protocol, sort=sort).blocks[0].rows
+        assert rows[-1].entry is listed
+        assert rows[-1].rank_words == "it stands still"
 
 
 def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round() -> None:

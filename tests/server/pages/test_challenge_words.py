@@ -57,7 +57,8 @@ def test_every_template_of_words_can_be_filled(challenge: Challenge) -> None:
         assert "{" not in text.format(often="once in 3", cases="one in 3", rest="twice in 3")
     assert words.scene_caption.format(clearance_m=1.0, d_safe_m=2.0, hcc=0.5).count("**") % 2 == 0
     assert set(words.covered) <= set(Coverage.model_fields)
-    assert set(words.outcome) == {"kept", "lost", "hit"}
+    assert {part.metric for part in words.outcome} <= set(challenge.metric_keys)
+    assert {words.chart.x, words.chart.y} <= set(challenge.metric_keys)
 
 
 async def test_the_strategy_board_never_speaks_of_planners(shown_site: Any) -> None:

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.server.pages.invented_board import KEYS
+from tests.server.pages.invented_board import KEYS, STILL
 
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
@@ -29,10 +29,9 @@ def entry(board: Board, method: str) -> Any:
 @pytest.mark.parametrize(
     ("a", "b", "words"),
     [
-        ("Kestrel", "LaneKeeper", "Their rank intervals overlap"),
-        ("Kestrel", "nerve", "the order is sure"),
-        ("nerve", "Kestrel", "the order is sure"),
-        ("Kestrel", "ST-P3", "At least one of the two is reported"),
+        ("Kestrel", "LaneKeeper", "The ranks that each could have overlap"),
+        ("Kestrel", "nerve", "The ranks that each could have do not overlap."),
+        ("nerve", "Kestrel", "nerve is flagged: Blind to the edit."),
         ("Kestrel", "half", "half-a-file has no HCC"),
         ("CONSTANT", "Kestrel", "Their intervals do not overlap"),
     ],
@@ -50,14 +49,21 @@ def test_equal_published_values_are_called_equal(lively_board: Board) -> None:
     assert both.verdict == "Both stand at 61.40 % HCC."
 
 
-def test_equal_families_are_called_equal_and_unreported_ones_unknown(
-    lively_board: Board, paper_board: Board
-) -> None:
-    one, unreported = entry(lively_board, "Kestrel"), entry(paper_board, "VAD")
-    equal = Comparison(lively_board, one, one, Digits())
-    assert equal.families_sentence == "They are equal in every family."
-    unknown = Comparison(paper_board, unreported, unreported, Digits())
-    assert unknown.families_sentence == "No family split is known for both."
+def test_nobody_is_ahead_in_a_family_without_a_pair(lively_board: Board) -> None:
+    pair = entry(lively_board, "Kestrel"), entry(lively_board, "nerve")
+    assert Comparison(lively_board, *pair, Digits()).families_sentence == ""
+
+
+def test_ahead_in_a_family_is_who_is_surely_better_there(lively_board: Board) -> None:
+    board = with_pairs(lively_board)
+    first, second, third = board.entries[:3]
+    rest = "in 5 families the split does not tell them apart."
+    sure = Comparison(board, first, third, Digits()).families_sentence
+    assert sure == f"Kestrel-2 is ahead in lane blockage scenes; {rest}"
+    turned = Comparison(board, third, first, Digits()).families_sentence
+    assert turned == f"Kestrel-2 is ahead in lane blockage scenes; {rest}"
+    open_ = Comparison(board, first, second, Digits()).families_sentence
+    assert open_ == "In no family is one surely ahead."
 
 
 def test_differences_are_first_minus_second(paper_board: Board) -> None:
@@ -75,25 +81,28 @@ def test_differences_are_first_minus_second(paper_board: Board) -> None:
     lines = both.chart.lines[:2]
     families = [Digits().difference(both.first, line.a, line.b) for line in lines]
     assert families == ["+0.39", "\u22120.42"]
-    assert "The widest gap is 6.89 points, in intersection scenes." in both.families_sentence
 
 
-def test_the_two_best_are_compared_first_and_reported_ones_only_without_scores(
+def test_the_leader_and_the_best_beside_it_are_compared_first(
     lively_board: Board, paper_board: Board, empty_board: Board
 ) -> None:
     best = default_pair(lively_board)
     assert best is not None
     assert [e.rank for e in best] == [1, 2]
-    printed = default_pair(paper_board)
-    assert printed is not None
-    assert [e.method for e in printed] == ["ST-P3", "Impromptu VLA"]
+    first, *others = lively_board.entries
+    parked = first.model_copy(update={"flags": (STILL,)})
+    unflagged = default_pair(lively_board.model_copy(update={"entries": (parked, *others)}))
+    assert unflagged is not None
+    assert [e.rank for e in unflagged] == [2, 3]
+    assert default_pair(paper_board) is None
     assert default_pair(empty_board) is None
 
 
 async def test_the_compare_page_takes_two_keys(lively_site: Any) -> None:
-    answer = await lively_site.get("/compare?phase=sample&a=reported-st-p3&b=s0000000kq")
+    answer = await lively_site.get("/compare?phase=sample&a=s0000005kq&b=s0000000kq")
     assert answer.status_code == 200
-    assert "ST-P3 against Kestrel-2" in answer.text
+    assert "nerve against Kestrel-2" in answer.text
+    assert (await lively_site.get("/compare?phase=sample&a=reported-st-p3")).status_code == 404
     assert (await lively_site.get("/compare?a=unknown")).status_code == 404
 
 
@@ -140,13 +149,15 @@ def paired_site(site: Any, lively_board: Board) -> Any:
 
 
 async def test_several_are_set_side_by_side_and_each_against_each(paired_site: Any) -> None:
-    address = "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq&more=reported-st-p3"
+    address = (
+        "/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq&more=reference-freeze"
+    )
     text = (await paired_site.get(address)).text
     assert "4 planners side by side" in text
     assert (
-        "Of these, Kestrel-2 has the best HCC; it is surely better than brake-late; this split does "
-        "not tell it from LaneKeeper XL (bypass head, 3 s); against ST-P3 no paired interval is "
-        "known."
+        "Of those that no flag bars, Kestrel-2 has the best HCC; it is surely better than brake-late; "
+        "this split does not tell it from LaneKeeper XL (bypass head, 3 s); against FREEZE no paired "
+        "interval is known. FREEZE is flagged: Stands still."
     ) in text
     table = text[text.index('id="against"') :]
     assert table.index("surely better") < table.index("surely worse")
@@ -166,7 +177,7 @@ async def test_the_address_of_a_comparison_holds_all_of_it(paired_site: Any) -> 
 
 
 async def test_at_most_six_are_compared_at_once(paired_site: Any) -> None:
-    more = "".join(f"&more=s000000{at}kq" for at in range(2, 6)) + "&more=reported-vad"
+    more = "".join(f"&more=s000000{at}kq" for at in range(2, 6)) + "&more=reference-freeze"
     text = (await paired_site.get(f"/compare?a=s0000000kq&b=s0000001kq{more}")).text
     assert "6 planners side by side" in text
     assert "add one more" not in text
@@ -222,5 +233,3 @@ async def test_the_page_shows_tasks_with_and_without_intervals(paired_site: Any)
     tasks = other[other.index('id="tasks"') :]
     assert "Stalled vehicle" in tasks
     assert "Verdict" not in tasks
-    printed = (await paired_site.get("/compare?a=reported-st-p3&b=reported-drivor")).text
-    assert "Stalled vehicle" not in printed

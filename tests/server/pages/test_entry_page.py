@@ -17,7 +17,7 @@ async def test_an_entry_shows_all_tasks_both_averages_and_its_receipt(lively_sit
     for task in ("SE1", "LB4", "BG4", "SR3", "IC3", "RS3"):
         assert f"<code>{task}</code>" in text
     assert "57.30 to 65.50" in text
-    assert "The whisker is the 95" in text
+    assert "<small>61.27 to 68.89</small>" in text
     assert "60.70" in text
     assert "sha256:" + "ab12" * 16 in text
     assert "41.2 kB" in text
@@ -29,12 +29,28 @@ async def test_a_flag_is_explained_in_words(lively_site: Any) -> None:
     assert "97% of the pairs differ by less than 0.05 m." in text
 
 
-async def test_a_reported_row_has_a_page_and_claims_no_interval(lively_site: Any) -> None:
-    text = (await lively_site.get("/entries/reported-st-p3?phase=sample")).text
-    assert "21.03" in text
-    assert "Unknown: the numbers were printed, not scored here." in text
-    assert "The whisker is" not in text
-    assert "Receipt" not in text
+async def test_what_the_paper_reports_has_a_page_of_its_own_and_no_other(
+    lively_site: Any,
+) -> None:
+    text = (await lively_site.get("/reported/planning")).text
+    assert "<dt>N</dt><dd>3,181</dd>" in text
+    assert "<dt>Protocol</dt><dd>the paper&#39;s own" in text
+    printed = re.findall(r'<th scope="row">ST-P3</th>(.*?)</tr>', text)
+    assert re.findall(r"<td>(.*?)</td>", printed[0])[:3] == ["21.03", "78.11", "18.59"]
+    assert (await lively_site.get("/reported/unknown")).status_code == 400
+    for path in ("/entries/reported-st-p3", "/badges/reported-st-p3.svg"):
+        assert (await lively_site.get(f"{path}?phase=sample")).status_code == 404
+    board = (await lively_site.get("/")).text
+    assert 'href="/reported/planning"' in board
+    assert "ST-P3" not in board
+
+
+async def test_a_phase_that_does_not_show_the_paper_does_not_lead_to_it(
+    site: Any, lively_board: Board
+) -> None:
+    site.create_phase("sample")
+    site.publish(lively_board)
+    assert "/reported/" not in (await site.get("/")).text
 
 
 async def test_an_entry_that_left_the_board_is_shown_as_it_stood(
@@ -80,8 +96,10 @@ async def test_the_badge_says_rank_and_score_and_follows_the_board(lively_site: 
     answer = await lively_site.get("/badges/s0000000kq.svg")
     assert answer.headers["content-type"] == "image/svg+xml"
     assert "rank 1, HCC 61.40 %" in Xml.fromstring(answer.text).itertext().__next__()
-    printed = await lively_site.get("/badges/reported-st-p3.svg?phase=sample")
-    assert "reported, HCC 21.03 %" in printed.text
+    flagged = await lively_site.get("/badges/s0000005kq.svg")
+    assert "rank 6, HCC 22.18 %, flagged: Blind to the edit" in flagged.text
+    freeze = await lively_site.get("/badges/reference-freeze.svg?phase=sample")
+    assert "reference, HCC 97.20 %, flagged: Stands still" in freeze.text
     assert (await lively_site.get("/badges/unknown.svg")).status_code == 404
 
 

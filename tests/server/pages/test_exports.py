@@ -23,12 +23,14 @@ def test_latex_is_a_booktabs_table_with_the_published_digits(
 ) -> None:
     text = latex(lively_board, protocol, SITE)
     assert r"\toprule" in text
-    assert text.count(r"\midrule") == 3
+    assert text.count(r"\midrule") == 2
     published = ("61.40", "31.10", "52.71", "2.81", "2.44", "0.92")
     by_key = dict(zip(KEYS, published, strict=True))
-    cells = [by_key.get(key, "--") for key in CHALLENGES[lively_board.challenge].metric_keys]
-    assert " & ".join(["1", "Kestrel-2", *cells]) + r" \\" in text
-    assert r"-- & ST-P3 (reported) & 21.03 & 78.11" in text
+    cells = [by_key[metric.key] for metric in CHALLENGES[lively_board.challenge].columns]
+    assert " & ".join(["1", r"\textbf{Kestrel-2}", *cells]) + r" \\" in text
+    assert "6 & nerve (Blind to the edit) & 22.18" in text
+    assert "-- & FREEZE (reference, Stands still) & 97.20" in text
+    assert "ST-P3" not in text
     assert f"{SITE}/?phase=sample&board=7" in text
 
 
@@ -47,10 +49,10 @@ def test_every_latex_row_has_the_columns_of_the_head_whatever_the_names_are(
     board = lively_board.model_copy(update={"entries": (nasty, *lively_board.entries[1:])})
     lines = [line for line in latex(board, protocol, SITE).splitlines() if "&" in line]
     table = [line for line in lines if not line.startswith("%")]
-    assert len(table) == 1 + len(board.entries)
-    n_columns = 2 + len(CHALLENGES[board.challenge].metrics)
+    assert len(table) == 1 + len([e for e in board.entries if e.source != "reported"])
+    n_columns = 2 + len(CHALLENGES[board.challenge].columns)
     assert {len(re.findall(r"(?<!\\)&", line)) for line in table} == {n_columns - 1}
-    name = table[1].split(" & ")[1]
+    name = table[1].split(" & ")[1].removeprefix(r"\textbf{").removesuffix("}")
     assert SPECIAL.search(COMMANDS.sub("", name)) is None
     assert "\\" not in COMMANDS.sub("", name)
 
@@ -87,10 +89,13 @@ def test_csv_holds_every_entry_with_stable_columns(
     lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     rows = list(csv.DictReader(io.StringIO(comma_separated(lively_board, protocol, SITE))))
-    assert len(rows) == len(lively_board.entries)
+    assert len(rows) == len([e for e in lively_board.entries if e.source != "reported"])
     assert (rows[0]["rank"], rows[0]["hcc"], rows[0]["hcc_low"]) == ("1", "0.614", "0.573")
     assert rows[-1]["rank"] == ""
-    assert {row["source"] for row in rows} == {"scored", "reference", "reported"}
+    assert {row["source"] for row in rows} == {"scored", "reference"}
+    assert [row["method"] for row in rows if row["leads"] == "True"] == ["Kestrel-2"]
+    assert rows[6]["unranked_because"] == "coverage 0.62 is below 0.99"
+    assert {row["average"] for row in rows} == {"macro_family"}
 
 
 @pytest.mark.parametrize("method", ["=1+1", "+A1", "-A1", "@SUM(A1)"])
@@ -124,4 +129,7 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     name = {"a": "http://www.w3.org/2005/Atom"}
     titles = [entry.findtext("a:title", "", name) for entry in feed.findall("a:entry", name)]
     assert [title.split(" of ")[0] for title in titles] == ["Board 2", "Board 1"]
+    said = [entry.findtext("a:summary", "", name) for entry in feed.findall("a:entry", name)]
+    assert said[0].startswith("No planner is ranked on this board yet.")
+    assert said[1].startswith("Of 6 ranked planners, Kestrel-2 leads: hazard clearance compliance")
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"

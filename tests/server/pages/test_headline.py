@@ -1,6 +1,7 @@
 """The sentences on top come from the numbers."""
 
 import pytest
+from tests.server.pages.invented_board import STILL
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
@@ -9,38 +10,74 @@ from exceptiondrive_server.web.numbers import Digits
 
 
 def with_ur(board: Board, ur: float) -> Board:
+    """The leader alone, with this share of all samples in the hazard."""
     entry = board.entries[0]
-    metrics = {**entry.metrics, "ur": ur}
-    return board.model_copy(update={"entries": (entry.model_copy(update={"metrics": metrics}),)})
+    micro = {**entry.micro, "ur": ur}
+    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}),)})
+
+
+def flagged(board: Board, *places: int) -> Board:
+    """The same board, with a parked car in these places."""
+    changes = {"flags": (STILL,), "method": "AlwaysBrake"}
+    entries = [
+        entry.model_copy(update=changes) if at in places else entry
+        for at, entry in enumerate(board.entries)
+    ]
+    return board.model_copy(update={"entries": tuple(entries)})
 
 
 @pytest.mark.parametrize(
     ("ur", "title"),
     [
-        (1.0, "No planner keeps clear of the hazard yet."),
-        (0.78, "Even the safest planner meets the hazard 7 times in 9."),
-        (0.5, "The safest planner still meets one hazard in 2."),
-        (0.311, "The safest planner still meets 3 hazards in 10."),
-        (0.02, "The safest planner keeps clear 98 times in 100."),
+        (1.0, "Even the leading planner drives into the hazard every time."),
+        (0.996, "Even the leading planner drives into the hazard more than 99 times in 100."),
+        (0.78, "Even the leading planner drives into the hazard about 7 times in 9."),
+        (0.5, "The leading planner still drives into one hazard in 2."),
+        (0.311, "The leading planner still drives into about 3 hazards in 10."),
+        (0.02, "The leading planner keeps clear 98 times in 100."),
+        (0.0033, "The leading planner keeps clear more than 99 times in 100."),
+        (0.0, "The leading planner keeps clear every time."),
     ],
 )
-def test_the_title_follows_the_lowest_unsafe_rate(
-    lively_board: Board, ur: float, title: str
-) -> None:
+def test_the_title_counts_the_leaders_samples(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title == title
 
 
-def test_reference_and_reported_rows_never_make_the_headline(lively_board: Board) -> None:
-    facts = {fact.label: fact for fact in headline(lively_board, PLANNING, 21, Digits()).facts}
-    assert facts["Highest HCC"].note == "Kestrel-2"
-    assert facts["Planners"].note == "ranked, 7 reported"
+def test_the_facts_are_the_leaders(lively_board: Board) -> None:
+    said = headline(lively_board, PLANNING, 21, Digits())
+    facts = {fact.label: fact for fact in said.facts}
+    assert facts["HCC of the leader"].value == "61.40\u202f%"
+    assert facts["UR of the leader"].note == "Kestrel-2"
+    assert facts["Planners"].note == "ranked"
 
 
-def test_without_a_score_the_paper_is_quoted_as_the_paper(paper_board: Board) -> None:
+def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
+    said = headline(flagged(lively_board, 0), PLANNING, 21, Digits())
+    assert said.findings[0].startswith("Of 6 ranked planners, LaneKeeper XL")
+    assert said.findings[1] == (
+        "AlwaysBrake (\u201cStands still\u201d) ranks above it, but its flags bar it from leading."
+    )
+    assert all(fact.note != "AlwaysBrake" for fact in said.facts)
+
+
+def test_where_every_ranked_one_is_flagged_nobody_leads(lively_board: Board) -> None:
+    said = headline(flagged(lively_board, *range(6)), PLANNING, 21, Digits())
+    assert said.title == PLANNING.words.headline.question
+    assert said.findings == ("Nobody leads: every ranked planner is flagged (Stands still).",)
+    assert len(said.facts) == 3
+
+
+def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
+    alone = lively_board.model_copy(update={"entries": lively_board.entries[5:6]})
+    said = headline(alone, PLANNING, 21, Digits())
+    assert said.findings[0].startswith("The only ranked planner so far is nerve: hazard")
+    assert said.findings[0].endswith("; flagged \u201cBlind to the edit\u201d.")
+
+
+def test_the_paper_never_makes_the_headline(paper_board: Board) -> None:
     said = headline(paper_board, PLANNING, 21, Digits())
     assert said.title == "Which planner keeps clear of the hazard?"
-    assert said.findings[0] == "Nobody has been scored on this board yet."
-    assert said.findings[1].startswith("Of the 7 planners in the paper, ST-P3 reaches")
+    assert said.findings == ("No planner is ranked on this board yet.",)
 
 
 def test_without_a_board_nothing_is_claimed() -> None:
@@ -51,14 +88,14 @@ def test_without_a_board_nothing_is_claimed() -> None:
 
 def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) -> None:
     said = headline(strategy_board, STRATEGY, 21, Digits())
-    assert said.title == "Even the most careful agent warns too little 2 times in 7."
+    assert said.title == "Even the leading agent is too careless about 2 times in 7."
     assert "planner" not in " ".join(said.findings)
     assert [fact.label for fact in said.facts] == [
         "Samples scored",
         "Tasks",
         "Agents",
-        "Highest Accuracy",
-        "Lowest Under-warning",
+        "Accuracy of the leader",
+        "Under-warning of the leader",
     ]
-    assert said.facts[0].note == "edited scenes"
+    assert said.facts[0].note == "scenes with hazard"
     assert headline(None, STRATEGY, 21, Digits()).title == "Which agent is careful enough?"

@@ -54,7 +54,7 @@ def test_without_a_pair_the_rank_intervals_speak(lively_board: Board) -> None:
     first, second = lively_board.entries[:2]
     both = Comparison(lively_board, first, second, Digits())
     assert both.paired is None
-    assert "rank intervals" in both.verdict
+    assert "The ranks that each could have overlap" in both.verdict
 
 
 async def test_the_page_shows_the_table_where_there_is_one(site: Any, lively_board: Board) -> None:
@@ -67,4 +67,4 @@ async def test_the_page_shows_the_table_where_there_is_one(site: Any, lively_boa
     assert "30.83 %" in text
     other = (await site.get(f"/compare?phase=sample&a={ids[0]}&b={ids[1]}")).text
     assert 'id="paired"' not in other
-    assert "rank intervals" in other
+    assert "The ranks that each could have overlap" in other

@@ -34,7 +34,7 @@ def size_of(png: bytes) -> tuple[int, int]:
         "/pictures/board.png?phase=unpublished",
         "/pictures/board.png?phase=empty",
         "/pictures/board.png?phase=strategy",
-        "/pictures/entries/reported-st-p3.png?phase=sample",
+        "/pictures/entries/reference-freeze.png?phase=sample",
         "/pictures/entries/a0000000kq.png?phase=strategy",
     ],
 )

@@ -1,4 +1,4 @@
-"""The ceiling chart."""
+"""The chart of two metrics."""
 
 import math
 from typing import Any
@@ -8,39 +8,49 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.boards.charts import Box, _text_box, ceiling_chart, place_labels
+from exceptiondrive_server.boards.charts import Box, _text_box, place_labels, scatter_chart
 
 
-def test_no_point_stands_above_the_ceiling(lively_board: Board) -> None:
-    chart = ceiling_chart(lively_board, lively_board.entries, "macro_family")
+@pytest.mark.parametrize("width", [640, 350])
+def test_every_mark_and_whisker_stays_inside_the_frame(lively_board: Board, width: int) -> None:
+    chart = scatter_chart(lively_board, "macro_family", width=width)
     assert chart is not None
-    assert all(float(point.ceiling_y) <= float(point.y) + 0.1 for point in chart.points)
+    assert len(chart.points) == 8  # six scored, two references
+    for point in chart.points:
+        xs = [float(x) for x in (point.x, *(point.x_whisker or ()))]
+        ys = [float(y) for y in (point.y, *(point.y_whisker or ()))]
+        assert float(chart.left) <= min(xs) <= max(xs) <= float(chart.right)
+        assert float(chart.top) <= min(ys) <= max(ys) <= float(chart.bottom)
 
 
-def test_every_mark_stays_inside_the_frame(lively_board: Board) -> None:
-    for width in (640, 350):
-        chart = ceiling_chart(lively_board, lively_board.entries, "macro_family", width=width)
-        assert chart is not None
-        for point in chart.points:
-            assert float(chart.left) <= float(point.x) <= float(chart.right)
-            assert float(chart.top) <= float(point.y) <= float(chart.bottom)
-
-
-def test_a_reference_far_away_is_named_beside_the_picture(lively_board: Board) -> None:
-    chart = ceiling_chart(lively_board, lively_board.entries, "macro_family")
+def test_a_parked_car_stands_at_the_left_above_all_others(lively_board: Board) -> None:
+    chart = scatter_chart(lively_board, "macro_family")
     assert chart is not None
-    assert chart.outside == ("FREEZE (97.20 at 0.00)",)
-    assert len(chart.points) == 14  # six scored, one reference, seven reported
+    freeze = next(point for point in chart.points if point.title.startswith("FREEZE"))
+    others = [point for point in chart.points if point is not freeze]
+    assert freeze.x == chart.left
+    assert all(float(freeze.y) < float(point.y) for point in others)
+    assert all(float(freeze.x) < float(point.x) for point in others)
+    assert freeze.title == "FREEZE (Stands still): HCC 97.20 %, Progress 0.00 %"
+
+
+def test_an_entry_without_progress_is_named_beside_the_picture(lively_board: Board) -> None:
+    first, *others = lively_board.entries
+    unknown = first.model_copy(update={"metrics": first.metrics | {"progress": None}})
+    board = lively_board.model_copy(update={"entries": (unknown, *others)})
+    chart = scatter_chart(board, "macro_family")
+    assert chart is not None
+    assert chart.without == ("Kestrel-2", "half-a-file")
 
 
 def test_without_values_there_is_no_chart(empty_board: Board) -> None:
-    assert ceiling_chart(empty_board, (), "macro_family") is None
+    assert scatter_chart(empty_board, "macro_family") is None
 
 
 def test_linked_submissions_are_joined_by_an_arrow_with_the_interval_of_the_change(
     strategy_board: Board,
 ) -> None:
-    chart = ceiling_chart(strategy_board, strategy_board.entries, "macro_family")
+    chart = scatter_chart(strategy_board, "macro_family")
     assert chart is not None
     (arrow,) = chart.arrows
     with_it, without = chart.points[:2]
@@ -58,9 +68,10 @@ def test_linked_submissions_are_joined_by_an_arrow_with_the_interval_of_the_chan
 def test_there_is_no_arrow_without_both_ends_or_under_the_other_average(
     strategy_board: Board, lively_board: Board
 ) -> None:
-    alone = ceiling_chart(strategy_board, strategy_board.entries[:1], "macro_family")
-    other = ceiling_chart(strategy_board, strategy_board.entries, "micro")
-    planning = ceiling_chart(lively_board, lively_board.entries, "macro_family")
+    one = strategy_board.model_copy(update={"entries": strategy_board.entries[:1]})
+    alone = scatter_chart(one, "macro_family")
+    other = scatter_chart(strategy_board, "micro")
+    planning = scatter_chart(lively_board, "macro_family")
     for chart in (alone, other, planning):
         assert chart is not None
         assert chart.arrows == ()

@@ -1,0 +1,205 @@
+"""The command that makes a submission of a planner's own files."""
+
+from pathlib import Path
+from typing import Annotated, cast, get_args
+
+import typer
+
+from exceptiondrive.checking import chosen_protocol, read_manifest, write_file
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import show_result
+from exceptiondrive.cli.tables import report_view
+from exceptiondrive.conversion import (
+    Conversion,
+    ConversionPlan,
+    FollowedPoint,
+    RawPair,
+    submission_text,
+)
+from exceptiondrive.conversion import convert as convert_pairs
+from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive.pair_files import read_pairs
+from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.printable import counted
+
+MAX_OFFSET_M = 20.0
+ROTATIONS_DEG = (90, -90, 180)
+
+
+def convert(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="FILE", help="JSON, JSON lines, CSV or NPZ; shards become one."),
+    ] = None,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="OUT", help="Submission file to write (.json[.gz])."
+        ),
+    ] = Path("planning.json.gz"),
+    split: Annotated[
+        str | None,
+        typer.Option("--split", metavar="NAME", help="Name of the split, if no file says it."),
+    ] = None,
+    manifest: Annotated[
+        Path | None,
+        typer.Option("--manifest", metavar="M", help="Check the result with it: a manifest file."),
+    ] = None,
+    planner: Annotated[
+        str | None,
+        typer.Option(
+            "--from", metavar="PLANNER", help=f"With two runs: whose form; {', '.join(FORMS)}."
+        ),
+    ] = None,
+    source_run: Annotated[
+        list[Path] | None,
+        typer.Option("--source-run", metavar="FILE", help="A run on the source inputs."),
+    ] = None,
+    edited_run: Annotated[
+        list[Path] | None,
+        typer.Option("--edited-run", metavar="FILE", help="A run on the edited inputs."),
+    ] = None,
+    mode: Annotated[
+        int | None,
+        typer.Option("--mode", metavar="N", min=0, help="Which of several modes, from 0."),
+    ] = None,
+    centimetres: Annotated[
+        bool, typer.Option("--centimetres", help="The numbers are centimetres.")
+    ] = False,
+    swap: Annotated[bool, typer.Option("--swap", help="Exchange x and y.")] = False,
+    rotate: Annotated[
+        int | None,
+        typer.Option(
+            "--rotate",
+            metavar="90|-90|180",
+            help="Turn counter-clockwise; -90 for x right / y forward.",
+        ),
+    ] = None,
+    mirror: Annotated[bool, typer.Option("--mirror", help="y points to the right.")] = False,
+    reverse: Annotated[
+        bool, typer.Option("--reverse", help="The last waypoint stands first.")
+    ] = False,
+    cumulative: Annotated[
+        bool, typer.Option("--cumulative", help="Add up increments to positions.")
+    ] = False,
+    exchange: Annotated[
+        bool, typer.Option("--exchange", help="Source and edited stand the wrong way round.")
+    ] = False,
+    origin_offset_m: Annotated[
+        float,
+        typer.Option(
+            "--origin-offset-m",
+            metavar="M",
+            help="The given origin lies so far ahead of the rear axle (nuScenes lidar: 0.943713 "
+            "Singapore, 0.985793 Boston).",
+        ),
+    ] = 0.0,
+    follows: Annotated[
+        str,
+        typer.Option(
+            "--follows",
+            metavar="sensor|rear-axle",
+            help="Whose path the waypoints are: of that origin, or of the rear axle.",
+        ),
+    ] = "sensor",
+    time_step_s: Annotated[
+        float | None,
+        typer.Option("--time-step-s", metavar="S", help="Time between two given waypoints."),
+    ] = None,
+    truncate: Annotated[
+        bool,
+        typer.Option("--truncate", help="Cut longer horizons; only where the time step is said."),
+    ] = False,
+    null_invalid: Annotated[
+        bool,
+        typer.Option("--null-invalid", help="Write null for what is invalid, and list it."),
+    ] = False,
+    protocol: options.ProtocolOption = None,
+    json: options.Json = False,
+) -> None:
+    """Make a submission of a planner's own files.
+
+    The steps run in the order of the options. A point at t = 0 and a heading column are left out by
+    themselves; nothing is ever padded. Every step that was taken is printed, and the result is
+    checked: what is not valid is not written.
+    """
+    rules = chosen_protocol(protocol)
+    if rotate not in (None, *ROTATIONS_DEG):
+        raise InvalidArgumentError("wrong_option", "--rotate must be 90, -90 or 180.")
+    if follows not in get_args(FollowedPoint):
+        raise InvalidArgumentError("wrong_option", "--follows must be sensor or rear-axle.")
+    if not abs(origin_offset_m) <= MAX_OFFSET_M:
+        raise InvalidArgumentError(
+            "wrong_option", f"--origin-offset-m must be within {MAX_OFFSET_M:g} m."
+        )
+    if time_step_s is not None and not 0 < time_step_s <= rules.geometry.horizon_s:
+        raise InvalidArgumentError(
+            "wrong_option", f"--time-step-s must be within {rules.geometry.horizon_s:g} s."
+        )
+    form = planner_form(planner or "trajectories") if source_run or edited_run else None
+    pairs, split_of_files = _read(files or [], form, source_run or [], edited_run or [], mode)
+    known = None if manifest is None else read_manifest(manifest)
+    split = split or split_of_files or (known.name if known else None)
+    if split is None:
+        raise InvalidArgumentError(
+            "wrong_split", "No file says which split it is for.", "Add --split NAME."
+        )
+    outcome = convert_pairs(
+        pairs,
+        ConversionPlan(
+            geometry=rules.geometry,
+            centimetres=centimetres,
+            swap=swap,
+            rotate_deg=(form.rotate_deg if form else 0) if rotate is None else rotate,
+            mirror=mirror,
+            reverse=reverse,
+            cumulative=cumulative,
+            exchange=exchange,
+            origin_offset_m=origin_offset_m,
+            follows=cast(FollowedPoint, follows),
+            time_step_s=time_step_s or (form.time_step_s if form else None),
+            truncate=truncate,
+            null_invalid=null_invalid,
+        ),
+    )
+    text = submission_text(split, outcome.pairs)
+    report = check_bytes(text.encode(), protocol=rules, manifest=known, challenge=PLANNING.id)
+    if not report.is_valid:
+        raise InvalidFileError(report, f"The result is not valid; {output} was not written.")
+    size_bytes = write_file(output, text)
+    facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
+    facts |= {"size_bytes": size_bytes, "done": list(outcome.done), "nulled": list(outcome.nulled)}
+    show_result(facts, json, *_done(outcome), *report_view(report, str(output)))
+
+
+def _read(
+    files: list[Path],
+    form: PlannerForm | None,
+    source_run: list[Path],
+    edited_run: list[Path],
+    mode: int | None,
+) -> tuple[tuple[RawPair, ...], str | None]:
+    if form is None and files:
+        return read_pairs(files, mode)
+    if form is None or files:
+        raise InvalidArgumentError(
+            "wrong_option",
+            "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
+        )
+    return read_runs(form, source_run, edited_run, mode), None
+
+
+def _done(outcome: Conversion) -> list[str]:
+    lines = [f"- {sentence}" for sentence in outcome.done or ("nothing had to be changed",)]
+    return [
+        *lines,
+        *(f"  null: {where}" for where in outcome.nulled),
+        counted(len(outcome.pairs), "prediction"),
+    ]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(convert)

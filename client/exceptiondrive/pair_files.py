@@ -1,0 +1,277 @@
+"""Read pairs of trajectories in the forms that people write.
+
+JSON: a submission file, a bare list of its predictions, or an object by sample id. JSON lines: one
+prediction a line; a recorder's journal is such a file. CSV: one waypoint a row, with the header
+`sample_id,trajectory,step,x_m,y_m` and perhaps `heading_rad`; `trajectory` is `source` or `edited`.
+NPZ: `sample_id` (N), `source` and `edited` (N, T, 2 or 3), NaN where missing. A trajectory may
+stand in a list of several modes. Plain or gzip, with or without a byte order mark. Nothing is ever
+unpickled.
+"""
+
+import csv
+import gzip
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from exceptiondrive.conversion import RawPair, Waypoints
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.challenges import PLANNING
+
+SIDES = ("source", "edited")
+CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
+NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
+PICKLE_MAGIC = b"\x80"
+
+
+def read_pairs(
+    paths: Sequence[Path], mode: int | None = None
+) -> tuple[tuple[RawPair, ...], str | None]:
+    """Read all files as one: shards of a run make one submission.
+
+    Args:
+        paths: The files.
+        mode: Which trajectory to take where a list of several stands, from 0.
+
+    Returns:
+        The pairs in order, and the split that the files name, if any does.
+
+    Raises:
+        InvalidArgumentError: A file cannot be read, or a sample occurs twice.
+    """
+    pairs: dict[str, RawPair] = {}
+    splits: set[str] = set()
+    for path in paths:
+        for pair in _pairs_of(path, splits, mode):
+            if pair.sample_id in pairs:
+                raise fault(path, f"sample {pair.sample_id} occurs twice.")
+            pairs[pair.sample_id] = pair
+    if len(splits) > 1:
+        raise InvalidArgumentError(
+            "wrong_split", f"The files name different splits: {', '.join(sorted(splits))}."
+        )
+    return tuple(pairs.values()), splits.pop() if splits else None
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return what a file holds, inflated if it is gzip.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, or is a pickle.
+    """
+    try:
+        data = path.read_bytes()
+        data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
+    except (OSError, EOFError) as error:
+        raise fault(path, f"cannot be read: {error}.") from None
+    if data.startswith(PICKLE_MAGIC):
+        raise InvalidArgumentError(
+            "unreadable_file",
+            f"{path.name} is a pickle, which is never loaded: it could run code.",
+            "Dump it as JSON where it was written; docs/client.md has a line for each planner.",
+        )
+    return data
+
+
+def read_text(path: Path) -> str:
+    """Return a text file, inflated if it is gzip, without a byte order mark.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, or is no UTF-8 text.
+    """
+    try:
+        return read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise fault(path, "is not UTF-8 text.") from None
+
+
+def read_arrays(path: Path, *names: str) -> tuple[list[Any], ...]:
+    """Return named arrays of an NPZ file as nested lists; objects in it are refused, not unpickled.
+
+    Raises:
+        InvalidArgumentError: No such array, it holds objects, or numpy is missing.
+    """
+    try:
+        import numpy as np
+    except ModuleNotFoundError:
+        raise InvalidArgumentError(
+            "extra_missing",
+            "NPZ files need numpy.",
+            'Run: pip install "exceptiondrive[evaluate]"',
+        ) from None
+    try:
+        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as arrays:
+            return tuple(arrays[name].tolist() for name in names)
+    except KeyError as error:
+        raise fault(path, f"has no array {error}.") from None
+    except ValueError as error:
+        raise fault(path, f"cannot be read as arrays of numbers: {error}") from None
+
+
+def points_of(path: Path, where: str, value: Any, mode: int | None) -> Waypoints | None:
+    """Return a trajectory as rows of numbers; NaN for a null in it, None for one of NaN alone.
+
+    Raises:
+        InvalidArgumentError: It is not a list of points, or one of several modes and none was said.
+    """
+    if value is None:
+        return None
+    modes = _modes(value)
+    if modes is not None:
+        value = _chosen_mode(path, where, modes, mode)
+    try:
+        points = tuple(tuple(_number(number) for number in point) for point in value)
+    except (TypeError, ValueError):
+        raise fault(path, f"{where} must be a list of [x, y] in metres, or null.") from None
+    is_missing = bool(points) and all(math.isnan(number) for point in points for number in point)
+    return None if is_missing else points
+
+
+def fault(path: Path, sentence: str) -> InvalidArgumentError:
+    """Return the error of a file that cannot be read."""
+    return InvalidArgumentError("unreadable_file", f"{path.name}: {sentence}")
+
+
+def _modes(value: Any) -> list[Any] | None:
+    """Return the trajectories of a list of modes; None where it is one trajectory."""
+    is_list = isinstance(value, list) and value and isinstance(value[0], list) and value[0]
+    return value if is_list and isinstance(value[0][0], list) else None
+
+
+def _chosen_mode(path: Path, where: str, modes: list[Any], mode: int | None) -> Any:
+    if len(modes) == 1:
+        return modes[0]
+    if mode is None or not mode < len(modes):
+        raise InvalidArgumentError(
+            "wrong_waypoint_shape",
+            f"{path.name}: {where} has {len(modes)} modes.",
+            f"Say which is driven: --mode N, from 0 to {len(modes) - 1}.",
+        )
+    return modes[mode]
+
+
+def _number(value: Any) -> float:
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError
+    return float(value)
+
+
+def _pairs_of(path: Path, splits: set[str], mode: int | None) -> Iterator[RawPair]:
+    if read_bytes(path).startswith((NPZ_MAGIC, NPY_MAGIC)):
+        yield from _pairs_of_arrays(path)
+        return
+    text = read_text(path)
+    if text.lstrip()[:1] not in ("{", "["):
+        yield from _pairs_of_csv(path, text)
+        return
+    for value in _predictions(path, text, splits):
+        yield _pair_of_json(path, value, mode)
+
+
+def _pairs_of_arrays(path: Path) -> Iterator[RawPair]:
+    sample_ids, *sides = read_arrays(path, "sample_id", *SIDES)
+    for sample_id, *pair in zip(sample_ids, *sides, strict=True):
+        source, edited = (points_of(path, str(sample_id), points, None) for points in pair)
+        yield RawPair(str(sample_id), source, edited)
+
+
+def _predictions(path: Path, text: str, splits: set[str]) -> Iterator[Any]:
+    """Yield the predictions of a JSON document, or of JSON lines."""
+    try:
+        document = json.loads(text)
+        values = document if isinstance(document, list) else [document]
+    except ValueError:
+        values = _json_lines(path, text)
+    for value in values:
+        if isinstance(value, dict) and ("schema" in value or "predictions" in value):
+            if value.get("schema", PLANNING.file_schema) != PLANNING.file_schema:
+                raise fault(
+                    path, f"is {value['schema']!r}: only {PLANNING.file_schema!r} has trajectories."
+                )
+            if isinstance(value.get("split"), str):
+                splits.add(value["split"])
+            yield from _listed(value.get("predictions", ()))
+        elif isinstance(value, dict) and not {"sample_id", *SIDES} & value.keys():
+            yield from _listed(value)
+        else:
+            yield value
+
+
+def _listed(predictions: Any) -> Iterator[Any]:
+    """Yield predictions of a list, or of an object by sample id."""
+    if not isinstance(predictions, Mapping):
+        yield from predictions
+        return
+    for sample_id, value in predictions.items():
+        yield {**value, "sample_id": sample_id} if isinstance(value, dict) else value
+
+
+def _json_lines(path: Path, text: str) -> list[Any]:
+    values = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip():
+            try:
+                values.append(json.loads(line))
+            except ValueError as error:
+                raise fault(path, f"line {number} is not JSON: {error}.") from None
+    return values
+
+
+def _pair_of_json(path: Path, value: Any, mode: int | None) -> RawPair:
+    if not isinstance(value, dict) or not isinstance(value.get("sample_id"), str):
+        raise fault(path, f"a prediction needs a sample_id, got {str(value)[:80]}.")
+    sample_id = value["sample_id"]
+    unknown = sorted(set(value) - {"sample_id", *SIDES})
+    if unknown:
+        raise fault(path, f"{sample_id}: unknown key {', '.join(unknown)}.")
+    source, edited = (
+        points_of(path, f"{sample_id}: {side}", value.get(side), mode) for side in SIDES
+    )
+    return RawPair(sample_id, source, edited)
+
+
+def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
+    reader = csv.DictReader(io.StringIO(text))
+    absent = sorted(set(CSV_COLUMNS) - set(reader.fieldnames or ()))
+    if absent:
+        raise fault(
+            path, f"has no column {', '.join(absent)}; the header must be {','.join(CSV_COLUMNS)}."
+        )
+    points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
+    for row in reader:
+        where = f"line {reader.line_num}"
+        if row["trajectory"] not in SIDES:
+            raise fault(path, f"{where}: trajectory must be source or edited.")
+        step, point = _row(path, where, row)
+        of_side = points.setdefault(row["sample_id"], {}).setdefault(row["trajectory"], {})
+        if step in of_side:
+            raise fault(path, f"{where}: step {step} occurs twice.")
+        of_side[step] = point
+    for sample_id, sides in points.items():
+        source, edited = (_in_order(path, sample_id, side, sides.get(side)) for side in SIDES)
+        yield RawPair(sample_id, source, edited)
+
+
+def _row(path: Path, where: str, row: dict[str, str]) -> tuple[int, tuple[float, ...]]:
+    heading = row.get("heading_rad")
+    numbers = (row["x_m"], row["y_m"], *((heading,) if heading else ()))
+    try:
+        return int(row["step"]), tuple(float(number) for number in numbers)
+    except (TypeError, ValueError):
+        raise fault(path, f"{where}: step must be a whole number, x_m and y_m numbers.") from None
+
+
+def _in_order(
+    path: Path, sample_id: str, side: str, by_step: dict[int, tuple[float, ...]] | None
+) -> Waypoints | None:
+    if by_step is None:
+        return None
+    steps = sorted(by_step)
+    if steps != list(range(steps[0], steps[0] + len(steps))) or steps[0] not in (0, 1):
+        raise fault(path, f"{sample_id}: {side}: steps must run from 0 or 1 without a gap.")
+    return tuple(by_step[step] for step in steps)

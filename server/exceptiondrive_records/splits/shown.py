@@ -1,0 +1,60 @@
+"""Which revisions of a split readers know of: those that a phase stands at, or a board was shown of.
+
+A revision that is registered for a run in preparation is not among them.
+"""
+
+from sqlalchemy import select, union
+from sqlalchemy.orm import Session, undefer
+
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.tables import SplitRow
+
+
+def shown_revisions(session: Session, name: str) -> list[SplitRow]:
+    """Return the whole revisions that readers know of: those in force first, then newest first.
+
+    Raises:
+        NotFound: No phase uses a split of this name.
+    """
+    in_force = select(Phase.split_revision).where(Phase.split_name == name)
+    ever = (
+        select(BoardRow.split_revision)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .join(Phase, Phase.id == BoardRow.phase_id)
+        .where(Phase.split_name == name)
+    )
+    known = set(session.scalars(union(in_force, ever)))
+    now = set(session.scalars(in_force))
+    rows = session.scalars(select(SplitRow).where(SplitRow.name == name)).all()
+    whole_of = {row.revision: row.whole_revision or row.revision for row in rows}
+    shown = {whole_of[revision] for revision in known if revision in whole_of}
+    if not shown:
+        raise NotFound("split", name)
+    stands = {whole_of[revision] for revision in now if revision in whole_of}
+    query = (
+        select(SplitRow)
+        .where(SplitRow.name == name, SplitRow.revision.in_(shown))
+        .options(undefer(SplitRow.datasheet))
+        .order_by(SplitRow.registered_at.desc())
+    )
+    return sorted(session.scalars(query), key=lambda row: row.revision not in stands)
+
+
+def shown_revision(session: Session, name: str, revision: str | None) -> SplitRow:
+    """Return a revision that readers know of, by default the one in force.
+
+    Raises:
+        NotFound: There is none, or readers do not know of it.
+    """
+    for row in shown_revisions(session, name):
+        if revision is None or row.revision == revision:
+            return row
+    raise NotFound("split", name)
+
+
+def splits_under(session: Session, protocol_digest: str) -> list[str]:
+    """Return the names of the splits whose phases stand under a protocol, sorted."""
+    query = select(Phase.split_name).where(Phase.protocol_digest == protocol_digest).distinct()
+    return sorted(session.scalars(query))

@@ -1,0 +1,75 @@
+"""The page of a split: how it was made, as its datasheet says. No split is ever opened here."""
+
+from base64 import b64encode
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response
+
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.protocols.protocols import latest_protocol
+from exceptiondrive_records.splits.shown import shown_revisions
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.responses import page
+from exceptiondrive_server.web.templating import template_filter
+
+router = APIRouter(include_in_schema=False)
+WORDS = (
+    ("purpose", "For what purpose"),
+    ("source", "Made from"),
+    ("uses", "For what it is, and for what not"),
+    ("limits", "Known limits"),
+    ("maintenance", "Who keeps it"),
+    ("contact", "Contact"),
+)
+STAGES = {
+    "screen": "Screening",
+    "edit": "Editing",
+    "review": "Review",
+    "inspect": "Inspection",
+    "localize": "Region proposed",
+    "verify": "Region verified",
+    "withdraw": "Withdrawal",
+}
+
+
+@router.get("/splits/{name}")
+def show_split(
+    request: Request,
+    services: ServicesOf,
+    name: Annotated[str, Path(max_length=64)],
+    revision: Annotated[str | None, Query(max_length=80)] = None,
+) -> Response:
+    """Show how a split was made."""
+    with services.database.read() as session:
+        rows = shown_revisions(session, name)
+        found = [row for row in rows if revision in (None, row.revision)]
+        if not found:
+            raise NotFound("split", name)
+        phases = [phase for phase in list_phases(session) if phase.split_name == name]
+        families = {it.id: it.title for it in latest_protocol(session).families}
+    return page(
+        request,
+        "splits/split.html",
+        "protocol",
+        split=found[0],
+        sheet=found[0].datasheet,
+        revisions=rows,
+        phases=phases,
+        families=families,
+        words=WORDS,
+        stages=STAGES,
+    )
+
+
+@template_filter
+def percent_of(n: int, of: int) -> str:
+    """A share in per cent, to two places; a dash where nothing came in."""
+    return f"{100 * n / of:.2f} %" if of else "–"
+
+
+@template_filter
+def jpeg_address(data: bytes) -> str:
+    """A picture as an address that holds it."""
+    return f"data:image/jpeg;base64,{b64encode(data).decode()}"

@@ -1,0 +1,193 @@
+"""A trajectory known by hand comes out the same from the files of every planner."""
+
+import itertools
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exceptiondrive.conversion import ConversionPlan, Waypoints, convert
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.planner_runs import FORMS, planner_form, read_runs
+from exceptiondrive_schemas.protocol import packaged_protocol
+
+GEOMETRY = packaged_protocol().geometry
+SPEED_MPS, CURVATURE = 4.0, 0.05
+TOKEN = "0f1e"
+
+
+def known() -> Waypoints:
+    """A left turn of radius 20 m at 4 m/s: 2 m every half second, each turned by 0.1 rad."""
+    x = y = 0.0
+    points = []
+    for step in range(6):
+        x, y = x + 2.0 * math.cos(0.1 * step), y + 2.0 * math.sin(0.1 * step)
+        points.append((x, y))
+    return tuple(points)
+
+
+def x_to_the_right() -> list[list[float]]:
+    return [[-y, x] for x, y in known()]
+
+
+def increments(points: list[list[float]]) -> list[list[float]]:
+    return [[x - x0, y - y0] for (x0, y0), (x, y) in itertools.pairwise([[0.0, 0.0], *points])]
+
+
+def finer(n_between: int, n_beyond: int) -> list[list[float]]:
+    """The same drive with waypoints between, and going on straight."""
+    (x0, y0), (x1, y1) = known()[-2:]
+    beyond = [(x1 + k * (x1 - x0), y1 + k * (y1 - y0)) for k in range(1, n_beyond + 1)]
+    corners = [(0.0, 0.0), *known(), *beyond]
+    return [
+        [xa + share / n_between * (xb - xa), ya + share / n_between * (yb - ya)]
+        for (xa, ya), (xb, yb) in itertools.pairwise(corners)
+        for share in range(1, n_between + 1)
+    ]
+
+
+def heading(points: list[list[float]]) -> list[list[float]]:
+    return [[*point, 0.1] for point in points]
+
+
+def as_json(folder: Path, document: Any, name: str = "run.json") -> Path:
+    path = folder / name
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return path
+
+
+def npz(folder: Path) -> Path:
+    path = folder / "run.npz"
+    np.savez(path, token=np.array([TOKEN]), trajectory=np.array([known()]))
+    return path
+
+
+def vad(folder: Path) -> Path:
+    """Three modes of increments, of which the command chooses the second."""
+    other = [[9.0, 9.0]] * 6
+    modes = [other, increments(x_to_the_right()), other]
+    command = [[[[0.0, 1.0, 0.0]]]]
+    return as_json(folder, {TOKEN: {"ego_fut_preds": modes, "ego_fut_cmd": command}})
+
+
+def bench2drive(folder: Path) -> Path:
+    """`pid_metadata` of an agent, in a folder of frames."""
+    metadata = {"agent": "only_traj", "steer": 0.0, "plan": x_to_the_right(), "command": 3}
+    return as_json(folder, metadata, f"{TOKEN}.json").parent
+
+
+def lightemma(folder: Path) -> Path:
+    frame = {
+        "frame_index": 0,
+        "sample_token": TOKEN,
+        "image_name": "n008__CAM_FRONT__1.jpg",
+        "inference": {"pred_actions_str": str([(SPEED_MPS, CURVATURE)] * 6)},
+    }
+    scene = {"scene_info": {"name": "scene-0077"}, "frames": [frame], "metadata": {}}
+    return as_json(folder, scene, "scene-0077.json").parent
+
+
+def waymo(folder: Path) -> Path:
+    points = finer(2, 4)
+    assert len(points) == 20, "5 s at 4 Hz"
+    trajectory = {"posX": [x for x, _ in points], "posY": [y for _, y in points]}
+    frames = [{"frameName": TOKEN, "trajectory": trajectory}]
+    return as_json(folder, {"predictions": frames, "accountName": "a@example.org"})
+
+
+RUNS: dict[str, tuple[str, Callable[[Path], Path], float | None]] = {
+    "JSON": ("trajectories", lambda folder: as_json(folder, {TOKEN: known()}), None),
+    "arrays": ("trajectories", npz, None),
+    "UniAD": ("uniad", lambda folder: as_json(folder, {TOKEN: [x_to_the_right()]}), None),
+    "ST-P3": ("st-p3", lambda folder: as_json(folder, {TOKEN: heading(x_to_the_right())}), None),
+    "Agent-Driver": ("agent-driver", lambda f: as_json(f, {TOKEN: x_to_the_right()}), None),
+    "VAD": ("vad", vad, None),
+    "Bench2Drive": ("bench2drive", bench2drive, None),
+    "LightEMMA": ("lightemma", lightemma, None),
+    "NAVSIM": ("navsim", lambda f: as_json(f, {TOKEN: {"poses": heading(finer(1, 2))}}), 0.5),
+    "nuPlan": ("navsim", lambda f: as_json(f, {TOKEN: {"poses": heading(finer(5, 10))}}), 0.1),
+    "Waymo": ("waymo", waymo, None),
+}
+
+
+def plan_of(name: str, time_step_s: float | None) -> ConversionPlan:
+    form = FORMS[name]
+    step_s = form.time_step_s if time_step_s is None else time_step_s
+    return ConversionPlan(GEOMETRY, rotate_deg=form.rotate_deg, time_step_s=step_s, truncate=True)
+
+
+@pytest.mark.parametrize("planner", RUNS)
+def test_a_known_trajectory_comes_out_the_same(planner: str, tmp_path: Path) -> None:
+    name, write, time_step_s = RUNS[planner]
+    path = write(tmp_path)
+    pairs = read_runs(planner_form(name), [path], [path], None)
+    result = convert(pairs, plan_of(name, time_step_s))
+    (found,) = result.pairs
+    assert found.sample_id == TOKEN
+    for points in (found.source, found.edited):
+        assert points is not None
+        assert [list(point) for point in points] == [
+            pytest.approx(list(point), abs=1e-9) for point in known()
+        ]
+
+
+def test_every_form_is_tried() -> None:
+    assert {name for name, _, _ in RUNS.values()} == set(FORMS)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "I cannot see the road.",
+        "[(1, 0)]",
+        "[(1, 0)] * 6",
+        "__import__('os').mkdir('made')",
+        "[(1, 'a')] ",
+        None,
+        "(" * 10_000,
+    ],
+)
+def test_an_answer_of_lightemma_that_is_no_six_pairs_is_missing(said: Any, tmp_path: Path) -> None:
+    scene = {"frames": [{"sample_token": TOKEN, "inference": {"pred_actions_str": said}}]}
+    path = as_json(tmp_path, scene)
+    (pair,) = read_runs(FORMS["lightemma"], [path], [], None)
+    assert (pair.source, pair.edited) == (None, None)
+    assert not Path("made").exists()
+
+
+def test_a_token_of_one_run_alone_has_no_other_trajectory(tmp_path: Path) -> None:
+    first = as_json(tmp_path, {"a": known(), "b": known()}, "a.json")
+    second = as_json(tmp_path, {"b": known(), "c": None}, "b.json")
+    pairs = read_runs(FORMS["trajectories"], [first], [second], None)
+    assert [(p.sample_id, p.source is None, p.edited is None) for p in pairs] == [
+        ("a", False, True),
+        ("b", False, False),
+        ("c", True, True),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "document", "message"),
+    [
+        ("vad", {TOKEN: [[1, 2]]}, "needs ego_fut_preds and ego_fut_cmd"),
+        ("lightemma", {"frames": [{}]}, "needs frames with a token"),
+        ("waymo", {"predictions": [{"frameName": "a"}]}, "needs predictions with frameName"),
+        ("uniad", [1], "must be a JSON object by token"),
+        ("uniad", {TOKEN: "x"}, "must be a list of"),
+    ],
+)
+def test_a_file_of_another_form_is_refused(
+    name: str, document: Any, message: str, tmp_path: Path
+) -> None:
+    path = as_json(tmp_path, document)
+    with pytest.raises(InvalidArgumentError, match=message):
+        read_runs(FORMS[name], [path], [], None)
+
+
+def test_an_unknown_planner_is_told_which_are_known() -> None:
+    with pytest.raises(InvalidArgumentError, match="one of trajectories, uniad"):
+        planner_form("unidad")

@@ -1,0 +1,82 @@
+"""The page of a split: made of its datasheet alone, of a revision that readers know of."""
+
+from html.parser import HTMLParser
+
+from tests.server.pages.invented_board import COUNTS, DATASHEET, MANIFEST, N
+from tests.server.pages.page_site import Site
+
+from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_schemas.datasheet import Datasheet
+from exceptiondrive_schemas.split import SplitRef
+
+
+class _Text(HTMLParser):
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.feed(html)
+
+    def handle_data(self, data: str) -> None:
+        self.words += data.split()
+
+
+def text_of(html: str) -> str:
+    return " ".join(_Text(html).words)
+
+
+async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
+    answer = await lively_site.get("/splits/sample")
+    text = text_of(answer.text)
+    assert answer.status_code == 200
+    for words in (
+        f"Samples that count {N} N",
+        "The task suits the scene 17,850 3,446 19.31 %",
+        "Accepted by review and people 3,446 3,181 92.31 %",
+        "Region verified by two people 0 0 –",
+        "168 were drawn at random and looked at by people; 163 passed, 97.02 %",
+        "93.22 to 98.72 % (Wilson)",
+        "Krippendorff's alpha over accepted and rejected: 0.714.",
+        "Two samples failed the audit, and three regions lay a metre too far.",
+        "2: The hazard stands on the pavement.",
+        "4: no moving car avoids the region.",
+        "CC BY-NC-SA 4.0",
+    ):
+        assert words in text
+    assert answer.text.count("data:image/jpeg;base64,") == 6
+
+
+async def test_the_datasheet_is_an_answer_too(lively_site: Site) -> None:
+    answer = await lively_site.get("/api/v1/splits/sample/datasheet")
+    assert Datasheet.model_validate_json(answer.content) == DATASHEET
+
+
+async def test_board_and_protocol_lead_to_it(lively_site: Site) -> None:
+    for path in ("/", "/protocols/1.0"):
+        assert 'href="/splits/sample"' in (await lively_site.get(path)).text
+
+
+async def test_a_revision_that_waits_for_its_run_is_nobodys_business(lively_site: Site) -> None:
+    """Registered, and no phase stands at it: the page stays, and its address is not found."""
+    later = SplitRef(name="sample", revision="sha256:" + "9" * 64)
+    manifest = MANIFEST.model_copy(update={"revision": later.revision, "title": "Draft-canary"})
+    sheet = DATASHEET.model_copy(update={"revision": later.revision})
+    with lively_site.database.write() as session:
+        register_split(session, manifest, COUNTS, "test", datasheet=sheet)
+    assert "canary" not in (await lively_site.get("/splits/sample")).text
+    for path in ("/splits/sample", "/api/v1/splits/sample/datasheet"):
+        assert (await lively_site.get(f"{path}?revision={later.revision}")).status_code == 404
+        assert (await lively_site.get(f"{path}?revision={MANIFEST.revision}")).status_code == 200
+
+
+async def test_a_split_without_a_datasheet_has_its_families(lively_site: Site) -> None:
+    with lively_site.database.write() as session:
+        register_split(session, MANIFEST, COUNTS, "test").datasheet = None
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    assert "No datasheet lies beside this split" in text
+    assert "Sudden Emergence 62 25.83 %" in text
+    assert (await lively_site.get("/api/v1/splits/sample/datasheet")).status_code == 404
+
+
+async def test_a_split_that_nobody_uses_is_not_found(lively_site: Site) -> None:
+    for path in ("/splits/other", "/splits/other?revision=x", "/api/v1/splits/other/datasheet"):
+        assert (await lively_site.get(path)).status_code == 404

@@ -1,0 +1,367 @@
+"""Freezing: from the records to a split, and to all that is published beside it.
+
+A pure function of workshop and previous revision: the same decisions give the same bytes, whenever
+they were taken and however often the work broke off. Regions go into `split.json.gz` alone.
+"""
+
+import gzip
+import io
+import json
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+
+from PIL import Image
+
+from exceptiondrive_build.agreement import agreement, outcome
+from exceptiondrive_build.candidates import Candidate
+from exceptiondrive_build.croissant import croissant
+from exceptiondrive_build.datasheet_text import html_of, markdown_of
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.numbers import audit, cells, deciders, stages
+from exceptiondrive_build.records import Kind, Record
+from exceptiondrive_build.values import Corners, Edited
+from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.datasheet import (
+    Agreement,
+    Datasheet,
+    Example,
+    Revision,
+    SplitWarning,
+    WithdrawnSamples,
+    Words,
+)
+from exceptiondrive_schemas.split import Manifest, Split, SplitSample
+from exceptiondrive_worker.split_faults import split_faults
+from exceptiondrive_worker.split_warnings import split_warnings
+
+EXAMPLE_WIDTH_PX = 640
+_NAMED = 10
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A split and what is published beside it."""
+
+    split: Split
+    datasheet: Datasheet
+    provenance: tuple[Record, ...]
+    manifest: Manifest
+
+    def files(self) -> dict[str, bytes]:
+        """File name to content. `split.json.gz` and `provenance.jsonl` are withheld.
+
+        Provenance names what a model was asked by digest, and so tells which samples share a task.
+        """
+        manifest = canonical_json(self.manifest)
+        sheet = canonical_json(self.datasheet)
+        return {
+            "split.json.gz": gzipped(self.split),
+            "manifest.json": manifest,
+            "datasheet.json": sheet,
+            "datasheet.md": markdown_of(self.datasheet).encode(),
+            "datasheet.html": html_of(self.datasheet).encode(),
+            "croissant.json": croissant(
+                self.datasheet, {"manifest.json": manifest, "datasheet.json": sheet}
+            ),
+            "provenance.jsonl": b"".join(map(_provenance_line, self.provenance)),
+        }
+
+
+def freeze(
+    workshop: Workshop,
+    candidates: Mapping[str, Candidate],
+    previous: Split | None = None,
+    words: str = "",
+) -> Frozen:
+    """Freeze what is accepted and verified.
+
+    Args:
+        workshop: Settings, pictures and withdrawals.
+        candidates: As `walk` gives them.
+        previous: The revision before. Its samples stay, each counted or withdrawn; later ones wait
+            for the next split, since the files of this one do not answer them.
+        words: What readers are told of the change.
+
+    Raises:
+        BuildError: Nothing is verified, a sample of the previous revision is neither verified nor
+            withdrawn, a control or an example is not there, or the split cannot be scored.
+    """
+    split = _split(workshop, candidates, previous)
+    if previous is not None and not words:
+        raise BuildError("A revision says in words what changed.", "Add --words.")
+    _refuse_faults(split, workshop)
+    return Frozen(
+        split=split,
+        datasheet=_datasheet(workshop, candidates, split, previous, words),
+        provenance=tuple(_provenance(workshop, candidates, split)),
+        manifest=Manifest.of(split, workshop.protocol.geometry),
+    )
+
+
+def _split(
+    workshop: Workshop, candidates: Mapping[str, Candidate], previous: Split | None
+) -> Split:
+    settings, withdrawn = workshop.settings, withdrawals(workshop)
+    regions = _regions(workshop, candidates)
+    earlier = {} if previous is None else {it.sample_id: it for it in previous.samples}
+    wanted = earlier if earlier else {key: None for key in regions if key not in withdrawn}
+    if previous is not None and previous.name != settings.name:
+        raise BuildError(f"The previous revision is of {previous.name!r}, not {settings.name!r}.")
+    _refuse_some(
+        [key for key in settings.freeze.controls if key not in wanted],
+        "are controls in workshop.toml, and not verified",
+        "Take them out of [freeze] controls, or verify them.",
+    )
+    _refuse_some(
+        [key for key in wanted if key not in regions and key not in withdrawn],
+        "stand in the previous revision, and are not accepted and verified any more",
+        'Withdraw them: exceptiondrive-build withdraw ID --reason "..." --by NAME',
+    )
+    if not wanted:
+        raise BuildError(
+            "Nothing is accepted and verified yet.", "See `exceptiondrive-build report`."
+        )
+    samples = [
+        _withdrawn_sample(earlier[key], withdrawn[key])
+        if key in withdrawn
+        else _sample(workshop, candidates[key], regions[key])
+        for key in sorted(wanted)
+    ]
+    return Split(
+        schema_="exceptiondrive.split/1",
+        name=settings.name,
+        title=settings.title,
+        samples=tuple(samples),
+        recorded_is_public=settings.freeze.recorded_is_public,
+    )
+
+
+def withdrawals(workshop: Workshop) -> dict[str, str]:
+    """Sample id to why it was withdrawn."""
+    standing = workshop.current(Kind.WITHDRAW)
+    return {key: str((record.value or {})["reason"]) for key, record in standing.items()}
+
+
+def _regions(workshop: Workshop, candidates: Mapping[str, Candidate]) -> dict[str, Corners]:
+    """Corners of each candidate that is accepted and verified."""
+    found = {}
+    for sample_id, candidate in candidates.items():
+        if candidate.is_accepted:
+            corners = outcome(candidate.verifications, workshop.settings.verify).corners
+            if corners is not None:
+                found[sample_id] = corners
+    return found
+
+
+def _sample(workshop: Workshop, candidate: Candidate, region: Corners) -> SplitSample:
+    settings = workshop.settings.freeze
+    return SplitSample(
+        sample_id=candidate.sample_id,
+        scene_id=candidate.keyframe.scene_id,
+        task=candidate.task.id,
+        region=region,
+        recorded=candidate.keyframe.recorded if settings.recorded else None,
+        control=candidate.sample_id in settings.controls,
+    )
+
+
+def _withdrawn_sample(sample: SplitSample, reason: str) -> SplitSample:
+    """It keeps its region, so that the file stays one; nothing reads it any more."""
+    return sample.model_copy(update={"withdrawn": reason})
+
+
+def auxiliary(workshop: Workshop, candidates: Mapping[str, Candidate], split: Split) -> Split:
+    """The edited pairs that are not in the benchmark, as a split of its own.
+
+    Their regions are verified, proposed, or a rectangle of the task's size at the target: good to
+    study failures, and for no board. One that cannot be scored is left out.
+
+    Raises:
+        BuildError: There is none.
+    """
+    name = f"{split.name}-auxiliary"
+    taken = {sample.sample_id for sample in split.samples}
+    rest = [
+        _sample(workshop, candidate, region)
+        for key, candidate in sorted(candidates.items())
+        if key not in taken and (region := _likely_region(workshop, candidate)) is not None
+    ]
+    if not rest:
+        raise BuildError("No edited pair is left beside the benchmark.")
+    title = f"{workshop.settings.title}: auxiliary set, regions not verified"
+    whole = Split(schema_="exceptiondrive.split/1", name=name, title=title, samples=tuple(rest))
+    unsound = {
+        sample_id
+        for fault in split_faults(whole, workshop.protocol)
+        for sample_id in fault.sample_ids
+    }
+    sound = tuple(sample for sample in rest if sample.sample_id not in unsound)
+    return whole.model_copy(update={"samples": sound})
+
+
+def _likely_region(workshop: Workshop, candidate: Candidate) -> Corners | None:
+    if not isinstance(candidate.edited, Edited) or candidate.place is None:
+        return None
+    verified = outcome(candidate.verifications, workshop.settings.verify).corners
+    if verified is not None:
+        return verified
+    if candidate.localized is not None:
+        return candidate.localized.corners
+    if candidate.place.target_m is None:
+        return None
+    ahead_m, left_m = candidate.place.target_m
+    length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
+    near, far, right, left = (
+        ahead_m - length_m / 2,
+        ahead_m + length_m / 2,
+        left_m - width_m / 2,
+        left_m + width_m / 2,
+    )
+    return (near, right), (far, right), (far, left), (near, left)
+
+
+def gzipped(split: Split) -> bytes:
+    """The one file of a split: samples by id, nothing that says nothing."""
+    document = split.model_dump(mode="json", by_alias=True, exclude_none=True)
+    document["samples"].sort(key=lambda sample: sample["sample_id"])
+    return gzip.compress(canonical_json(document), mtime=0)
+
+
+def _refuse_faults(split: Split, workshop: Workshop) -> None:
+    faults = split_faults(split, workshop.protocol)
+    if faults:
+        lines = [f"{it.what} ({len(it.sample_ids)}): {_some(it.sample_ids)}" for it in faults]
+        raise BuildError(
+            "The split cannot be scored: " + "; ".join(lines) + ".",
+            "Verify these regions again, or reject the pairs.",
+        )
+
+
+def _refuse_some(sample_ids: list[str], what: str, advice: str) -> None:
+    if sample_ids:
+        raise BuildError(f"{len(sample_ids)} samples {what}: {_some(sample_ids)}.", advice)
+
+
+def _some(sample_ids: list[str] | tuple[str, ...]) -> str:
+    more = len(sample_ids) - _NAMED
+    return ", ".join(sample_ids[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _datasheet(
+    workshop: Workshop,
+    candidates: Mapping[str, Candidate],
+    split: Split,
+    previous: Split | None,
+    words: str,
+) -> Datasheet:
+    settings, taxonomy = workshop.settings, workshop.protocol.taxonomy
+    counted = {sample.sample_id for sample in split.counted}
+    reasons = Counter(it.withdrawn for it in split.samples if it.withdrawn is not None)
+    agreed = agreement({key: it.verifications for key, it in candidates.items()}, settings.verify)
+    own_words = settings.datasheet.model_dump(exclude={"examples"})
+    return Datasheet(
+        schema_="exceptiondrive.datasheet/1",
+        name=split.name,
+        title=split.title,
+        revision=split.revision,
+        protocol=workshop.protocol.version,
+        n_samples=len(counted),
+        n_scenes=len({sample.scene_id for sample in split.counted}),
+        n_controls=len(split.controls),
+        n_recorded=sum(sample.recorded is not None for sample in split.samples),
+        withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
+        changes=None if previous is None else _revision(previous, split, words),
+        words=Words(**own_words),
+        stages=stages(candidates.values(), settings.verify, {it.sample_id for it in split.samples}),
+        families=cells(taxonomy.families, candidates.values(), counted),
+        tasks=cells(workshop.tasks, candidates.values(), counted),
+        audit=audit(candidates, settings.inspect),
+        agreement=Agreement(**asdict(agreed)) if agreed.n else None,
+        deciders=deciders(workshop, candidates.values()),
+        warnings=tuple(
+            SplitWarning(code=found.code, what=found.what, count=found.count)
+            for found in split_warnings(split, workshop.protocol)
+        ),
+        examples=tuple(_examples(workshop, candidates, split)),
+    )
+
+
+def _revision(previous: Split, split: Split, words: str) -> Revision:
+    before = {sample.sample_id: sample for sample in previous.samples}
+    return Revision(
+        previous=previous.revision,
+        words=words,
+        moved=sum(it.region != before[it.sample_id].region for it in split.samples),
+        withdrawn=sum(
+            it.withdrawn is not None and before[it.sample_id].withdrawn is None
+            for it in split.samples
+        ),
+    )
+
+
+def _examples(
+    workshop: Workshop, candidates: Mapping[str, Candidate], split: Split
+) -> Iterator[Example]:
+    """Pairs that the settings name. The family is told only of what is not in the split."""
+    chosen = workshop.settings.datasheet.examples
+    if chosen and not workshop.settings.licence:
+        advice = "Say in workshop.toml under which `licence` they may be."
+        raise BuildError("Example pictures are named, and no licence to show them.", advice)
+    _refuse_some(
+        [key for key in chosen if key not in candidates or not candidates[key].pictures],
+        "are examples in workshop.toml, and have no edited pictures",
+        "Take them out of [datasheet] examples.",
+    )
+    taken = {sample.sample_id for sample in split.samples}
+    titles = {family.id: family.title for family in workshop.protocol.families}
+    for key in chosen:
+        candidate = candidates[key]
+        assert isinstance(candidate.edited, Edited)
+        view, edited = next(iter(candidate.edited.images.items()))
+        yield Example(
+            caption="" if key in taken else titles[candidate.task.family],
+            source=_shown(workshop.image(candidate.keyframe.camera(view).image)),
+            edited=_shown(workshop.image(edited)),
+        )
+
+
+def _shown(data: bytes) -> bytes:
+    """A smaller JPEG, base64, without what cameras write into files."""
+    with Image.open(io.BytesIO(data)) as picture:
+        small = picture.convert("RGB")
+    small.thumbnail((EXAMPLE_WIDTH_PX, EXAMPLE_WIDTH_PX))
+    kept = io.BytesIO()
+    small.save(kept, "JPEG", quality=85)
+    return b64encode(kept.getvalue())
+
+
+def _provenance(
+    workshop: Workshop, candidates: Mapping[str, Candidate], split: Split
+) -> Iterator[Record]:
+    """The decisions that the split stands on, sample by sample."""
+    withdrawn = workshop.current(Kind.WITHDRAW)
+    for sample in sorted(split.samples, key=lambda it: it.sample_id):
+        it = candidates[sample.sample_id]
+        last = [withdrawn[sample.sample_id]] if sample.withdrawn is not None else []
+        by_model = [
+            it.current[kind]
+            for kind in (Kind.SCREEN, Kind.EDIT, Kind.REVIEW, Kind.LOCALIZE)
+            if kind in it.current
+        ]
+        people = sorted((*it.inspections, *it.verifications), key=lambda record: record.digest)
+        yield from (*by_model, *people, *last)
+
+
+def _provenance_line(record: Record) -> bytes:
+    """Who decided what, by digest: of the record, and of what was looked at. No value."""
+    line = {
+        "candidate": record.candidate,
+        "kind": record.kind.value,
+        "decision": record.digest,
+        "by": record.by.model_dump(exclude_none=True),
+        "inputs": record.inputs,
+    }
+    return json.dumps(line, sort_keys=True, separators=(",", ":")).encode() + b"\n"

@@ -1,0 +1,155 @@
+"""Commands at the end of the way: lint, freeze, withdraw."""
+
+import json as json_module
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive_build.candidates import walk
+from exceptiondrive_build.cli import Json, WorkshopFolder
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.freeze import auxiliary, freeze, gzipped
+from exceptiondrive_build.records import Author, Kind, Record
+from exceptiondrive_build.values import Withdrawn
+from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
+from exceptiondrive_worker.split_store import SplitUnreadableError, load_split, read_split
+from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
+
+Here = Path(".")
+Previous = Annotated[
+    Path | None, typer.Option("--previous", help="Split file of the revision before.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to a command line."""
+    app.command("lint")(lint_split)
+    app.command("freeze")(freeze_split)
+    app.command("withdraw")(withdraw)
+
+
+def lint_split(
+    workshop: WorkshopFolder = Here,
+    file: Annotated[
+        Path | None, typer.Option(help="A split file, instead of the workshop.")
+    ] = None,
+    jury_folder: Annotated[
+        Path | None, typer.Option("--jury", help="Folder with files of known planners.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Warn of what makes the split a bad benchmark; with --jury, exit code 2 on an objection."""
+    with Workshop(workshop) as shop:
+        protocol = shop.protocol
+        split = _read(file) if file else freeze(shop, walk(shop)).split
+    warnings = split_warnings(split, protocol)
+    verdicts: list[Verdict] = []
+    if jury_folder is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            loaded = load_split(split, protocol)
+            verdicts = list(jury(loaded, protocol, files_of_jury(jury_folder), Path(folder)))
+    if json:
+        report = check_report(split, (), warnings)
+        typer.echo(json_module.dumps(report | {"jury": [asdict(each) for each in verdicts]}))
+    else:
+        typer.echo(f"{split.name}: {len(split.samples)} samples, {split.revision}")
+        for line in [*warning_lines(warnings, with_samples=True), *map(verdict_line, verdicts)]:
+            typer.echo(printable(line))
+    if any(verdict.objection for verdict in verdicts):
+        raise typer.Exit(2)
+
+
+def verdict_line(verdict: Verdict) -> str:
+    """One line of the jury, for a terminal."""
+    scores = ""
+    if verdict.hcc is not None and verdict.ur is not None:
+        scores = f" HCC {100 * verdict.hcc:.2f}, UR {100 * verdict.ur:.2f}"
+    objection = f" OBJECTION: {verdict.objection}" if verdict.objection else ""
+    return f"jury {verdict.method}:{scores}{objection}"
+
+
+def freeze_split(
+    out: Annotated[Path, typer.Argument(help="Folder for the files; it must not be there yet.")],
+    workshop: WorkshopFolder = Here,
+    previous: Previous = None,
+    words: Annotated[str, typer.Option(help="What readers are told of a later revision.")] = "",
+    auxiliary_set: Annotated[
+        bool, typer.Option("--auxiliary", help="Freeze the auxiliary set, too.")
+    ] = False,
+) -> None:
+    """Write the split of all that is accepted and verified, and what is published beside it."""
+    with Workshop(workshop) as shop:
+        candidates = walk(shop)
+        frozen = freeze(shop, candidates, _read(previous) if previous else None, words)
+        files = frozen.files()
+        if auxiliary_set:
+            rest = auxiliary(shop, candidates, frozen.split)
+            files[f"{rest.name}.json.gz"] = gzipped(rest)
+    _write(out, files)
+    sheet = frozen.datasheet
+    typer.echo(
+        f"{out}: {sheet.name}, {sheet.n_samples:,} samples, {sheet.n_controls:,} controls, "
+        f"{sheet.n_withdrawn:,} withdrawn, {sheet.revision}"
+    )
+    for found in sheet.warnings:
+        typer.echo(printable(f"warning {found.code} ({found.count:,}): {found.what}"))
+
+
+def withdraw(
+    sample_ids: Annotated[list[str], typer.Argument(metavar="ID...", help="Sample ids.")],
+    reason: Annotated[str, typer.Option(help="Why, in words for readers.")],
+    by: Annotated[str, typer.Option(help="Who decides it.")],
+    workshop: WorkshopFolder = Here,
+    restore: Annotated[bool, typer.Option(help="Take an earlier withdrawal back.")] = False,
+) -> None:
+    """Withdraw samples: in the next revision files still answer them, and no sheet counts them."""
+    with Workshop(workshop) as shop:
+        standing, known = shop.current(Kind.WITHDRAW), walk(shop)
+        wrong = [key for key in sample_ids if key not in known or (key in standing) != restore]
+        if wrong:
+            what = "not withdrawn" if restore else "not in the workshop, or withdrawn already"
+            raise BuildError(f"{len(wrong)} samples are {what}: {', '.join(wrong[:10])}.")
+        shop.append(
+            *(
+                Record(
+                    kind=Kind.WITHDRAW,
+                    candidate=key,
+                    by=Author(person=by),
+                    inputs=known[key].pictures,
+                    value=None if restore else Withdrawn(reason=reason).model_dump(mode="json"),
+                    supersedes=standing[key].id if restore else None,
+                )
+                for key in dict.fromkeys(sample_ids)
+            )
+        )
+    typer.echo(f"{'restored' if restore else 'withdrawn'}: {len(set(sample_ids)):,}")
+
+
+def _read(path: Path) -> Split:
+    try:
+        return read_split(path)
+    except SplitUnreadableError as error:
+        raise BuildError(str(error)) from None
+
+
+def _write(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write all files or none: a folder that is there is whole."""
+    if folder.exists():
+        raise BuildError(f"{folder} is there already.", "A frozen split is never written over.")
+    part = folder.with_name(f"{folder.name}.part")
+    try:
+        part.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for name, data in files.items():
+            (part / name).write_bytes(data)
+            if name.endswith(".gz") or name == "provenance.jsonl":
+                (part / name).chmod(0o600)
+        part.rename(folder)
+    except OSError as error:
+        raise BuildError(f"{folder}: {error.strerror}.", "No record is lost.") from None

@@ -1,0 +1,159 @@
+"""Counts over decisions: the funnel, families and tasks, the audit with its intervals, who decided.
+
+All of it follows from candidates and records as they stand; no number here tells a region or a
+sample.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from statistics import NormalDist
+
+from exceptiondrive_build.agreement import outcome
+from exceptiondrive_build.candidates import Candidate
+from exceptiondrive_build.inspection import draw
+from exceptiondrive_build.records import Kind, Record
+from exceptiondrive_build.settings import InspectSection, VerifySection
+from exceptiondrive_build.values import Edited
+from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.datasheet import Audit, Cell, Decider, Interval, Stage
+from exceptiondrive_schemas.taxonomy import Family, Task
+
+CONFIDENCE = 0.95
+_BY_PEOPLE = (Kind.INSPECT, Kind.VERIFY)
+
+
+def is_verified(candidate: Candidate, limits: VerifySection) -> bool:
+    """Whether readers came to a region for it."""
+    return outcome(candidate.verifications, limits).state == "verified"
+
+
+def stages(
+    candidates: Iterable[Candidate], limits: VerifySection, frozen: Collection[str]
+) -> tuple[Stage, ...]:
+    """The funnel: how many candidates came through each stage, of those that came to it.
+
+    Args:
+        candidates: All of the workshop.
+        limits: Beyond which readers differ.
+        frozen: Sample ids of the split.
+    """
+    ways: tuple[tuple[str, str, Callable[[Candidate], bool]], ...] = (
+        ("suitable", "The task suits the scene", lambda it: it.is_suitable),
+        ("edited", "Edited in every view", lambda it: isinstance(it.edited, Edited)),
+        ("accepted", "Accepted by review and people", lambda it: it.is_accepted),
+        ("localized", "Region proposed", lambda it: it.localized is not None),
+        ("verified", "Region verified by two people", lambda it: is_verified(it, limits)),
+        ("frozen", "In the split", lambda it: it.sample_id in frozen),
+    )
+    left, found = list(candidates), []
+    for stage_id, title, came_through in ways:
+        entered, left = len(left), [it for it in left if came_through(it)]
+        found.append(Stage(id=stage_id, title=title, n=len(left), of=entered))
+    return tuple(found)
+
+
+def cells(
+    members: Sequence[Family] | Sequence[Task],
+    candidates: Iterable[Candidate],
+    counted: Collection[str],
+) -> tuple[Cell, ...]:
+    """How many candidates of each family, or of each task, came how far.
+
+    Args:
+        members: The families, or the tasks, in their order.
+        candidates: All of the workshop.
+        counted: Ids of the samples of the split that count.
+    """
+    counts = {member.id: Counter[str]() for member in members}
+    for it in candidates:
+        cell = counts[it.task.id if it.task.id in counts else it.task.family]
+        cell.update(
+            candidates=1,
+            suitable=it.is_suitable,
+            accepted=it.is_accepted,
+            n=it.sample_id in counted,
+        )
+    return tuple(
+        Cell(
+            id=member.id,
+            title=member.title,
+            **{key: counts[member.id][key] for key in ("candidates", "suitable", "accepted", "n")},
+        )
+        for member in members
+    )
+
+
+def audit(candidates: Mapping[str, Candidate], settings: InspectSection) -> Audit | None:
+    """What people said of the random draw of accepted edits; None before they have said anything."""
+    words = [
+        candidates[sample_id].inspected
+        for sample_id in draw(candidates, settings)
+        if candidates[sample_id].inspected is not None
+    ]
+    if not words:
+        return None
+    accepted = sum(it.passed_review for it in candidates.values())
+    return audited(accepted, len(words), sum(word is not None and word.passed for word in words))
+
+
+def audited(accepted: int, drawn: int, passed: int) -> Audit:
+    """An audit of `drawn` of `accepted` edits, of which `passed` passed, with its intervals."""
+    return Audit(
+        accepted=accepted,
+        drawn=drawn,
+        passed=passed,
+        confidence=CONFIDENCE,
+        wilson=wilson(passed / drawn, drawn),
+        finite_population=finite_population(passed / drawn, drawn, accepted),
+    )
+
+
+def wilson(share: float, n: float, confidence: float = CONFIDENCE) -> Interval:
+    """Score interval of a share (E. B. Wilson, JASA 22, 1927, p. 209)."""
+    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    centre, wide = share + z * z / (2 * n), 1 + z * z / n
+    half = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return max((centre - half) / wide, 0.0), min((centre + half) / wide, 1.0)
+
+
+def finite_population(
+    share: float, n: int, population: int, confidence: float = CONFIDENCE
+) -> Interval:
+    """The same for a draw without replacement: n grows by (N - 1) / (N - n), as variance shrinks."""
+    if n >= population:
+        return share, share
+    return wilson(share, n * (population - 1) / (population - n), confidence)
+
+
+def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decider, ...]:
+    """Who took how many of the decisions that stand, by stage; people are numbered by name."""
+    settings = workshop.settings
+    prompts = {
+        Kind.SCREEN: settings.screen.prompt,
+        Kind.EDIT: settings.edit.prompt,
+        Kind.REVIEW: settings.review.prompt,
+    }
+    digests = {kind: content_digest(workshop.text(name)) for kind, name in prompts.items()}
+    records = [record for it in candidates for record in _standing(it)]
+    people = sorted({record.by.person for record in records if record.by.person is not None})
+    counts = Counter((record.kind, record.by.model, record.by.person) for record in records)
+    order = sorted(counts, key=lambda key: (list(Kind).index(key[0]), key[1] or "", key[2] or ""))
+    return tuple(
+        Decider(
+            stage=kind.value,
+            by=model or f"person {people.index(str(person)) + 1}",
+            is_person=model is None,
+            decisions=counts[kind, model, person],
+            prompt=digests.get(kind, "") if model else "",
+        )
+        for kind, model, person in order
+    )
+
+
+def _standing(candidate: Candidate) -> Iterable[Record]:
+    """The records of a candidate that count, each once."""
+    people = (*candidate.inspections, *candidate.verifications)
+    rest = (it for kind, it in candidate.current.items() if kind not in _BY_PEOPLE)
+    return (*rest, *people)

@@ -1,0 +1,115 @@
+"""The jury of a split: planners whose behaviour is known, scored before anybody else is.
+
+As judges' solutions prove a problem of a programming contest. Files of trajectories are scored as
+uploads are; the reference rows join them. What does not come out as expected is a gate.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from exceptiondrive_schemas.base import bytes_digest
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.references import FREEZE, REFERENCES, SOURCE_AS_EDITED
+from exceptiondrive_scoring.references import reference_answers
+from exceptiondrive_worker.private_store import PrivateStore
+from exceptiondrive_worker.split_store import LoadedSplit
+from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
+from exceptiondrive_worker.upload_reader import read_upload
+
+STANDS_SAFE = 0.95
+"""HCC of a car that stands still, at least: else many regions crowd the start."""
+UNAWARE_HITS = 0.5
+"""UR of who drives on as recorded, at least: else most regions call for no response."""
+TOO_EASY = 0.95
+"""HCC of a known planner, at most: above, the split tells nobody apart."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a member of the jury fares.
+
+    Attributes:
+        method: Name of the reference row, or of the file.
+        hcc: Primary metric, as the protocol's headline has it; None: not scored.
+        ur: Unsafe rate.
+        objection: What is not as expected; empty where it is.
+    """
+
+    method: str
+    hcc: float | None
+    ur: float | None
+    objection: str = ""
+
+
+def files_of_jury(folder: Path) -> dict[str, bytes]:
+    """Files of trajectories in a folder by name: `.json` and `.json.gz`.
+
+    Raises:
+        OSError: The folder cannot be read.
+    """
+    paths = [path for path in sorted(folder.iterdir()) if path.name.endswith((".json", ".json.gz"))]
+    return {path.name.split(".json")[0]: path.read_bytes() for path in paths}
+
+
+def jury(
+    split: LoadedSplit, protocol: ProtocolDocument, files: Mapping[str, bytes], folder: Path
+) -> Iterator[Verdict]:
+    """Score reference rows and files, one after the other.
+
+    Args:
+        split: Under this protocol.
+        protocol: What scores.
+        files: Name of a planner to its file.
+        folder: For what scoring keeps meanwhile: withheld, to be removed by the caller.
+    """
+    by_digest = {bytes_digest(data): data for data in files.values()}
+    stages = Stages(
+        PrivateStore(folder),
+        by_digest.__getitem__,
+        lambda data, challenge, manifest, rules: read_upload(
+            data, challenge=challenge, manifest=manifest, protocol=rules
+        ),
+    )
+    for reference in REFERENCES[PLANNING.id]:
+        answers = reference_answers(
+            reference, len(split.manifest.sample_ids), protocol.geometry, split.recorded_m
+        )
+        if answers is not None:
+            target = Target(reference.method, PLANNING, split, protocol, made=answers)
+            yield _verdict(stages, target, reference.method)
+    for name, data in files.items():
+        yield _verdict(stages, Target(bytes_digest(data), PLANNING, split, protocol), name)
+
+
+def _verdict(stages: Stages, target: Target, method: str) -> Verdict:
+    try:
+        sheet = stages.score(target).sheet
+    except RejectedUpload as rejected:
+        return Verdict(method, None, None, _why(rejected.report))
+    row = getattr(sheet, target.protocol.grading.headline)
+    return Verdict(method, row["hcc"], row["ur"], _objection(method, row["hcc"], row["ur"]))
+
+
+def _objection(method: str, hcc: float | None, ur: float | None) -> str:
+    if hcc is None or ur is None:
+        return "has no score"
+    if method == FREEZE.method:
+        if ur > 0 or hcc < STANDS_SAFE:
+            return (
+                f"a car that stands still should have HCC 100 and UR 0, at least {STANDS_SAFE:.0%}"
+            )
+    elif method == SOURCE_AS_EDITED.method:
+        if ur < UNAWARE_HITS:
+            return (
+                f"who drives on as recorded should hit at least {UNAWARE_HITS:.0%} of the regions"
+            )
+    elif hcc > TOO_EASY:
+        return f"a moving planner has HCC above {TOO_EASY:.0%}: the split tells nobody apart"
+    return ""
+
+
+def _why(report: CheckReport) -> str:
+    return "; ".join(f"{group.code.value} ({group.count:,})" for group in report.faults)
