@@ -26,7 +26,10 @@ COMMANDS = {
     ),
     "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
     "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
-    "review": ("exceptiondrive_build.review_page.commands", "Serve the review page on this machine."),
+    "review": (
+        "exceptiondrive_build.review_page.commands",
+        "Serve the review page on this machine.",
+    ),
     "lint": (
         "exceptiondrive_build.freeze_commands",
         "Warn of what makes the split a bad benchmark.",
