@@ -20,10 +20,6 @@ from exceptiondrive_schemas.printable import printable
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
     "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
-    "review": (
-        "exceptiondrive_build.review_page.commands",
-        "Serve the review page on this machine.",
-    ),
     "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
     "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
     "review": (
