@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -13,6 +14,7 @@ from exceptiondrive.checking import check_file, read_file
 from exceptiondrive.errors import (
     InvalidFileError,
     NetworkError,
+    NotAllowedError,
     NotFoundError,
     ScoringFailedError,
     WaitTimeoutError,
@@ -170,6 +172,22 @@ class Submission:
         )
 
 
+@dataclass(frozen=True)
+class Outlook:
+    """What an upload will do.
+
+    Attributes:
+        report: Of the check, with what the file looks like and why it would not be ranked.
+        replaces: The team's entry that it takes the place of; None where there is none.
+    """
+
+    report: CheckReport
+    replaces: SubmissionView | None
+
+
+BeforeUpload = Callable[[Outlook], None]
+
+
 class Client(Connection):
     """Submits files of one team and reads boards.
 
@@ -222,6 +240,35 @@ class Client(Connection):
             max_upload_bytes=view.max_upload_bytes,
         )
 
+    def outlook(self, file: str | os.PathLike[str], *, phase: str, method: str) -> Outlook:
+        """Check a file as `check` does, and say what an upload of it will do.
+
+        Args:
+            file: Path of the submission file.
+            phase: Id of the phase.
+            method: Name of the method, as the board shows it.
+        """
+        report = self.check(file, phase=phase)
+        return Outlook(report, self._replaced(self.phase(phase), method, report.digest))
+
+    def _replaced(self, phase: PhaseView, method: str, file_digest: str) -> SubmissionView | None:
+        """Return the team's entry that a file takes the place of, as far as the token may know."""
+        try:
+            scored = self.submissions(phase=phase.id, status=SubmissionStatus.SCORED)
+        except NotAllowedError:
+            return None
+        if phase.policy.entries_private or any(each.file_digest == file_digest for each in scored):
+            return None
+        shows_one = phase.policy.entries_shown == "chosen" and phase.is_open
+        standing = (
+            each
+            for each in scored
+            if each.replaced_by is None
+            and each.is_late != phase.is_open
+            and (each.method == method or (shows_one and not each.is_chosen))
+        )
+        return next(standing, None)
+
     def submit(
         self,
         file: str | os.PathLike[str],
@@ -233,6 +280,7 @@ class Client(Connection):
         code: str | None = None,
         without_reminder: str | None = None,
         on_progress: Progress | None = None,
+        before_upload: BeforeUpload | None = None,
     ) -> Submission:
         """Check a file on this machine, then upload it.
 
@@ -246,6 +294,8 @@ class Client(Connection):
             without_reminder: Id of your submission of the same agent without reminder, in this
                 strategy phase: the board then shows what the reminder changed.
             on_progress: Called with bytes sent and bytes in all.
+            before_upload: Called with what the upload will do; what it raises ends the submission
+                before anything is sent.
 
         Returns:
             The submission; `is_duplicate` in its view says that the same bytes were there before.
@@ -256,9 +306,15 @@ class Client(Connection):
             NotAllowedError: The phase is closed, or the token may not submit.
             NetworkError: The server cannot be reached.
         """
-        report = self.check(file, phase=phase)
+        if before_upload is None:
+            report = self.check(file, phase=phase)
+        else:
+            outlook = self.outlook(file, phase=phase, method=method)
+            report = outlook.report
         if not report.is_valid:
             raise InvalidFileError(report)
+        if before_upload is not None:
+            before_upload(outlook)
         fields = {
             "phase": phase,
             "method": method,

@@ -174,7 +174,7 @@ STRATEGY_WORDS = ChallengeWords(
         OutcomePart(metric="over_warning", words="wrong, not too careless", kind="lost"),
         OutcomePart(metric="under_warning", words="too careless, or no answer", kind="hit"),
     ),
-    covered={"edited": "answers"},
+    covered={"edited": "scenes"},
     file_note="One JSON file with one letter per sample: what the agent would do in the edited "
     "scene.",
     code=CodeWords(

@@ -16,11 +16,11 @@ def too_little_covered(
         least: Share that ranks.
     """
     parts = [
-        f"{challenge.words.covered[key]} cover {_below(share, least)}"
+        f"{_below(share, least)} of the {challenge.words.covered[key]}"
         for key, share in shares.items()
         if share < least
     ]
-    return f"{' and '.join(parts)} of the samples; ranking takes {least:.0%}" if parts else None
+    return f"{' and '.join(parts)} are answered; ranking takes {least:.0%}" if parts else None
 
 
 def _below(share: float, least: float) -> str:

@@ -53,6 +53,9 @@ def _as_read(name: str) -> str:
     return "".join(c for c in unicodedata.normalize("NFKC", name).casefold() if c.isalnum())
 
 
-_RESERVED = {_as_read(TEAM), _as_read(f"ExceptionDrive {TEAM}")} | {
-    _as_read(each.method) for references in REFERENCES.values() for each in references
-}
+RESERVED_NAMES = (
+    TEAM,
+    f"ExceptionDrive {TEAM}",
+    *(each.method for references in REFERENCES.values() for each in references),
+)
+_RESERVED = {_as_read(name) for name in RESERVED_NAMES}

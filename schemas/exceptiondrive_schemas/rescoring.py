@@ -177,6 +177,13 @@ class Standing(Document):
     reminder_effect: ReminderEffect | None = Field(default=None, exclude_if=lambda it: it is None)
     """What the reminder changed, where the entry is linked; left out elsewhere."""
 
+    @property
+    def place(self) -> str:
+        """`rank 3`, or that there is none and why."""
+        if self.rank is not None:
+            return f"rank {self.rank}"
+        return f"not ranked: {self.unranked_because}" if self.unranked_because else "not ranked"
+
 
 class EntryChange(Document):
     """One entry before and after."""
@@ -214,6 +221,15 @@ class Comparison(Document):
     worst_movers: tuple[str, ...]
     """Submission ids: those that lose most places first, then those that lose most score."""
     entries: tuple[EntryChange, ...]
+
+    @property
+    def no_longer_ranked(self) -> dict[str, str]:
+        """Submissions that lose their rank, and how they stand instead."""
+        return {
+            one.submission_id: one.new.place if one.new else "not on the board"
+            for one in self.entries
+            if one.newly_failing
+        }
 
     @property
     def digest(self) -> str:

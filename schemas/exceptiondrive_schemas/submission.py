@@ -82,6 +82,9 @@ class SubmissionView(Document):
     """The same bytes were there before: this is the first submission, and no quota was spent."""
     is_late: bool = False
     """It came after the deadline: it stands on the late view alone."""
+    replaced_by: str | None = None
+    """The submission that stands on the board in its place: a later run of the same method, or the
+    one of the team in a phase that shows one of each."""
     is_chosen: bool = False
     """The team chose it for the board."""
     is_published: bool = True

@@ -11,6 +11,7 @@ from sqlalchemy import select
 from tests.access.conftest import query_of, with_provider
 from tests.support.processes import free_port
 
+from exceptiondrive_records.accounts import sign_in
 from exceptiondrive_records.accounts.tables import BrowserSession, Person
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_server.web.settings import ServerSettings
@@ -281,9 +282,30 @@ def test_the_secrets_of_a_sign_in_stand_in_no_log(
     assert "__Host-sign-in" not in ada.browser.client.cookies
 
 
-def test_beginning_over_and_over_is_slowed_down(small_site: "Api", person: Open) -> None:
-    codes = [person(small_site).browser.get("/sign-in/provider").status_code for _ in range(31)]
-    assert codes == [303] * 30 + [429]
+def test_beginning_over_and_over_is_slowed_down_and_locks_nobody_out(
+    small_site: "Api", person: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture on any page can make browsers of one network begin."""
+    monkeypatch.setattr(sign_in, "STARTS_PER_ADDRESS", 40)
+    ada = person(small_site)
+    back = ada.provider.visit(ada.begin())
+    codes = [person(small_site).browser.get("/sign-in/provider").status_code for _ in range(40)]
+    assert codes == [303] * 39 + [429]
+    assert ada.come_back(back).status_code == 303
+    assert person(small_site).browser.sign_in("alpha").status_code == 303
+
+
+def test_false_answers_of_a_provider_are_counted(small_site: "Api", person: Open) -> None:
+    """Each is begun in earnest, and comes back with a code that the provider does not know."""
+
+    def come_back_falsely() -> int:
+        ada = person(small_site)
+        back = ada.provider.visit(ada.begin())
+        code = query_of(back)["code"]
+        return int(ada.come_back(back.replace(code, "0" * len(code))).status_code)
+
+    codes = [come_back_falsely() for _ in range(31)]
+    assert codes == [401] * 30 + [429]
 
 
 def test_where_no_provider_is_named_there_is_no_such_way(api: "Api", browse: Browse) -> None:

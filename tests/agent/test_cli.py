@@ -7,7 +7,8 @@ import pytest
 from typer.testing import Result
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench, ChatEndpoint
+    from tests.agent.conftest import Bench
+    from tests.support.chat_endpoint import ChatEndpoint
 
 Run = Callable[[list[str]], Result]
 

@@ -10,7 +10,8 @@ from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen
+    from tests.agent.conftest import Bench
+    from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 Shade = Callable[["Seen"], int]
 

@@ -10,7 +10,8 @@ from exceptiondrive_agent.questions import messages
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen
+    from tests.agent.conftest import Bench
+    from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 KEY = "key-of-the-tests-0123456789"
 DECISION = '{"strategy": "C"}'

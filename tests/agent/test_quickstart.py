@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen
+    from tests.agent.conftest import Bench
+    from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 PAGE = Path(__file__).parents[2] / "docs" / "strategy-quickstart.md"
 LOCAL = ("remind", "decide", "check")

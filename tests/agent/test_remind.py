@@ -3,6 +3,7 @@
 import json
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -10,8 +11,10 @@ import pytest
 from exceptiondrive_schemas.submission_files import ReminderRecord
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench, ChatEndpoint, Seen
+    from tests.agent.conftest import Bench
+    from tests.support.chat_endpoint import ChatEndpoint, Seen
 
+FOLDER = Path(__file__).parent / "recorded"
 Shade = Callable[["Seen"], int]
 RECORDED = {
     0: ("good-vllm.json", None),
@@ -31,7 +34,7 @@ def test_every_sample_gets_a_validated_record_or_null_with_its_reason(
     bench: "Bench", endpoint: "ChatEndpoint", shade: Shade
 ) -> None:
     samples = bench.add_samples(len(RECORDED))
-    endpoint.answer = lambda seen: endpoint.recorded(RECORDED[shade(seen)][0])
+    endpoint.answer = lambda seen: endpoint.recorded(FOLDER / RECORDED[shade(seen)][0])
     report = bench.report("remind", "--price-in", "2", "--price-out", "10")
     journal = bench.journal()
     for number, sample_id in enumerate(samples):

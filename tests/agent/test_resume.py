@@ -10,7 +10,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen
+    from tests.agent.conftest import Bench
+    from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 Shade = Callable[["Seen"], int]
 

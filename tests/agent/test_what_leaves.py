@@ -15,7 +15,8 @@ import pytest
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench, ChatEndpoint, Reply, Seen
+    from tests.agent.conftest import Bench
+    from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 Made = Callable[..., bytes]
 SAMPLES = {

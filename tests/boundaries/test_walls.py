@@ -28,6 +28,7 @@ MAY_OPEN_SPLITS = {
     "exact_sheet.py": "takes loaded arrays",
     "jury.py": "scores planners that are known against a loaded split",
     "operator_cli.py": "checks and registers",
+    "references.py": "takes ids and recorded paths, which references are made of",
     "scoring_run.py": "asks for the split of a job",
     "splits_admin.py": "registers and publishes",
     "stages.py": "takes loaded arrays",

@@ -84,7 +84,7 @@ def _entries(board: Board, due: set[str]) -> Iterator[Violation]:
 
 
 def _order(board: Board, protocol: ProtocolDocument) -> Iterator[Violation]:
-    """A better value never has a worse rank, and equal ones share theirs."""
+    """A better value never has a worse rank, equal ones share theirs, a flag that bars it has none."""
     keys = protocol.ranking.order[board.challenge]
 
     def worth(entry: BoardEntry) -> tuple[float, ...]:
@@ -95,6 +95,10 @@ def _order(board: Board, protocol: ProtocolDocument) -> Iterator[Violation]:
         )
 
     ranked = [(worth(entry), entry) for entry in board.entries if entry.rank is not None]
+    for _, entry in ranked:
+        barred = {flag.code for flag in entry.flags} & set(protocol.ranking.unranked_flags)
+        if barred:
+            yield Violation("rank in spite of a flag", str(entry.submission_id), str(barred))
     for mine, entry in ranked:
         rank = 1 + sum(other < mine for other, _ in ranked)
         if entry.rank != rank:

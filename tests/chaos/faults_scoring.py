@@ -49,7 +49,7 @@ def no_score(run: Run) -> str:
         board = current_board(session, PHASE)
     assert board is not None
     entries = json.loads(board.body)["entries"]
-    rows = {entry["submission_id"]: entry for entry in entries}
+    rows = {entry["submission_id"]: entry for entry in entries if entry["submission_id"]}
     ranks = [entry["rank"] for entry in entries if entry["source"] == "scored"]
     assert run.status_of(failed) is SubmissionStatus.FAILED
     assert failed.submission_id not in rows, "a failed submission stands on the board"

@@ -73,15 +73,61 @@ def test_people_read_rank_families_quota_and_the_page(
     assert (page.status_code, page.headers["location"].split("?")[0]) == (303, "/sign-in")
 
 
+def test_a_second_run_of_a_method_is_told_before_it_replaces_the_first(
+    working: "Running", planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    slower = [[3.0 * step, 0.0] for step in range(1, 7)]
+    predictions = [{"sample_id": f"s{n}", "source": slower, "edited": slower} for n in range(4)]
+    second_file = planning_file("second.json", predictions=predictions)
+    refused = submit(working, second_file)
+    assert refused.exit_code == 2
+    assert f"It replaces {first['id']} (HCC " in refused.stderr
+    assert ', rank 1) of "Planner". Nothing was sent.' in refused.stderr
+    assert "add --replace" in refused.stderr
+    monkeypatch.setattr("exceptiondrive.cli.submission_commands.can_ask", lambda: True)
+    command = ["submit", str(second_file), "--phase", "dev", "--method", "Planner"]
+    env = {"EXCEPTIONDRIVE_SERVER": working.url, "EXCEPTIONDRIVE_TOKEN": working.token}
+    no = CliRunner().invoke(app, command, env=env, input="n\n")
+    assert no.exit_code == 2
+    assert len(json.loads(run(working, "submissions", "--json").stdout)) == 1
+    assert submit(working, planning_file()).exit_code == 0, "the same bytes replace nothing"
+    done = submit(working, second_file, "--replace", "--wait", "--json")
+    assert done.exit_code == 0, done.stderr
+    second = json.loads(done.stdout)
+    told = run(working, "status", first["id"]).stdout
+    assert f"not on the board in phase dev: replaced by {second['id']}" in told
+    assert f"replaced by {second['id']}" in run(working, "submissions").stdout
+    assert run(working, "withdraw", second["id"]).exit_code == 0
+    assert json.loads(run(working, "status", first["id"], "--json").stdout)["replaced_by"] is None
+
+
+def test_another_method_replaces_nothing(working: "Running", planning_file: MakeFile) -> None:
+    assert submit(working, planning_file(), "--wait").exit_code == 0
+    slower = [[3.0 * step, 0.0] for step in range(1, 7)]
+    predictions = [{"sample_id": f"s{n}", "source": slower, "edited": slower} for n in range(4)]
+    other = planning_file("other.json", predictions=predictions)
+    assert submit(working, other, method="Another").exit_code == 0
+
+
 def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: MakeFile) -> None:
     straight = [[4.0 * step, 0.0] for step in range(1, 7)]
     predictions = [
         {"sample_id": f"s{n}", "source": straight, "edited": straight if n else None}
         for n in range(4)
     ]
-    done = submit(working, planning_file(predictions=predictions), "--wait")
+    file = planning_file(predictions=predictions)
+    refused = submit(working, file, "--wait")
+    assert refused.exit_code == 2
+    assert (
+        "75.00% of the scenes with hazard are answered; ranking takes 99%. Nothing was sent."
+        in refused.stderr
+    )
+    assert "add --allow-unranked" in refused.stderr
+    assert run(working, "submissions").stdout == "no submissions\n"
+    done = submit(working, file, "--wait", "--allow-unranked")
     assert done.exit_code == 0, done.stderr
-    assert "not ranked in phase dev: edited trajectories cover 75.00%" in done.stdout
+    assert "not ranked in phase dev: 75.00% of the scenes with hazard are answered" in done.stdout
 
 
 def test_the_same_bytes_are_the_same_submission_and_cost_nothing(

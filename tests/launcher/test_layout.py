@@ -26,7 +26,8 @@ def test_what_others_must_not_read_is_0700(tmp_path: Path) -> None:
     layout = Layout(tmp_path / "data")
     layout.create()
     layout.create()  # again does nothing
-    assert mode(layout.private) == mode(layout.data / "uploads") == 0o700
+    folders = (layout.data, layout.logs, layout.private, layout.data / "uploads")
+    assert {mode(folder) for folder in folders} == {0o700}
     assert mode(BrokerFolder(layout).path) == 0o700
 
 

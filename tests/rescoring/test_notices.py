@@ -255,6 +255,7 @@ def test_a_receiver_that_answers_letter_by_letter_is_left(monkeypatch: pytest.Mo
         *("127.0.0.1", "10.0.0.1", "169.254.169.254", "localhost"),
         *("::1", "::ffff:10.0.0.1", "::10.0.0.1", "::ffff:0:10.0.0.1", "2002:a00:1::"),
         *("64:ff9b::10.0.0.1", "64:ff9b:1::8.8.8.8", "fec0::1"),
+        *("192.88.99.1", "::ffff:192.88.99.1", "3fff::1", "5f00::1", "4000::1"),
     ],
 )
 def test_no_webhook_reaches_our_own_network(host: str) -> None:

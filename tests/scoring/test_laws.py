@@ -1,4 +1,4 @@
-"""Laws that hold for every input (docs/protocol.md section 8)."""
+"""Laws that hold for every input (docs/protocol.md sections 8 and 9)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
-from exceptiondrive_scoring.grade import SampleScores, grade
+from exceptiondrive_scoring.grade import SampleScores, grade, progress_of_pairs
 from exceptiondrive_scoring.measure import measure
+from exceptiondrive_scoring.planning import clearance_curve
 from exceptiondrive_scoring.sheet import aggregate
 
 MakeSplit = Callable[..., SplitArrays]
@@ -191,3 +192,82 @@ def test_a_missing_edited_trajectory_is_unsafe_and_stays_counted(case: Board, sc
     undefined = missing | np.array([t is None for t in case.source])
     np.testing.assert_array_equal(np.isnan(values[:, 3]), undefined)
     assert not np.isnan(values[:, :3]).any()
+
+
+def column(scores: SampleScores, key: str) -> FloatArray:
+    return scores.values[:, scores.metric_keys.index(key)]
+
+
+OUTCOMES = ("clear", "close", "hit_reacting", "hit_unmoved")
+
+
+@laws
+@given(case=board())
+def test_every_sample_has_one_outcome(case: Board, score: Score) -> None:
+    scores = score(case)
+    outcomes = np.stack([column(scores, key) for key in OUTCOMES])
+    assert (outcomes.sum(axis=0) == 1).all()
+    np.testing.assert_array_equal(outcomes[2] + outcomes[3], column(scores, "ur"))
+    np.testing.assert_array_equal(outcomes[0] == 1, column(scores, "hcc") == 1)
+
+
+@laws
+@given(case=board())
+def test_progress_is_a_share_of_a_source_path_that_is_long_enough(
+    case: Board, score: Score, protocol: ProtocolDocument
+) -> None:
+    progress = column(score(case), "progress")
+    paths = [None if path is None else np.insert(path, 0, 0.0, axis=0) for path in case.source]
+    lengths = [0.0 if path is None else np.hypot(*np.diff(path, axis=0).T).sum() for path in paths]
+    is_long = np.array(lengths) >= protocol.plausibility.progress_min_path_m
+    np.testing.assert_array_equal(np.isnan(progress), ~is_long)
+    assert ((progress[is_long] >= 0) & (progress[is_long] <= 1)).all()
+    missing = np.array([path is None for path in case.edited])
+    assert (progress[is_long & missing] == 0).all()
+
+
+@laws
+@given(case=board(), away_m=st.floats(-50, 50))
+def test_where_the_regions_lie_changes_neither_progress_nor_source_fit(
+    case: Board, away_m: float, protocol: ProtocolDocument
+) -> None:
+    geometry, recorded = protocol.geometry, _stack(case.edited)
+    one = measure(case.pairs, case.regions, geometry, recorded).columns()
+    other = measure(case.pairs, case.regions + away_m, geometry, recorded).columns()
+    for name in ("reached_m", "source_path_m", "source_l2_m", "source_l2_2s_m"):
+        np.testing.assert_array_equal(one[name], other[name])
+
+
+@given(speed=st.floats(1, 20), share=st.floats(0, 1), aside=st.floats(-3, 3))
+def test_on_a_straight_source_path_progress_is_the_way_ahead(
+    speed: float, share: float, aside: float, protocol: ProtocolDocument
+) -> None:
+    def progress(end: tuple[float, float]) -> float:
+        source = np.arange(1, 7)[:, None] * np.array([speed / 2, 0.0])
+        edited = np.linspace(0, 1, 7)[1:, None] * np.array(end)
+        columns = {"source": source[None], "edited": edited[None]}
+        pairs = TrajectoryPairs.from_columns(columns)
+        return float(progress_of_pairs(pairs, protocol.plausibility)[0])
+
+    length_m = 3 * speed
+    assert progress((share * length_m, aside)) == pytest.approx(share, abs=1e-9)
+    assert progress((-share * length_m, aside)) == 0.0, "backing"
+    assert progress((0.0, aside)) == 0.0, "sideways"
+
+
+@laws
+@given(case=board())
+def test_the_clearance_curve_holds_ur_the_share_clear_and_hcc(
+    case: Board, protocol: ProtocolDocument, make_split: MakeSplit
+) -> None:
+    split = make_split(case.regions, tasks=case.tasks)
+    measured = measure(case.pairs, split.regions_m, protocol.geometry)
+    curve = clearance_curve(measured, split, protocol)
+    sheet = aggregate(grade(measured, split, protocol), split, protocol.taxonomy)
+    for points, row in ((curve.micro, sheet.micro), (curve.macro_family, sheet.macro_family)):
+        assert points[0] == pytest.approx(1 - (row["ur"] or 0.0), abs=TOLERANCE)
+        assert points[10] == pytest.approx(row["clear"], abs=TOLERANCE)
+        assert list(points) == sorted(points, reverse=True)
+        area = curve.step * (sum(points[:11]) - (points[0] + points[10]) / 2)
+        most = curve.step / 2 * (row["close"] or 0.0)
+        assert abs(area - (row["hcc"] or 0.0)) <= most + TOLERANCE

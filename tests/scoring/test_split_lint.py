@@ -20,8 +20,9 @@ N_BAD = 60
 
 @pytest.fixture(scope="module")
 def sound() -> Split:
-    """The synthetic split: nothing is wrong with it but that it has no controls."""
-    return sample_split()
+    """The synthetic split without its controls: nothing else is wrong with it."""
+    split = sample_split()
+    return split.model_copy(update={"samples": split.counted})
 
 
 def found_in(

@@ -4,10 +4,14 @@ from typing import Any
 
 import pytest
 from tests.support import documents
+from tests.support.work import claim_board_of
 from tests.worker.test_board_run import whole_board
 
+from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.operations.invariants import broken_boards
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.references import REFERENCES
 from exceptiondrive_schemas.split import Split
@@ -68,6 +72,24 @@ def test_references_come_again_when_the_private_store_is_lost(world: World, tiny
         for path in (world.context.private.root / shelf).iterdir():
             path.unlink()
     assert whole_board(world) == before
+
+
+def test_a_reference_that_another_board_says_otherwise_of_is_found(
+    world: World, tiny: Split
+) -> None:
+    world.add_phase(tiny)
+    board = whole_board(world)
+    (freeze,) = board.entries
+    with world.database.write() as session:
+        assert list(broken_boards(session)) == []
+        want_board(session, "dev", board.protocol.digest)
+        claim = claim_board_of(session, "dev", board.protocol.digest)
+        assert claim is not None
+        lower = {"metrics": freeze.metrics | {"hcc": 0.5}}
+        altered = board.model_copy(update={"entries": (freeze.model_copy(update=lower),)})
+        publish_board(session, claim, altered)
+        found = [violation.rule for violation in broken_boards(session)]
+    assert "reference altered" in found
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,10 @@ from exceptiondrive_schemas.submission_files import PlanningPrediction, Planning
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_scoring.sheet import Breakdown, aggregate
+from exceptiondrive_worker.sample.driving import Manoeuvre
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.hazards import PLACEMENTS
-from exceptiondrive_worker.sample.planners import PLANNERS, Manoeuvre, Planner, predictions
+from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.road import Lane
 from exceptiondrive_worker.sample.scenes import SEED, SampleScene, sample_scenes
 from exceptiondrive_worker.split_store import LoadedSplit, load_split, read_split
@@ -35,10 +36,16 @@ def loaded(protocol: ProtocolDocument) -> LoadedSplit:
     return load_split(read_split(COMMITTED), protocol)
 
 
-def columns_of(answers: list[PlanningPrediction]) -> dict[str, np.ndarray]:
+def columns_of(
+    answers: list[PlanningPrediction], loaded: LoadedSplit, *, of_controls: bool = False
+) -> dict[str, np.ndarray]:
+    """The answers about the samples that count, or about the controls."""
     missing = np.full((6, 2), np.nan)
+    rows = loaded.control_rows if of_controls else loaded.rows
     return {
-        key: np.array([missing if getattr(a, key) is None else getattr(a, key) for a in answers])
+        key: np.array([missing if getattr(a, key) is None else getattr(a, key) for a in answers])[
+            rows
+        ]
         for key in ("source", "edited")
     }
 
@@ -89,7 +96,7 @@ def test_planners_json_lists_the_files_beside_it(tmp_path: Path) -> None:
             gzip.decompress((tmp_path / row["file"]).read_bytes())
         )
         assert submission.split == "sample"
-        assert len(submission.predictions) == 420
+        assert len(submission.predictions) == 441
 
 
 @by_file_name
@@ -105,7 +112,7 @@ def test_every_motion_is_one_a_car_can_make(
     protocol: ProtocolDocument,
 ) -> None:
     scoring = SCORING[PLANNING.id]
-    columns = columns_of(predictions(planner, samples, SEED))
+    columns = columns_of(predictions(planner, samples, SEED), loaded)
     measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
     assert scoring.plausibility(measurements, loaded.arrays, protocol).shares["impossible"] == 0
     assert np.nanmax(measurements["peak_acceleration_mps2"]) < 10
@@ -115,7 +122,7 @@ def test_every_motion_is_one_a_car_can_make(
 def breakdowns(loaded: LoadedSplit, protocol: ProtocolDocument) -> dict[str, Breakdown]:
     scoring, found = SCORING[PLANNING.id], {}
     for planner in PLANNERS:
-        columns = columns_of(predictions(planner, sample_scenes(), SEED))
+        columns = columns_of(predictions(planner, sample_scenes(), SEED), loaded)
         measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
         scores = scoring.grade(measurements, loaded.arrays, protocol)
         found[planner.method] = aggregate(scores, loaded.arrays, protocol.taxonomy)
@@ -127,6 +134,25 @@ def test_the_board_of_the_planners_is_lively(breakdowns: dict[str, Breakdown]) -
     assert len({round(value, 4) for value in hcc}) == len(PLANNERS)
     assert all(0.1 < value < 0.6 for value in hcc)
     assert max(hcc) - min(hcc) < 0.2
+
+
+def test_planners_heed_what_lies_beside_the_road_if_they_startle(
+    samples: tuple[SampleScene, ...], loaded: LoadedSplit, protocol: ProtocolDocument
+) -> None:
+    assert len(loaded.control_rows) == len(PLACEMENTS) == 21
+    found = {
+        planner.method: SCORING[PLANNING.id].of_controls(
+            columns_of(predictions(planner, samples, SEED), loaded, of_controls=True), protocol
+        )["over_caution"]
+        for planner in PLANNERS
+    }
+    assert found["Bypass Planner"] == 0
+    assert 0 < (found["Late Braker"] or 0) < (found["Careful Follower"] or 0) < 0.5
+
+
+def test_sources_are_near_the_recorded_drives(breakdowns: dict[str, Breakdown]) -> None:
+    for method, found in breakdowns.items():
+        assert 0.1 < (found.micro["source_l2_m"] or 0) < 2, method
 
 
 def test_one_planner_leaves_under_one_per_cent_out(samples: tuple[SampleScene, ...]) -> None:

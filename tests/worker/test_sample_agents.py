@@ -37,8 +37,9 @@ def sheets(folder: Path, loaded: LoadedSplit, protocol: ProtocolDocument) -> dic
         data = (folder / f"{agent.file_name}.json.gz").read_bytes()
         answers = read_upload(data, challenge=STRATEGY, manifest=loaded.manifest, protocol=protocol)
         assert isinstance(answers, dict), answers
+        counted = {name: column[loaded.rows] for name, column in answers.items()}
         found[agent.method] = exact_sheet(
-            scoring, answers, loaded.arrays, loaded.manifest.ref, protocol
+            scoring, counted, loaded.arrays, loaded.manifest.ref, protocol
         )
     return found
 

@@ -291,3 +291,84 @@ def test_corners_keep_their_bits(make_split: MakeSplit, protocol: ProtocolDocume
     assert np.array_equal(
         load_split(again, protocol).arrays.regions_m, load_split(split, protocol).arrays.regions_m
     )
+
+
+STRAIGHT = tuple((2.0 * step, 0.0) for step in range(1, 7))
+
+
+def test_controls_and_withdrawn_samples_are_answered_and_do_not_count(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    plain = make_split({"a": {}, "b": {"task": "LB1"}, "c": {"task": "RS1"}, "d": {}})
+    marked = make_split(
+        {
+            "a": {},
+            "b": {"task": "LB1", "control": True},
+            "c": {"task": "RS1", "withdrawn": "another place"},
+            "d": {},
+        }
+    )
+    loaded = load_split(marked, protocol)
+    assert loaded.manifest.sample_ids == ("a", "b", "c", "d")
+    assert loaded.rows is not None
+    assert (loaded.rows.tolist(), loaded.control_rows.tolist()) == ([0, 3], [1])
+    assert loaded.arrays.n_samples == 2
+    assert family_counts(marked, protocol) == {"sudden_emergence": 2}
+    assert loaded.manifest.revision != plain.revision
+    text = loaded.manifest.model_dump_json()
+    assert not any(word in text for word in ("control", "withdrawn", "another place"))
+    assert load_split(plain, protocol).rows is None
+
+
+def test_recorded_paths_are_told_where_the_split_says_so(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    withheld = make_split({"a": {"recorded": STRAIGHT}, "b": {}})
+    told = withheld.model_copy(update={"recorded_is_public": True})
+    loaded = load_split(withheld, protocol)
+    assert "recorded" not in loaded.manifest.model_dump()
+    assert load_split(told, protocol).manifest.recorded == {"a": STRAIGHT}
+    assert loaded.recorded_m is not None
+    assert loaded.recorded_m[0].tolist() == [list(point) for point in STRAIGHT]
+    assert np.isnan(loaded.recorded_m[1]).all()
+    assert (
+        loaded.regions_digest != load_split(make_split({"a": {}, "b": {}}), protocol).regions_digest
+    )
+
+
+def test_what_a_split_need_not_say_leaves_its_revision(make_split: MakeSplit) -> None:
+    split = make_split({"a": {}})
+    said = {"control": False, "withdrawn": None, "recorded": None}
+    stated = Split.model_validate_json(
+        json.dumps(
+            {
+                **json.loads(text_of(split)),
+                "recorded_is_public": False,
+                "samples": [json.loads(text_of(split))["samples"][0] | said],
+            }
+        )
+    )
+    assert stated.revision == split.revision
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"recorded": STRAIGHT[:5]}, "recorded paths of other than 6 waypoints"),
+        ({"recorded": (*STRAIGHT[:5], (201.0, 0.0))}, "recorded paths beyond 200 m"),
+        ({"control": True}, "no sample counts: all are controls or withdrawn"),
+        ({"withdrawn": "why"}, "no sample counts: all are controls or withdrawn"),
+    ],
+)
+def test_what_cannot_be_counted_or_compared_is_refused(
+    changes: dict[str, Any], what: str, make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    assert faults_of(make_split({"a": changes}), protocol) == {what: ("a",)}
+
+
+def test_a_part_without_a_sample_that_counts_is_refused(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    split = make_split({"a": {"part": "public"}, "b": {"part": "private", "control": True}})
+    what = "no sample counts: all are controls or withdrawn in the private part"
+    assert faults_of(split, protocol) == {what: ("b",)}

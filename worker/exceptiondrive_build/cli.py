@@ -10,10 +10,22 @@ from typer.core import TyperGroup
 from typer.main import get_group
 
 from exceptiondrive_build.errors import BuildError
+from exceptiondrive_endpoints.errors import (
+    EndpointError,
+    EndpointGoneError,
+    EndpointRefusesError,
+)
 from exceptiondrive_schemas.printable import printable
 
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
+    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
+    "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
+    "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
+    "review": (
+        "exceptiondrive_build.review_page.commands",
+        "Serve the review page on this machine.",
+    ),
     "lint": (
         "exceptiondrive_build.freeze_commands",
         "Warn of what makes the split a bad benchmark.",
@@ -23,7 +35,6 @@ COMMANDS = {
         "exceptiondrive_build.freeze_commands",
         "Count samples no more from a revision on.",
     ),
-    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
 }
 """Where each command lives and what `--help` says of it. Its module has `register(app)`."""
 
@@ -31,6 +42,9 @@ WorkshopFolder = Annotated[
     Path, typer.Option("--workshop", "-w", help="The workshop folder; by default this one.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
+
+_EXIT_CODES: dict[type[Exception], int] = {EndpointRefusesError: 4, EndpointGoneError: 5}
+"""As of the other commands: 4 not allowed, 5 network, 2 everything else that is wrong."""
 
 
 class _Commands(TyperGroup):
@@ -57,11 +71,11 @@ class _Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except BuildError as error:
+        except (BuildError, EndpointError) as error:
             typer.echo(printable(f"exceptiondrive-build: {error.sentence}"), err=True)
             if error.advice:
                 typer.echo(printable(error.advice), err=True)
-            ctx.exit(2)
+            ctx.exit(_EXIT_CODES.get(type(error), 2))
 
 
 app = typer.Typer(

@@ -12,6 +12,7 @@ import tomllib
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
+from secrets import token_hex
 from typing import Self
 
 from pydantic import TypeAdapter, ValidationError
@@ -180,7 +181,7 @@ class Workshop:
         path = self.folder / IMAGES / name
         if path.is_file():
             return name
-        part = path.with_name(f"{name}.{os.getpid()}.part")
+        part = path.with_name(f"{name}.{token_hex(8)}.part")
         try:
             with part.open("wb") as file:
                 file.write(data)

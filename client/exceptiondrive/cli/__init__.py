@@ -29,7 +29,10 @@ COMMANDS = {
     "logout": (".account_commands", "Forget the token of a server."),
     "whoami": (".account_commands", "Show whose token is in use."),
     "manifest": (".split_commands", "Fetch the sample ids of a phase."),
-    "submit": (".submission_commands", "Check a file, then upload it."),
+    "submit": (
+        ".submission_commands",
+        "Check a file, say what an upload will do, then upload it.",
+    ),
     "status": (".submission_commands", "Show one submission."),
     "submissions": (
         ".submission_commands",

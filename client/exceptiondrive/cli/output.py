@@ -86,6 +86,13 @@ def say(text: str) -> None:
     typer.echo(printable(text), err=True)
 
 
+def say_view(*parts: RenderableType) -> None:
+    """Write remarks on stderr."""
+    out = console(stderr=True)
+    for part in parts:
+        out.print(part)
+
+
 def has_terminal() -> bool:
     """Whether a person sees stderr: only then is progress shown."""
     return sys.stderr.isatty()

@@ -26,14 +26,14 @@ class UploadBar:
         self._task = self._bar.add_task(name, total=None)
 
     def __enter__(self) -> Self:
-        self._bar.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
     def __call__(self, sent: int, total: int) -> None:
-        """Move the bar."""
+        """Move the bar; it is shown from the first byte on, so that a question before it is read."""
+        self._bar.start()
         self._bar.update(self._task, completed=sent, total=total)
 
 

@@ -281,9 +281,10 @@ def preview_lines(preview: Record) -> list[RenderableType]:
         f"board {comparison['old_board']} -> {comparison['new_board']}: "
         f"{comparison['n_entries']} entries, {comparison['n_numbers_changed']} with new numbers, "
         f"{comparison['n_ranks_changed']} with a new rank, "
-        f"{comparison['n_newly_failing']} newly failing{stale}"
+        f"{comparison['n_newly_failing']} no longer ranked{stale}"
     )
     lines: list[RenderableType] = [head, _entries_table(comparison)]
+    lines += _unranked_lines(comparison)
     lines += _effect_lines(comparison)
     lines += [f"! {blocker}" for blocker in preview["blockers"]]
     lines.append(f"preview {preview['digest']}")
@@ -309,9 +310,19 @@ def _entries_table(comparison: Record) -> Table:
             f"{_of(old, 'rank')} -> {_of(new, 'rank')}",
             f"{_interval(old)} -> {_interval(new)}",
             *(f"{_metric(old, key)} -> {_metric(new, key)}" for key in metrics),
-            "newly failing" if entry["newly_failing"] else entry["change"].replace("_", " "),
+            "no longer ranked" if entry["newly_failing"] else entry["change"].replace("_", " "),
         )
     return table
+
+
+def _unranked_lines(comparison: Record) -> list[str]:
+    """Return a line per entry that loses its rank: why."""
+    return [
+        f"no longer ranked: {entry['method']} ({entry['team']}): "
+        f"{(entry['new'] or {}).get('unranked_because') or 'not on the new board'}"
+        for entry in comparison["entries"]
+        if entry["newly_failing"]
+    ]
 
 
 def _effect_lines(comparison: Record) -> list[str]:

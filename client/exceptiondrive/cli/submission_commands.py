@@ -5,10 +5,23 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import show, show_document, show_json, show_result
+from exceptiondrive.cli.output import (
+    can_ask,
+    say_view,
+    show,
+    show_document,
+    show_json,
+    show_result,
+)
 from exceptiondrive.cli.progress import UploadBar, WaitLine
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.cli.tables import submission_view, submissions_table
+from exceptiondrive.cli.tables import (
+    entry_words,
+    outlook_view,
+    submission_view,
+    submissions_table,
+)
+from exceptiondrive.client import Outlook
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
@@ -37,6 +50,16 @@ def submit(
             help="Strategy phases: your submission of the same agent without reminder.",
         ),
     ] = None,
+    replace: Annotated[
+        bool,
+        typer.Option("--replace", help="Replace the entry of the method, without asking."),
+    ] = False,
+    allow_unranked: Annotated[
+        bool,
+        typer.Option(
+            "--allow-unranked", help="Send what will be scored but not ranked, without asking."
+        ),
+    ] = False,
     wait: Annotated[
         bool, typer.Option("--wait", help="Wait for score and rank, and show them.")
     ] = False,
@@ -47,11 +70,18 @@ def submit(
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Check a file, then upload it.
+    """Check a file, say what an upload will do, then upload it.
 
-    With --wait it is followed until it is ranked.
-    The same bytes again give the first submission back and cost no quota.
+    Before anything is sent it is said what the file looks like, whether it replaces an entry of the
+    team, and why it would not be ranked; on a terminal you are asked, elsewhere --replace and
+    --allow-unranked say yes. With --wait it is followed until it is ranked. The same bytes again
+    give the first submission back and cost no quota.
     """
+
+    def consent(outlook: Outlook) -> None:
+        say_view(*outlook_view(outlook.report))
+        _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
+
     with open_client(server) as client:
         with UploadBar(file.name) as bar:
             submission = client.submit(
@@ -63,6 +93,7 @@ def submit(
                 code=code,
                 without_reminder=without_reminder,
                 on_progress=bar,
+                before_upload=consent,
             )
         if wait:
             with WaitLine(submission.view) as line:
@@ -73,6 +104,27 @@ def submit(
         because = client.unranked_because(submission.view)
         show(*submission_view(submission.view, submission.page_url, because))
         show(*_quota_left(client.phase(phase).quota))
+
+
+def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -> None:
+    """Ask before quota is spent on what replaces an entry or cannot be ranked.
+
+    Raises:
+        InvalidArgumentError: Nobody can be asked, or the answer is no; nothing was sent.
+    """
+    questions = []
+    if outlook.replaces is not None and not replace:
+        questions.append((f"It replaces {entry_words(outlook.replaces)}.", "--replace"))
+    if outlook.report.unranked_because is not None and not allow_unranked:
+        because = outlook.report.unranked_because
+        questions.append((f"It will be scored but not ranked: {because}.", "--allow-unranked"))
+    for sentence, option in questions:
+        if not can_ask():
+            raise InvalidArgumentError(
+                "not_confirmed", f"{sentence} Nothing was sent.", f"To send it, add {option}."
+            )
+        if not typer.confirm(f"{sentence} Submit it?", err=True):
+            raise InvalidArgumentError("not_confirmed", "Nothing was sent.")
 
 
 def status(

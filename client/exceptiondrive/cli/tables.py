@@ -17,6 +17,7 @@ from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, Protocol
 from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
 
 EXAMPLES_SHOWN = 5
+HEADLINE = "macro_family"
 SENSITIVITY = "d_safe_x"
 AGGREGATES = {
     "macro_family": "macro_family (mean of the family means)",
@@ -326,11 +327,25 @@ def submission_view(
     if view.status is SubmissionStatus.SCORED:
         rank = f"rank {view.rank}" if view.rank else "not ranked"
         why = f": {unranked_because}" if unranked_because else ""
+        if view.replaced_by is not None:
+            rank, why = "not on the board", f": replaced by {view.replaced_by}"
         yield Text(f"{rank} in phase {view.phase}{why}", style="bold")
         yield Text(page_url)
     elif not view.status.is_terminal:
         yield Text(f"follow it with: exceptiondrive status {view.id}")
         yield Text(f"or in the browser: {page_url}")
+
+
+def entry_words(view: SubmissionView) -> str:
+    """Name an entry of the team with its score and rank: "ID (HCC 55.13, rank 4) of "Method"."""
+    facts = []
+    if view.sheet is not None:
+        key = challenge_of(view.challenge).primary_order[0].metric
+        metric = challenge_of(view.challenge).metric(key)
+        value = getattr(view.sheet, HEADLINE).get(key)
+        facts.append(f"{metric.label} {metric_text(metric, value)}")
+    facts += [f"rank {view.rank}"] if view.rank else ["not ranked"]
+    return f'{view.id} ({", ".join(facts)}) of "{view.method}"'
 
 
 def submissions_table(views: Iterable[SubmissionView]) -> Table:
@@ -344,7 +359,7 @@ def submissions_table(views: Iterable[SubmissionView]) -> Table:
             Text(view.method),
             Text(status_line(view), style=style),
             utc_text(view.received_at),
-            str(view.rank or ""),
+            f"replaced by {view.replaced_by}" if view.replaced_by else str(view.rank or ""),
         )
     return table
 

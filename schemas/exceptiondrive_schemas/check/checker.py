@@ -486,7 +486,11 @@ def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
     if not text.startswith(UTF8_BYTE_ORDER_MARK):
         return text
     faults.add(
-        FaultCode.BYTE_ORDER_MARK, (), expected="JSON from the first byte on", got="EF BB BF"
+        FaultCode.BYTE_ORDER_MARK,
+        (),
+        expected="JSON from the first byte on",
+        got="EF BB BF",
+        hint="exceptiondrive convert writes the file without it",
     )
     return text[len(UTF8_BYTE_ORDER_MARK) :]
 
@@ -498,7 +502,10 @@ def _report(data: bytes, faults: FaultList, reader: SubmissionReader | None = No
         n_predictions=reader.n_predictions if reader else None,
         digest=f"sha256:{hashlib.sha256(data).hexdigest()}",
         size_bytes=len(data),
-        faults=faults.groups(reader.n_predictions if reader else None),
+        faults=faults.groups(
+            reader.n_predictions if reader else None,
+            is_of_planner=not (reader and reader.profile and reader.profile.mend),
+        ),
         notes=tuple(reader.notes) if reader else (),
         profile=reader.profile if reader else None,
         unranked_because=reader.unranked_because if reader else None,

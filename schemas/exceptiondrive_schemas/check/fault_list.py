@@ -179,11 +179,15 @@ class FaultList:
         """Replace the sentence of a code by one that knows more about this file."""
         self._sentences[code] = sentence
 
-    def groups(self, n_predictions: int | None = None) -> tuple[FaultGroup, ...]:
+    def groups(
+        self, n_predictions: int | None = None, *, is_of_planner: bool = True
+    ) -> tuple[FaultGroup, ...]:
         """Return all faults, grouped by code in the order of `FaultCode`.
 
         Args:
             n_predictions: How many predictions the file has, where it has a list of them.
+            is_of_planner: Whether a fault in few samples is the planner's nonsense, and not due to
+                one mistake of the whole file.
         """
         per_code = MAX_EXAMPLES_IN_REPORT // max(len(self._counts), 1)
         kept = min(MAX_EXAMPLES, max(per_code, MIN_EXAMPLES_PER_CODE))
@@ -195,7 +199,7 @@ class FaultList:
             groups.append(
                 FaultGroup(
                     code=code,
-                    message=self._message(code, n_predictions or 0),
+                    message=self._message(code, n_predictions or 0 if is_of_planner else 0),
                     count=self._counts[code],
                     n_samples=len(sample_ids),
                     sample_ids=sample_ids[:room],

@@ -111,6 +111,8 @@ def _mend_verdict(profile: FileProfile | None) -> str | None:
     if profile is None or profile.mend is None:
         return None
     mend = profile.mend
+    if mend.convert_option == "--rotate -90":
+        return _RIGHT_FORWARD
     return f"looks like {mend.looks_like}: exceptiondrive convert {mend.convert_option}"
 
 

@@ -122,7 +122,7 @@ def _scored_entry() -> BoardEntry:
         source="scored",
         rank=None,
         rank_interval=None,
-        unranked_because="edited trajectories cover 66.67 % of the samples; 99 % are needed",
+        unranked_because="66.67% of the scenes with hazard are answered; ranking takes 99%",
         submission_id=SUBMISSION_ID,
         method=METHOD,
         team=TEAM,

@@ -20,6 +20,9 @@ WINDOW = timedelta(minutes=15)
 PER_ADDRESS = 30
 PER_TOKEN_ID = 6
 REGISTRATIONS_PER_ADDRESS = 5
+STARTS_PER_ADDRESS = 300
+"""Of sign-ins at a provider. No guess is made by one, and any page can make browsers begin some; so
+they are counted apart, and only keep the provider from being flooded."""
 
 
 def keys_of(address: str, token_text: str) -> dict[str, int]:
@@ -30,6 +33,11 @@ def keys_of(address: str, token_text: str) -> dict[str, int]:
     if not token_id:
         named.popitem()
     return {hashlib.sha256(name.encode()).hexdigest(): limit for name, limit in named.items()}
+
+
+def start_keys_of(address: str) -> dict[str, int]:
+    """Return under which key the beginning of a sign-in at a provider counts, with its limit."""
+    return {hashlib.sha256(f"start {address}".encode()).hexdigest(): STARTS_PER_ADDRESS}
 
 
 def registration_keys_of(address: str) -> dict[str, int]:

@@ -5,10 +5,24 @@ import secrets
 import unicodedata
 from urllib.parse import urlsplit
 
+from confusable_homoglyphs.confusables import confusables_data  # type: ignore[import-untyped]
+
 from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_schemas.references import is_reserved
+from exceptiondrive_schemas.references import RESERVED_NAMES, is_reserved
 
 _LETTERS = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford base 32: nothing looks like another
+_UNSEEN = frozenset(
+    chr(code)
+    for first, last in (
+        (0x034F, 0x034F), (0x115F, 0x1160), (0x17B4, 0x17B5), (0x180B, 0x180F), (0x2065, 0x2065),
+        (0x2800, 0x2800), (0x3164, 0x3164), (0xFE00, 0xFE0F), (0xFFA0, 0xFFA0), (0xFFF0, 0xFFF8),
+        (0xE0000, 0xE0FFF),
+    )
+    for code in range(first, last + 1)
+)  # fmt: skip
+"""Default_Ignorable_Code_Point of Unicode's DerivedCoreProperties.txt as far as `str.isprintable` lets
+it pass, and the blank braille pattern."""
+_PILE = re.compile("mmm")
 _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 
@@ -62,12 +76,43 @@ def checked_name(kind: str, name: str) -> str:
     """Return the name of a team or method, as `checked_text` does.
 
     Raises:
-        InvalidRecord: It cannot be used, or reads as the name of a reference row.
+        InvalidRecord: It cannot be used, shows nothing to read, piles up accents, holds what no eye
+            sees, or reads as the name of a reference row.
     """
     name = checked_text(kind, name, max_length=80)
-    if is_reserved(name):
+    if not any(c.isalnum() and c not in _UNSEEN for c in name):
+        raise InvalidRecord(f"The {kind} must hold a letter or digit.")
+    if not _UNSEEN.isdisjoint(name) or _PILE.search(_marks_of(name)) is not None:
+        raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
+    if is_reserved(name) or skeleton(name) in map(skeleton, RESERVED_NAMES):
         raise InvalidRecord(f"The {kind} {name!r} is reserved for the reference rows of boards.")
     return name
+
+
+def skeleton(name: str) -> str:
+    """Return a name as an eye reads it: two names with one skeleton look alike.
+
+    As in UTS 39, section 4, by the confusables of the library; besides without case, accents and
+    width, and with i, l, 1 and I as one letter.
+    """
+    folded = unicodedata.normalize("NFKD", unicodedata.normalize("NFKC", name).casefold())
+    letters = "".join(_prototype(c) for c in folded if not unicodedata.combining(c))
+    return " ".join(letters.casefold().replace("i", "l").split())
+
+
+def _prototype(letter: str) -> str:
+    """The letter that stands for all that look like it, or the smaller one of two."""
+    alike = [each["c"] for each in confusables_data.get(letter, ())]
+    if len(alike) != 1:
+        return letter
+    back = [each["c"] for each in confusables_data.get(alike[0], ())]
+    return min(letter, alike[0]) if back == [letter] else str(alike[0])
+
+
+def _marks_of(name: str) -> str:
+    """Say for each character whether it combines with the one before."""
+    decomposed = unicodedata.normalize("NFD", name)
+    return "".join("m" if unicodedata.category(c)[0] == "M" else "." for c in decomposed)
 
 
 def checked_reason(reason: str) -> str:

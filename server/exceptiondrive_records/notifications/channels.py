@@ -46,20 +46,31 @@ class NoticeSettings(RecordsSettings):
 
 _WRAPPING = tuple(map(ipaddress.ip_network, ("::/96", "::ffff:0:0:0/96", "64:ff9b::/96")))
 """The last 32 bits are an IPv4 address: compatible, translated (RFC 2765), NAT64 (RFC 6052)."""
-_OF_OUR_OWN = tuple(map(ipaddress.ip_network, ("64:ff9b:1::/48", "fec0::/10")))
-"""NAT64 within a network (RFC 8215) and site-local; the library calls both global."""
+_NOT_PUBLIC = tuple(
+    map(
+        ipaddress.ip_network,
+        ("64:ff9b:1::/48", "fec0::/10", "192.88.99.0/24", "3fff::/20", "5f00::/16"),
+    )
+)
+"""NAT64 within a network (RFC 8215), site-local, the old 6to4 relays (RFC 7526), documentation (RFC
+9637), segment routing (RFC 9602); the library calls them global."""
+_GLOBAL_UNICAST = ipaddress.ip_network("2000::/3")
 
 
 def is_public(address: str) -> bool:
     """Whether a numeric address is public; one wrapped in IPv6 counts as what it wraps."""
     ip = ipaddress.ip_address(address)
-    if any(ip in network for network in _OF_OUR_OWN):
+    if any(ip in network for network in _NOT_PUBLIC):
         return False
     embedded = getattr(ip, "ipv4_mapped", None) or getattr(ip, "sixtofour", None)
     if any(ip in network for network in _WRAPPING):
         embedded = ipaddress.IPv4Address(int(ip) & 0xFFFFFFFF)
     if embedded is not None:
         ip = embedded
+    if ip.version == 6 and ip not in _GLOBAL_UNICAST:
+        return False
+    if any(ip in network for network in _NOT_PUBLIC):
+        return False
     return ip.is_global and not ip.is_multicast
 
 
@@ -215,12 +226,14 @@ def message_of(settings: NoticeSettings, to: str, notice: NotificationView) -> E
 def text_of(notice: NotificationView, site_url: str) -> str:
     """Return the words of the message."""
     changes = [f"- {one_line(sentence)}" for sentence in notice.what_changed]
+    is_new = notice.from_protocol != notice.to_protocol
+    before = f" (before: {notice.from_protocol.version})" if is_new else ""
     entries = [line for entry in notice.entries for line in _entry_lines(entry)]
     address = f"{site_url.rstrip('/')}{notice.comparison}"
     lines = [
         f"To team {one_line(notice.team)}:",
         "",
-        f"{one_line(notice.title)} (before: {notice.from_protocol.version}). What changed:",
+        f"{one_line(notice.title)}{before}. What changed:",
         *changes,
         "",
         "Your published numbers:",
@@ -242,9 +255,8 @@ def _entry_lines(entry: ChangedEntry) -> list[str]:
 def _standing(standing: Standing | None) -> str:
     if standing is None:
         return "not on the board"
-    rank = "unranked" if standing.rank is None else f"rank {standing.rank}"
     values = [f"{key} {value:g}" for key, value in standing.metrics.items() if value is not None]
-    return ", ".join([rank, *values, *_effect_words(standing)])
+    return ", ".join([one_line(standing.place), *values, *_effect_words(standing)])
 
 
 def _effect_words(standing: Standing) -> list[str]:

@@ -44,18 +44,22 @@ def broken_boards(session: Session) -> Iterator[Violation]:
     query = select(BoardRow).order_by(BoardRow.phase_id, BoardRow.number)
     last: dict[str, int] = {}
     totals: dict[_SheetKey, _Totals | None] = {}
+    references: dict[_SheetKey, MetricRow] = {}
     for row in session.scalars(query.execution_options(yield_per=_AT_ONCE)):
         subject = f"{row.phase_id}/{row.number}"
         if row.number != last.get(row.phase_id, 0) + 1:
             yield Violation("board number skipped", subject, "a board is missing before it")
         last[row.phase_id] = row.number
-        for rule, text in _faults(session, row, totals):
+        for rule, text in _faults(session, row, totals, references):
             yield Violation(rule, subject, text)
     yield from _pointers(session)
 
 
 def _faults(
-    session: Session, row: BoardRow, totals: dict[_SheetKey, _Totals | None]
+    session: Session,
+    row: BoardRow,
+    totals: dict[_SheetKey, _Totals | None],
+    references: dict[_SheetKey, MetricRow],
 ) -> Iterator[tuple[str, str]]:
     try:
         board = Board.model_validate_json(row.body)
@@ -72,6 +76,8 @@ def _faults(
             if key not in totals:
                 totals[key] = _totals(session, key)
             yield from _entry_faults(entry, board, totals[key])
+        elif entry.source == "reference":
+            yield from _reference_faults(entry, row, references)
     yield from _rank_faults(board)
     kept = select(BoardEntryRow.submission_id, BoardEntryRow.rank)
     rows = {
@@ -97,6 +103,20 @@ def _entry_faults(
         yield "entry is not its sheet", str(entry.submission_id)
     if entry.metrics != (entry.micro if board.headline == "micro" else entry.macro_family):
         yield "entry shows another aggregate", str(entry.submission_id)
+
+
+def _reference_faults(
+    entry: BoardEntry, row: BoardRow, references: dict[_SheetKey, MetricRow]
+) -> Iterator[tuple[str, str]]:
+    """A reference depends on split and protocol alone: every board under them says the same of it.
+
+    A board of an older release may lack metrics that later ones have.
+    """
+    said = references.setdefault(
+        (entry.method, row.protocol_digest, row.split_revision), entry.metrics
+    )
+    if any(said[key] != entry.metrics[key] for key in said.keys() & entry.metrics.keys()):
+        yield "reference altered", f"{entry.method} differs from an earlier board's"
 
 
 def _rank_faults(board: Board) -> Iterator[tuple[str, str]]:

@@ -10,6 +10,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_schemas.protocol import (
+    NEWEST,
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
@@ -108,7 +109,7 @@ def _parsed(toml: str) -> ProtocolDocument:
 
 
 def latest_protocol(session: Session) -> ProtocolDocument:
-    """Return the protocol added last; before any was added, the packaged one."""
+    """Return the protocol added last; before any was added, the newest packaged one."""
     query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
     digest = session.scalar(query)
-    return find_protocol(session, digest) if digest else packaged_protocol()
+    return find_protocol(session, digest) if digest else packaged_protocol(NEWEST)

@@ -139,7 +139,8 @@ def apply_run(
     """
     phase, row, compared = _checked(session, run_id, RunAction.APPLY)
     _require_seen(compared, preview)
-    run = move_run(session, run_id, RunAction.APPLY, reason, actor)
+    lost = compared.comparison.no_longer_ranked
+    run = move_run(session, run_id, RunAction.APPLY, reason, actor, no_longer_ranked=lost)
     run.from_board_id, run.to_board_id = phase.current_board_id, row.id
     run.applied_at = run.state_at
     run.comparison = compared.comparison
@@ -158,7 +159,8 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
         Conflict: It is not applied, or sheets of fresh submissions are missing.
     """
     phase, row, compared = _checked(session, run_id, RunAction.ROLLBACK)
-    run = move_run(session, run_id, RunAction.ROLLBACK, reason, actor)
+    lost = compared.comparison.no_longer_ranked
+    run = move_run(session, run_id, RunAction.ROLLBACK, reason, actor, no_longer_ranked=lost)
     run.rollback_flip_id = _flip(session, phase, row, old_key(run))
     cancel_jobs(session, run, new_key(run))
     _notify(session, run, compared.comparison, "protocol_rolled_back")

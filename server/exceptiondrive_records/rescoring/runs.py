@@ -1,5 +1,9 @@
 """The states of a rescoring run; each step has an actor and a reason, and leaves an audit line."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
@@ -178,9 +182,23 @@ def close_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
 
 
 def move_run(
-    session: Session, run_id: str, action: RunAction, reason: str, actor: str
+    session: Session,
+    run_id: str,
+    action: RunAction,
+    reason: str,
+    actor: str,
+    *,
+    no_longer_ranked: Mapping[str, str] = MappingProxyType({}),
 ) -> RescoringRun:
     """Move a run to another state and say so in the audit log.
+
+    Args:
+        session: Of a write transaction.
+        run_id: The run.
+        action: What is done.
+        reason: Why.
+        actor: Who.
+        no_longer_ranked: Submissions that lose their rank by it, and why.
 
     Raises:
         NotFound: No such run.
@@ -194,7 +212,9 @@ def move_run(
     run.state_at = database_now(session)
     if run.state.is_final:
         run.ended_at = run.state_at
-    detail = {"phase": run.phase_id, "reason": reason, "was": was.value}
+    detail: dict[str, Any] = {"phase": run.phase_id, "reason": reason, "was": was.value}
+    if no_longer_ranked:
+        detail["no_longer_ranked"] = dict(no_longer_ranked)
     audit(session, actor, f"rescoring {_DONE[action]}", run.id, detail)
     return run
 

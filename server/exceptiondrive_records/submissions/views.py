@@ -7,6 +7,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entry_ids, ranks_on
+from exceptiondrive_records.boards.ranking import replaced_by
 from exceptiondrive_records.entries.selection import is_chosen
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
@@ -73,6 +74,7 @@ def view(
         rank=_rank(session, submission, ranks) if is_scored else None,
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
+        replaced_by=replaced_by(session, submission),
         is_chosen=is_chosen(session, submission),
         is_published=not phase.policy.entries_private or submission.published_at is not None,
         score_kept_back_since=hidden_since,

@@ -6,6 +6,7 @@ from typing import Any
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.identifiers import skeleton
 
 
 class Team(Base):
@@ -15,6 +16,10 @@ class Team(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     slug: Mapped[str] = mapped_column(unique=True)
     name: Mapped[str] = mapped_column(unique=True)
+    name_skeleton: Mapped[str] = mapped_column(
+        unique=True, default=lambda made: skeleton(made.get_current_parameters()["name"])
+    )
+    """The name as an eye reads it: no two teams stand on a board under the same one."""
     is_reference: Mapped[bool]
     created_at: Mapped[datetime]
     pending_since: Mapped[datetime | None]

@@ -14,6 +14,7 @@ from exceptiondrive_records.db.identifiers import (
     checked_reason,
     checked_slug,
     checked_text,
+    skeleton,
 )
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import SiteSetting, Team
@@ -30,7 +31,10 @@ def create_team(
     """
     checked_slug("team", slug)
     name = checked_name("team name", name)
-    taken = session.scalars(select(Team).where((Team.slug == slug) | (Team.name == name))).first()
+    is_taken = (Team.slug == slug) | (Team.name_skeleton == skeleton(name))
+    taken = session.scalars(select(Team).where(is_taken)).first()
+    if taken is not None and taken.slug != slug and taken.name != name:
+        raise Conflict(f"There is a team with a name that looks like {name!r} already.")
     if taken is not None:
         what = f"id {slug!r}" if taken.slug == slug else f"name {name!r}"
         raise Conflict(f"There is a team with the {what} already.")

@@ -3,6 +3,7 @@
 `show_form` is the page of both ways to sign in; `provider_routes` holds the other one.
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
 
 from fastapi import APIRouter, Form, Query, Request
@@ -15,7 +16,12 @@ from exceptiondrive_records.accounts.sessions import (
     open_person_session,
     open_token_session,
 )
-from exceptiondrive_records.accounts.sign_in import count_attempt, give_attempt_back, keys_of
+from exceptiondrive_records.accounts.sign_in import (
+    count_attempt,
+    give_attempt_back,
+    keys_of,
+    start_keys_of,
+)
 from exceptiondrive_records.accounts.tokens import note_use, verify_token
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.problems import ProblemCode
@@ -154,7 +160,7 @@ async def send_to_provider(request: Request, services: ServicesOf, back: Text = 
     """Send the browser to the provider. A link, no form: our own CSP binds forms to this site."""
     require_private_channel(request)
     provider = _provider(services)
-    await run_in_threadpool(_count, services, request)
+    await run_in_threadpool(_count, services, start_keys_of(_sender(request)))
     try:
         url = await provider.begin(request, safe_back(back))
     except ProviderAway:
@@ -175,6 +181,7 @@ async def come_back(
     if error:
         request.session.clear()
         return show_form(request, back, status=403, fault=CANCELLED.format(provider.name))
+    await run_in_threadpool(_count, services, _limits(request))  # until it has succeeded
     try:
         identity = await provider.identity(request)
         opened = await run_in_threadpool(_session_for_person, services, identity, request)
@@ -195,13 +202,17 @@ def _session_for_person(
         return open_person_session(session, person), person.is_organizer
 
 
-def _count(services: Services, request: Request) -> None:
+def _count(services: Services, limits: Mapping[str, int]) -> None:
     with services.database.write() as session:
-        count_attempt(session, _limits(request))
+        count_attempt(session, limits)
 
 
 def _limits(request: Request) -> dict[str, int]:
-    return keys_of(request.client.host if request.client else "unknown", "")
+    return keys_of(_sender(request), "")
+
+
+def _sender(request: Request) -> str:
+    return request.client.host if request.client else "unknown"
 
 
 def _provider(services: Services) -> "Provider":

@@ -226,4 +226,5 @@ def launch(data: Path, address: Address, *, with_sample: bool, say: Say) -> None
     Raises:
         LaunchError: It cannot start; the text says why.
     """
+    os.umask(0o077)  # records and logs hold what other users of the machine must not read
     Launcher(Layout(data), address, with_sample=with_sample, say=say).run()

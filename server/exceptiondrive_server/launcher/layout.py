@@ -37,10 +37,10 @@ class Layout:
         return self.data / "sample" / "planners"
 
     def create(self) -> None:
-        """Make the folders; those that others must not read are 0700."""
+        """Make the folders; none of them is for others to read."""
         try:
-            self.data.mkdir(parents=True, exist_ok=True)
-            self.logs.mkdir(exist_ok=True)
+            self.data.mkdir(parents=True, exist_ok=True, mode=0o700)
+            self.logs.mkdir(exist_ok=True, mode=0o700)
             (self.data / "uploads").mkdir(exist_ok=True, mode=0o700)
             self.private.mkdir(exist_ok=True, mode=0o700)
         except OSError as error:

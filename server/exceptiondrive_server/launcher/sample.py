@@ -23,7 +23,7 @@ from exceptiondrive_records.teams.teams import create_team, find_team
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
@@ -90,7 +90,7 @@ def seed_sample(database: Database, layout: Layout) -> None:
         NotFound: The sample split is not registered yet.
     """
     with database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), ACTOR)
+        add_protocol(session, packaged_protocol_toml(NEWEST), ACTOR)
         for challenge, phase in PHASES.items():
             _make_phase(session, challenge, phase)
         _make_team(session, layout.data / TOKEN_FILE)
@@ -127,7 +127,7 @@ def _make_phase(session: Session, challenge: ChallengeId, phase: SamplePhase) ->
             title=phase.title,
             description=phase.description,
             split=SPLIT,
-            protocol="1.0",
+            protocol=NEWEST,
             quota_per_day=200,
             rejected_per_day=500,
             shows_reported=True,

@@ -21,6 +21,7 @@ def comparison_csv(comparison: Comparison) -> str:
         columns += [(_REMINDER, key) for key in metrics]
     head = ["submission_id", "team", "method", "change", "newly_failing"]
     head += ["old_rank", "new_rank", "old_rank_interval", "new_rank_interval"]
+    head += ["old_unranked_because", "new_unranked_because"]
     for family, key in columns:
         name = key if family == "all" else f"{family}.{key}"
         head += [f"old_{name}", f"new_{name}"]
@@ -43,6 +44,7 @@ def _line(entry: EntryChange, columns: list[tuple[str, str]]) -> list[str]:
     cells.append("yes" if entry.newly_failing else "no")
     cells += [_text(None if side is None else side.rank) for side in sides]
     cells += ["" if not side or not side.rank_interval else _span(side) for side in sides]
+    cells += [spreadsheet_text((side and side.unranked_because) or "") for side in sides]
     for column in columns:
         cells += [_text(_value(side, *column)) for side in sides]
     return cells

@@ -250,5 +250,14 @@ def _facts(
         words = f"{of_all} with other numbers, {comparison.n_ranks_changed:,} with another rank"
         failing = comparison.n_newly_failing
         yield "Readers see", f"{words}, {failing:,} no longer ranked" if failing else words
+        if failing:
+            lost = comparison.no_longer_ranked
+            named = [
+                f"{one.method}: {lost[one.submission_id]}"
+                for one in comparison.entries
+                if one.submission_id in lost
+            ][:MOST_SENTENCES]
+            more = [f"and {failing - len(named):,} more"] if failing > len(named) else []
+            yield "No longer ranked", (*named, *more)
     if preview:
         yield "Preview", preview

@@ -119,6 +119,11 @@ def policy_sentences(seen: SubmissionView) -> Iterator[str]:
             "Samples that were private count now; a score on them is shown for the entries that "
             "stood on the board at the deadline alone."
         )
+    if seen.replaced_by is not None:
+        yield (
+            f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
+            "this one stands again."
+        )
     if seen.is_chosen:
         yield "The team chose it: it stands for the team on the board."
     if not seen.is_published:

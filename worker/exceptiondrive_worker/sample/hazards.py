@@ -9,6 +9,8 @@ FRONT_BUMPER_M = 3.528
 """Where the footprint of protocol 1.0 ends ahead of the rear axle."""
 LEAST_GAP_M = 1.2
 CONCAVE_SHARE = 0.35
+BESIDE_M = (5.0, 8.0)
+"""From the lane's centre to the nearer edge of what lies beside the road."""
 Range = tuple[float, float]
 
 
@@ -73,13 +75,20 @@ class Hazard:
     region: tuple[Position, ...]
 
 
-def place(task_id: str, lane: Lane, speed_mps: float, rng: Random) -> Hazard:
-    """Draw a hazard of this task some 0.5 to 2 seconds ahead of a car at this speed."""
+def place(
+    task_id: str, lane: Lane, speed_mps: float, rng: Random, *, is_beside: bool = False
+) -> Hazard:
+    """Draw a hazard of this task some 0.5 to 2 seconds ahead of a car at this speed.
+
+    `is_beside` puts it beside the road, where no good driver heeds it.
+    """
     placement = PLACEMENTS[task_id]
     length = rng.uniform(*placement.length_m)
     width = rng.uniform(*placement.width_m)
     centre_left = rng.uniform(*placement.left_m)
     slant = rng.uniform(*placement.slant)
+    if is_beside:
+        centre_left = rng.choice((-1, 1)) * (width / 2 + rng.uniform(*BESIDE_M))
     gap = LEAST_GAP_M + speed_mps * rng.uniform(0.45, 2.0)
     near = FRONT_BUMPER_M + gap + abs(slant) * width / 2
     right, left = centre_left - width / 2, centre_left + width / 2

@@ -4,19 +4,14 @@ Each is a function of what the ego car knows, so that source and edited trajecto
 the hazard. All of them move as a car can.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
 from exceptiondrive_schemas.submission_files import PlanningPrediction, Trajectory
-from exceptiondrive_worker.sample.road import Lane
+from exceptiondrive_worker.sample.driving import Manoeuvre
 from exceptiondrive_worker.sample.scenes import SampleScene
 
-N_WAYPOINTS = 6
-TIME_STEP_S = 0.5
-SHIFT_LENGTH_M = 14.0
-"""Road that a change of lateral place takes at least."""
 PASSING_GAP_M = 1.6
 """From the edge of the hazard to the middle of the car that passes it."""
 
@@ -25,55 +20,16 @@ Driver = Callable[[SampleScene, Random], tuple[Trajectory | None, Trajectory | N
 
 @dataclass(frozen=True)
 class Planner:
-    """A synthetic planner: its name on the board, what it does, and how it drives."""
+    """A synthetic planner: its name on the board, what it does, and how it drives.
+
+    `startles` is the share of controls in which it takes what lies beside the road for a hazard.
+    """
 
     file_name: str
     method: str
     description: str
     drive: Driver
-
-
-@dataclass(frozen=True)
-class Manoeuvre:
-    """One way through the next seconds, along the lane.
-
-    Attributes:
-        speed_mps: At the start.
-        acceleration_mps2: Before any braking.
-        brake_at_s: When braking begins.
-        brake_mps2: How hard.
-        aside_m: Where the car goes to, to the left of the lane's centre.
-    """
-
-    speed_mps: float
-    acceleration_mps2: float = 0.0
-    brake_at_s: float = math.inf
-    brake_mps2: float = 0.0
-    aside_m: float = 0.0
-
-    def along_m(self, time_s: float) -> float:
-        """Distance driven along the lane; a car that has stopped stays."""
-        before_s = min(time_s, self.brake_at_s)
-        driven = self.speed_mps * before_s + self.acceleration_mps2 * before_s**2 / 2
-        if time_s <= self.brake_at_s:
-            return driven
-        speed = self.speed_mps + self.acceleration_mps2 * self.brake_at_s
-        braking_s = min(time_s - self.brake_at_s, speed / self.brake_mps2)
-        return driven + speed * braking_s - self.brake_mps2 * braking_s**2 / 2
-
-    def left_m(self, along_m: float) -> float:
-        """Lateral place after this much road: a smooth step."""
-        share = min(along_m / max(SHIFT_LENGTH_M, 2 * self.speed_mps), 1.0)
-        return self.aside_m * share * share * (3 - 2 * share)
-
-    def trajectory(self, lane: Lane) -> Trajectory:
-        """Waypoints at 0.5 ... 3.0 s, metres, to the millimetre."""
-        waypoints = []
-        for step in range(1, N_WAYPOINTS + 1):
-            along = self.along_m(step * TIME_STEP_S)
-            x, y = lane.position_m(along, self.left_m(along))
-            waypoints.append((round(x, 3), round(y, 3)))
-        return tuple(waypoints)
+    startles: float
 
 
 def late_braker(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
@@ -124,24 +80,28 @@ PLANNERS = (
         "Late Braker",
         "Follows the lane; sees four hazards in five and brakes for them, late.",
         late_braker,
+        0.1,
     ),
     Planner(
         "bypass-planner",
         "Bypass Planner",
         "Passes every hazard it sees on the side that needs less room, and never stops.",
         bypass_planner,
+        0.05,
     ),
     Planner(
         "noisy-human",
         "Noisy Human",
         "Brakes, swerves or does nothing, with wandering hands; some answers are missing.",
         noisy_human,
+        0.3,
     ),
     Planner(
         "careful-follower",
         "Careful Follower",
         "Sees hazards early and brakes gently, which at speed is not enough.",
         careful_follower,
+        0.9,
     ),
 )
 
@@ -150,10 +110,12 @@ def predictions(
     planner: Planner, samples: tuple[SampleScene, ...], seed: int
 ) -> list[PlanningPrediction]:
     """Drive one planner through all samples; the same seed gives the same answers."""
-    rng = Random(f"{seed}/{planner.file_name}")
+    rng, rng_of_controls = (Random(f"{seed}/{planner.file_name}{of}") for of in ("", "/controls"))
     answers = []
     for sample in samples:
-        source, edited = planner.drive(sample, rng)
+        source, edited = planner.drive(sample, rng_of_controls if sample.is_control else rng)
+        if sample.is_control and rng_of_controls.random() >= planner.startles:
+            edited = source
         answers.append(PlanningPrediction(sample_id=sample.sample_id, source=source, edited=edited))
     return answers
 

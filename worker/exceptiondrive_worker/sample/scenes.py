@@ -1,16 +1,20 @@
-"""Scenes and samples of the synthetic split: 20 samples of every task in 120 scenes."""
+"""Scenes and samples of the synthetic split: 20 samples of every task and a control, in 120 scenes."""
 
 import math
 from dataclasses import dataclass
 from random import Random
 
 from exceptiondrive_schemas.split import Split, SplitSample
+from exceptiondrive_schemas.submission_files import Trajectory
+from exceptiondrive_worker.sample.driving import Manoeuvre
 from exceptiondrive_worker.sample.hazards import PLACEMENTS, Hazard, place
 from exceptiondrive_worker.sample.road import Lane
 
 SEED = 20261120
 SPLIT_NAME = "sample"
-SPLIT_TITLE = "Synthetic development split: 420 samples, 20 of each task, regions public"
+SPLIT_TITLE = (
+    "Synthetic development split: 420 samples, 20 of each task, and 21 controls; regions public"
+)
 N_SCENES = 120
 SAMPLES_PER_TASK = 20
 SPEED_RANGE_MPS = (2.0, 14.0)
@@ -29,6 +33,7 @@ class SampleScene:
     lane: Lane
     speed_mps: float
     hazard: Hazard
+    is_control: bool = False
 
 
 @dataclass(frozen=True)
@@ -39,12 +44,17 @@ class _Scene:
 
 
 def sample_scenes(seed: int = SEED) -> tuple[SampleScene, ...]:
-    """Draw all samples, sorted by sample id; ids tell neither task nor scene."""
+    """Draw all samples, sorted by sample id; ids tell neither task nor scene nor control."""
     rng = Random(seed)
     scenes = [_scene(number, rng) for number in range(1, N_SCENES + 1)]
     tasks = _shuffled([task for task in PLACEMENTS for _ in range(SAMPLES_PER_TASK)], rng)
     samples = [
         _sample(scenes[position % N_SCENES], task, rng) for position, task in enumerate(tasks)
+    ]
+    rng_of_controls = Random(f"{seed}/controls")
+    samples += [
+        _sample(rng_of_controls.choice(scenes), task, rng_of_controls, is_control=True)
+        for task in PLACEMENTS
     ]
     return tuple(sorted(samples, key=lambda sample: sample.sample_id))
 
@@ -55,12 +65,15 @@ def sample_split(seed: int = SEED) -> Split:
         schema_="exceptiondrive.split/1",
         name=SPLIT_NAME,
         title=SPLIT_TITLE,
+        recorded_is_public=True,
         samples=tuple(
             SplitSample(
                 sample_id=sample.sample_id,
                 scene_id=sample.scene_id,
                 task=sample.task_id,
                 region=sample.hazard.region,
+                recorded=_recorded(sample, seed),
+                control=sample.is_control,
             )
             for sample in sample_scenes(seed)
         ),
@@ -82,7 +95,7 @@ def _lane(speed_mps: float, rng: Random) -> Lane:
     return Lane(math.copysign(1 / radius_m, 1 if bends_left else -1))
 
 
-def _sample(scene: _Scene, task_id: str, rng: Random) -> SampleScene:
+def _sample(scene: _Scene, task_id: str, rng: Random, *, is_control: bool = False) -> SampleScene:
     slow, fast = SPEED_RANGE_MPS
     speed_mps = min(max(scene.speed_mps * rng.uniform(0.85, 1.1), slow), fast)
     return SampleScene(
@@ -91,8 +104,16 @@ def _sample(scene: _Scene, task_id: str, rng: Random) -> SampleScene:
         task_id=task_id,
         lane=scene.lane,
         speed_mps=speed_mps,
-        hazard=place(task_id, scene.lane, speed_mps, rng),
+        hazard=place(task_id, scene.lane, speed_mps, rng, is_beside=is_control),
+        is_control=is_control,
     )
+
+
+def _recorded(sample: SampleScene, seed: int) -> Trajectory:
+    """What somebody drove where nothing was in the way: along the lane, not quite in its middle."""
+    rng = Random(f"{seed}/recorded/{sample.sample_id}")
+    drive = Manoeuvre(sample.speed_mps, rng.uniform(-0.6, 0.6), aside_m=rng.uniform(-0.4, 0.4))
+    return drive.trajectory(sample.lane)
 
 
 def _shuffled(items: list[str], rng: Random) -> list[str]:

@@ -40,11 +40,13 @@ def create_teams() -> None:
         sa.Column("id", sa.Integer(), primary_key=True),
         sa.Column("slug", sa.String(), nullable=False),
         sa.Column("name", sa.String(), nullable=False),
+        sa.Column("name_skeleton", sa.String(), nullable=False),
         sa.Column("is_reference", sa.Boolean(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("pending_since", TIME),
         sa.Column("registration_note", sa.String()),
         sa.UniqueConstraint("name"),
+        sa.UniqueConstraint("name_skeleton"),
         sa.UniqueConstraint("slug"),
     )
 
@@ -168,6 +170,7 @@ def create_splits() -> None:
         sa.Column("part", sa.String()),
         sa.Column("whole_revision", sa.String()),
         sa.Column("warnings", sa.Text(), nullable=False),
+        sa.Column("changes", sa.Text()),
         sa.Column("datasheet", sa.Text()),
     )
     op.create_index(

@@ -1,0 +1,329 @@
+"""Freezing: the same decisions give the same bytes, revisions keep their samples, regions stay in."""
+
+import gzip
+import json
+import random
+import re
+import shutil
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+from tests.build.deciding import PEOPLE, decisions, record
+from tests.build.shop import make_shop
+from typer.testing import CliRunner, Result
+
+from exceptiondrive_build.candidates import walk
+from exceptiondrive_build.cli import app
+from exceptiondrive_build.records import Kind
+from exceptiondrive_build.values import Corners, Inspected, Verified
+from exceptiondrive_build.workshop import RECORDS, Workshop
+from exceptiondrive_schemas.datasheet import Datasheet
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.split_store import load_split, read_split
+
+Run = Callable[..., Result]
+WITHHELD = {"split.json.gz", "provenance.jsonl"}
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workshop whose candidates, 21 tasks of two scenes, all wait for two readers."""
+    folder = make_shop(tmp_path_factory.mktemp("made"), n_scenes=2, draw=10, width_px=160)
+    settings = folder / "workshop.toml"
+    text = settings.read_text().replace('licence = ""  ', 'licence = "CC0"  ', 1)
+    settings.write_text(text.replace('purpose = ""', 'purpose = "To be tested."'))
+    return folder
+
+
+@pytest.fixture
+def shop(read: Path, tmp_path: Path) -> Path:
+    """The same with every region verified by two people but three, and five edits inspected."""
+    folder = Path(shutil.copytree(read, tmp_path / "shop"))
+    with Workshop(folder) as workshop:
+        workshop.append(*decisions(workshop))
+    return folder
+
+
+def run(*command: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(part) for part in command])
+
+
+def frozen(shop: Path, name: str, *options: str | Path) -> dict[str, bytes]:
+    out = shop / "frozen" / name
+    result = run("freeze", out, "--workshop", shop, *options)
+    assert result.exit_code == 0, result.output
+    return {path.name: path.read_bytes() for path in sorted(out.iterdir())}
+
+
+def split_of(files: dict[str, bytes]) -> Split:
+    return Split.model_validate_json(gzip.decompress(files["split.json.gz"]))
+
+
+def test_what_is_accepted_and_verified_is_in_the_split(shop: Path) -> None:
+    files = frozen(shop, "1")
+    split = split_of(files)
+    assert split.name == "made-2027"
+    assert len(split.samples) == 42 - 3 - 1, "three were rejected by readers, one by inspection"
+    assert all(sample.recorded is not None for sample in split.samples)
+    with Workshop(shop) as workshop:
+        load_split(split, workshop.protocol)
+        known = walk(workshop)
+        for sample in split.samples:
+            assert sample.task == known[sample.sample_id].task.id
+            assert sample.scene_id == known[sample.sample_id].keyframe.scene_id
+
+
+def test_the_datasheet_counts_every_stage(shop: Path) -> None:
+    sheet = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    assert [(stage.id, stage.n, stage.of) for stage in sheet.stages] == [
+        ("suitable", 42, 42),
+        ("edited", 42, 42),
+        ("accepted", 41, 42),
+        ("localized", 41, 41),
+        ("verified", 38, 41),
+        ("frozen", 38, 38),
+    ]
+    assert sheet.n_samples == sum(cell.n for cell in sheet.families) == 38
+    assert sheet.n_scenes == 2
+    assert sheet.agreement is not None
+    assert (sheet.agreement.n, sheet.agreement.beyond, sheet.agreement.alpha) == (42, 0, 1.0)
+    assert sheet.audit is not None
+    assert (sheet.audit.accepted, sheet.audit.drawn, sheet.audit.passed) == (42, 5, 4)
+    by = {(each.stage, each.by): each.decisions for each in sheet.deciders}
+    assert by["verify", "person 1"] == by["verify", "person 2"] == 42
+    assert by["screen", "vision-model"] == 42
+    assert "canary" not in sheet.model_dump_json()
+    assert {found.code for found in sheet.warnings} >= {"few_scenes", "standing_still_suffices"}
+
+
+def test_the_same_decisions_give_the_same_bytes(read: Path, tmp_path: Path) -> None:
+    """In another order, at another time, in bits, with some taken back and taken again."""
+    contents = []
+    for seed in (1, 2):
+        folder = Path(shutil.copytree(read, tmp_path / str(seed)))
+        with Workshop(folder) as workshop:
+            records = decisions(workshop)
+            random.Random(seed).shuffle(records)
+            for each in records:
+                workshop.append(each)
+            if seed == 2:
+                (kept,) = workshop.append(records[0].model_copy(update={"at": "2020-01-01"}))
+                undo = kept.model_copy(update={"value": None, "supersedes": kept.id, "id": None})
+                workshop.append(undo)
+        contents.append(frozen(folder, "1", "--auxiliary"))
+    assert contents[0] == contents[1]
+    assert set(contents[0]) == WITHHELD | {
+        "manifest.json",
+        "datasheet.json",
+        "datasheet.md",
+        "datasheet.html",
+        "croissant.json",
+        "made-2027-auxiliary.json.gz",
+    }
+
+
+def test_no_corner_leaves_but_in_the_split_file(shop: Path) -> None:
+    """Corners are numbers that occur nowhere else, so each can be looked for in every byte."""
+    canary = 13.271828
+    with Workshop(shop) as workshop:
+        candidate = next(it for it in walk(workshop).values() if it.is_accepted)
+        corners: Corners = ((canary, -1.5), (canary, 1.5), (16.5, 1.5), (16.5, -1.5))
+        workshop.append(
+            *(
+                record(
+                    Kind.VERIFY,
+                    candidate.sample_id,
+                    person,
+                    candidate.pictures,
+                    Verified(accepted=True, corners=corners),
+                )
+                for person in PEOPLE
+            )
+        )
+    settings = shop / "workshop.toml"
+    named = f'examples = ["{candidate.sample_id}"]'
+    settings.write_text(settings.read_text().replace("examples = []", named))
+    files = frozen(shop, "1", "--auxiliary")
+    assert str(canary) in gzip.decompress(files.pop("split.json.gz")).decode()
+    regions = re.compile(rb'"region|"corners|13\.271828')
+    for name, content in files.items():
+        text = gzip.decompress(content) if name.endswith(".gz") else content
+        if name == "made-2027-auxiliary.json.gz":
+            assert str(canary).encode() not in text, "it is in the benchmark, not here"
+        else:
+            assert regions.search(text) is None, name
+    published = b"".join(content for name, content in files.items() if name not in WITHHELD)
+    assert b"ada-canary" not in published
+    sheet = Datasheet.model_validate_json(files["datasheet.json"])
+    (example,) = sheet.examples
+    assert example.caption == "", "a picture of a sample does not tell its family"
+    assert example.source[:2] == example.edited[:2] == b"\xff\xd8"
+    manifest = json.loads(files["manifest.json"])
+    assert set(manifest) == {
+        "schema", "name", "title", "revision", "waypoints", "time_step_s", "sample_ids"
+    }  # fmt: skip
+
+
+def test_pictures_need_a_licence(shop: Path) -> None:
+    settings = shop / "workshop.toml"
+    with Workshop(shop) as workshop:
+        sample_id = next(iter(walk(workshop)))
+    text = settings.read_text().replace('licence = "CC0"', 'licence = ""')
+    settings.write_text(text.replace("examples = []", f'examples = ["{sample_id}"]'))
+    result = run("freeze", shop / "out", "--workshop", shop)
+    assert (result.exit_code, "no licence" in result.output) == (2, True)
+    assert not (shop / "out").exists()
+
+
+def test_croissant_is_valid_and_reads_the_sample_ids(shop: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import mlcroissant  # type: ignore[import-untyped]  # it warns when imported
+
+        frozen(shop, "1")
+        dataset = mlcroissant.Dataset(jsonld=shop / "frozen" / "1" / "croissant.json")
+        rows = [row["samples/sample_id"].decode() for row in dataset.records("samples")]
+    split = read_split(shop / "frozen" / "1" / "split.json.gz")
+    assert sorted(rows) == sorted(sample.sample_id for sample in split.samples)
+
+
+# Revisions.
+
+
+def withdraw(shop: Path, sample_ids: Sequence[str], *options: str) -> Result:
+    return run(
+        "withdraw", *sample_ids, "--workshop", shop, "--reason", "On the pavement.", "--by", "ada",
+        *options,
+    )  # fmt: skip
+
+
+def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) -> None:
+    first = split_of(frozen(shop, "1"))
+    ids = [sample.sample_id for sample in first.samples]
+    assert withdraw(shop, ids[:2]).exit_code == 0
+    with Workshop(shop) as workshop:
+        moved = walk(workshop)[ids[5]]
+        x, y = moved_by = (0.3, 0.2)
+        corners = tuple((a + x, b + y) for a, b in first.samples[5].region)
+        words = Verified.model_validate({"accepted": True, "corners": corners}, strict=False)
+        workshop.append(*(record(Kind.VERIFY, ids[5], p, moved.pictures, words) for p in PEOPLE))
+        assert moved_by
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    files = frozen(shop, "2", "--previous", previous, "--words", "Two failed the audit.")
+    second, sheet = split_of(files), Datasheet.model_validate_json(files["datasheet.json"])
+    assert [sample.sample_id for sample in second.samples] == ids
+    assert [sample.sample_id for sample in second.samples if sample.withdrawn] == ids[:2]
+    assert second.samples[0].withdrawn == "On the pavement."
+    assert second.revision != first.revision
+    assert sheet.changes is not None
+    assert sheet.changes.model_dump() == {
+        "previous": first.revision,
+        "words": "Two failed the audit.",
+        "moved": 1,
+        "withdrawn": 2,
+    }
+    assert (sheet.n_samples, sheet.n_withdrawn) == (36, 2)
+    assert sheet.withdrawn[0].reason == "On the pavement."
+    for name in ("datasheet.md", "datasheet.html"):
+        assert "Two failed the audit." in files[name].decode()
+
+
+def test_restored_samples_count_again(shop: Path) -> None:
+    first = split_of(frozen(shop, "1"))
+    ids = [sample.sample_id for sample in first.samples]
+    withdraw(shop, ids[:2])
+    assert withdraw(shop, ids[:1], "--restore").exit_code == 0
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    second = split_of(frozen(shop, "2", "--previous", previous, "--words", "One failed."))
+    assert [sample.sample_id for sample in second.samples if sample.withdrawn] == ids[1:2]
+    assert withdraw(shop, ids[:1], "--restore").exit_code == 2, "it is not withdrawn"
+    assert withdraw(shop, ["nobody"]).exit_code == 2
+
+
+def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
+    """Rejected since, and not withdrawn: the files of teams answer it, so somebody has to say so."""
+    first = split_of(frozen(shop, "1"))
+    sample_id = first.samples[3].sample_id
+    with Workshop(shop) as workshop:
+        pictures = walk(workshop)[sample_id].pictures
+        workshop.append(record(Kind.INSPECT, sample_id, "ada", pictures, Inspected(passed=False)))
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    command = ("freeze", shop / "frozen" / "2", "--workshop", shop, "--previous", previous)
+    result = run(*command, "--words", "One failed.")
+    assert result.exit_code == 2
+    assert f"not accepted and verified any more: {sample_id}" in result.output
+    assert "exceptiondrive-build withdraw" in result.output
+    withdraw(shop, [sample_id])
+    assert "says in words" in run(*command).output
+    assert run(*command, "--words", "One failed.").exit_code == 0
+
+
+def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(read, tmp_path / "shop"))
+    with Workshop(folder) as workshop:
+        records = decisions(workshop)
+        workshop.append(*records[:40])
+    first = split_of(frozen(folder, "1"))
+    with Workshop(folder) as workshop:
+        workshop.append(*records[40:])
+    previous = folder / "frozen" / "1" / "split.json.gz"
+    second = split_of(frozen(folder, "2", "--previous", previous, "--words", "Nothing."))
+    assert [it.sample_id for it in second.samples] == [it.sample_id for it in first.samples]
+    assert len(split_of(frozen(folder, "whole")).samples) > len(second.samples)
+
+
+def test_controls_are_marked_and_counted_apart(shop: Path) -> None:
+    ids = [sample.sample_id for sample in split_of(frozen(shop, "1")).samples]
+    settings = shop / "workshop.toml"
+    text = settings.read_text()
+    settings.write_text(text.replace("controls = []", f'controls = ["{ids[0]}"]'))
+    files = frozen(shop, "2")
+    assert [it.sample_id for it in split_of(files).controls] == ids[:1]
+    sheet = Datasheet.model_validate_json(files["datasheet.json"])
+    assert (sheet.n_samples, sheet.n_controls) == (37, 1)
+    settings.write_text(text.replace("controls = []", 'controls = ["nobody"]'))
+    result = run("freeze", shop / "frozen" / "3", "--workshop", shop)
+    assert (result.exit_code, "are controls in workshop.toml" in result.output) == (2, True)
+
+
+# What goes wrong.
+
+
+def test_a_frozen_folder_is_never_written_over(shop: Path) -> None:
+    frozen(shop, "1")
+    result = run("freeze", shop / "frozen" / "1", "--workshop", shop)
+    assert (result.exit_code, "never written over" in result.output) == (2, True)
+
+
+def test_nothing_verified_is_said_so(read: Path, tmp_path: Path) -> None:
+    result = run("freeze", tmp_path / "out", "--workshop", read)
+    assert (result.exit_code, "Nothing is accepted and verified yet" in result.output) == (2, True)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_region_that_cannot_be_scored_is_named(shop: Path) -> None:
+    with Workshop(shop) as workshop:
+        candidate = next(it for it in walk(workshop).values() if it.is_accepted)
+        over: Corners = ((0.0, -1.0), (4.0, -1.0), (4.0, 1.0), (0.0, 1.0))
+        words = Verified(accepted=True, corners=over)
+        workshop.append(
+            *(
+                record(Kind.VERIFY, candidate.sample_id, person, candidate.pictures, words)
+                for person in PEOPLE
+            )
+        )
+    result = run("freeze", shop / "out", "--workshop", shop)
+    assert result.exit_code == 2
+    assert f"touch the footprint at t = 0 (1): {candidate.sample_id}" in result.output
+
+
+def test_the_workshop_is_linted_and_so_is_a_file(shop: Path) -> None:
+    files = frozen(shop, "1")
+    report = json.loads(run("lint", "--workshop", shop, "--json").output)
+    assert report["n_samples"] == len(split_of(files).samples)
+    path = shop / "frozen" / "1" / "split.json.gz"
+    of_file = json.loads(run("lint", "--workshop", shop, "--file", path, "--json").output)
+    assert of_file == report
+    assert RECORDS in {each.name for each in shop.iterdir()}

@@ -1,0 +1,469 @@
+"""The 45 broken files of an outside reader's walk: what the report says of each mends it.
+
+Each is made from one sound file, and checked with the manifest of its split, which tells the
+recorded drives. A row says which faults there are, how they are counted, and the words without
+which a reader would have to look elsewhere.
+"""
+
+import csv
+import gzip
+import io
+import json
+import pickle
+import random
+import tarfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from tests.support.extract import Path6, make_extract
+
+from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check.source_fit import (
+    at_times,
+    mirrored,
+    rotated,
+    scaled,
+    swapped,
+)
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.split import Manifest
+
+Document = dict[str, Any]
+EXTRACT = make_extract()
+DRIVES = EXTRACT.recorded
+N = len(DRIVES)
+ALL = f"in {N} of {N} samples"
+MANIFEST = Manifest(
+    schema_="exceptiondrive.manifest/1",
+    name="extract",
+    title="Made",
+    revision="sha256:" + "0" * 64,
+    waypoints=6,
+    time_step_s=0.5,
+    sample_ids=tuple(DRIVES),
+    recorded={sample_id: tuple(drive) for sample_id, drive in DRIVES.items()},
+)
+
+
+def planned(drive: Path6, chance: random.Random) -> Path6:
+    pace = chance.gauss(1.0, 0.08)
+    return [(round(x * pace, 3), round(y * pace + 0.01, 3)) for x, y in drive]
+
+
+def braked(path: Path6) -> Path6:
+    shares = (1.0, 0.8, 0.65, 0.55, 0.48, 0.42)
+    return [(round(x * s, 3), round(y * s, 3)) for (x, y), s in zip(path, shares, strict=True)]
+
+
+def sound() -> Document:
+    chance = random.Random(3)
+    predictions = []
+    for sample_id, drive in DRIVES.items():
+        source = planned(drive, chance)
+        predictions.append({"sample_id": sample_id, "source": source, "edited": braked(source)})
+    return {
+        "schema": "exceptiondrive.planning/1",
+        "split": "extract",
+        "predictions": json.loads(json.dumps(predictions)),
+    }
+
+
+def as_bytes(document: Any) -> bytes:
+    return json.dumps(document).encode()
+
+
+def paths(change: Callable[[Path6], Any]) -> bytes:
+    """Return the sound file with every trajectory changed."""
+    document = sound()
+    for prediction in document["predictions"]:
+        for side in ("source", "edited"):
+            prediction[side] = change([(x, y) for x, y in prediction[side]])
+    return as_bytes(document)
+
+
+def first(change: Callable[[Document], None], n: int = 1) -> bytes:
+    """Return the sound file with its first predictions changed."""
+    document = sound()
+    for prediction in document["predictions"][:n]:
+        change(prediction)
+    return as_bytes(document)
+
+
+def outer(**changes: Any) -> bytes:
+    return as_bytes(sound() | changes)
+
+
+def put(value: Any) -> Callable[[Document], None]:
+    """Put a value in place of the x of the third edited waypoint."""
+
+    def change(prediction: Document) -> None:
+        prediction["edited"][2][0] = value
+
+    return change
+
+
+def renamed() -> bytes:
+    names = {"sample_id": "id", "source": "src", "edited": "edited_trajectory"}
+    return outer(
+        predictions=[{names[key]: value for key, value in each.items()} for each in predictions()]
+    )
+
+
+def predictions() -> list[Document]:
+    found: list[Document] = sound()["predictions"]
+    return found
+
+
+def as_csv() -> bytes:
+    text = io.StringIO()
+    rows = csv.writer(text)
+    rows.writerow(["sample_id", "trajectory", "step", "x_m", "y_m"])
+    for each in predictions():
+        rows.writerows(
+            [each["sample_id"], side, step, *point]
+            for side in ("source", "edited")
+            for step, point in enumerate(each[side], start=1)
+        )
+    return text.getvalue().encode()
+
+
+def in_zip() -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("planner.json", as_bytes(sound()))
+    return stream.getvalue()
+
+
+def in_tar() -> bytes:
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w:gz") as archive:
+        info = tarfile.TarInfo("planner.json")
+        data = as_bytes(sound())
+        info.size = len(data)
+        archive.addfile(info, io.BytesIO(data))
+    return stream.getvalue()
+
+
+def sampled(step_s: float) -> Callable[[Path6], Any]:
+    def sample(path: Path6) -> Any:
+        (x0, y0), (x1, y1) = path[-2:]
+        beyond = [(x1 + k * (x1 - x0), y1 + k * (y1 - y0)) for k in range(1, 7)]
+        return at_times([*path, *beyond], 0.5, [step_s * step for step in range(1, 7)])
+
+    return sample
+
+
+def increments(path: Path6) -> Any:
+    return [(x - x0, y - y0) for (x0, y0), (x, y) in zip([(0.0, 0.0), *path], path, strict=False)]
+
+
+def exchanged() -> bytes:
+    return outer(
+        predictions=[
+            {**each, "source": each["edited"], "edited": each["source"]} for each in predictions()
+        ]
+    )
+
+
+def seven_kinds() -> bytes:
+    document = sound()
+    one, two, three, four, five = document["predictions"][:5]
+    one["edited"][2][0] = float("nan")
+    two["source"] = two["source"][:5]
+    three["edited"][0] = [31.0, 0.0]
+    four["colour"] = "red"
+    five["sample_id"] = "nobody"
+    document["predictions"].append(one)
+    return as_bytes(document | {"team": "us"})
+
+
+@dataclass(frozen=True)
+class Row:
+    """A broken file, and what its report has to say."""
+
+    make: Callable[[], bytes]
+    faults: Mapping[str, str] = field(default_factory=dict)
+    """By code, how they are counted."""
+    words: Sequence[str] = ()
+
+
+WALK: dict[str, Row] = {
+    "wrong key names": Row(
+        renamed,
+        {"unknown_key": f"{3 * N} keys"},
+        [
+            'did you mean "sample_id"?',
+            'did you mean "source"?',
+            'did you mean "edited"?',
+        ],
+    ),
+    "NaN and Infinity": Row(
+        lambda: first(put(float("nan"))),
+        {"non_finite": f"1 number in 1 of {N} samples"},
+        ["write null in place of the whole trajectory", "convert --null-invalid"],
+    ),
+    "a huge number": Row(
+        lambda: first(put(10**400)),
+        {"non_finite": f"1 number in 1 of {N} samples"},
+        ["too large to hold", "convert --null-invalid"],
+    ),
+    "null inside a trajectory": Row(
+        lambda: first(put(None)),
+        {"wrong_type": f"1 value in 1 of {N} samples"},
+        ["null stands for the whole trajectory"],
+    ),
+    "x right, y forward": Row(
+        lambda: paths(lambda path: rotated(path, 1)),
+        {"wrong_frame": "1 fault"},
+        ["looks like x right / y forward: swap to (y, -x) (exceptiondrive convert --rotate -90)"],
+    ),
+    "x and y exchanged": Row(
+        lambda: paths(swapped),
+        {"wrong_frame": "1 fault"},
+        ["looks like x and y exchanged (x left, y forward): exceptiondrive convert --swap"],
+    ),
+    "mirrored": Row(
+        lambda: paths(mirrored), {}, ["looks like mirrored (y to the right)", "convert --mirror"]
+    ),
+    "global": Row(
+        lambda: paths(lambda path: [(x + 365_000.0, y + 143_000.0) for x, y in path]),
+        {"wrong_frame": "1 fault"},
+        ["looks like global or pixel coordinates", "by its pose"],
+    ),
+    "degrees": Row(
+        lambda: paths(lambda path: [(1.3 + x / 111_000, 103.8 + y / 111_000) for x, y in path]),
+        {"wrong_frame": "1 fault"},
+        ["looks like degrees of latitude and longitude"],
+    ),
+    "centimetres": Row(
+        lambda: paths(lambda path: scaled(path, 100)),
+        {"wrong_frame": "1 fault"},
+        ["100 times too large", "convert --centimetres"],
+    ),
+    "missing samples": Row(
+        lambda: outer(predictions=predictions()[40:]),
+        {"missing_sample": "40 samples"},
+        ["write one for every sample"],
+    ),
+    "doubles": Row(
+        lambda: outer(predictions=predictions() + predictions()[:3]),
+        {"duplicate_sample": "3 predictions in 3 of 163 samples"},
+        ["also at $.predictions[0]"],
+    ),
+    "extra samples": Row(
+        lambda: outer(
+            predictions=[*predictions(), {"sample_id": "nobody", "source": None, "edited": None}]
+        ),
+        {"unknown_sample": "1 sample"},
+        ["take the ids from the split's manifest"],
+    ),
+    "CSV": Row(as_csv, {"not_json": "1 fault"}, ["looks like CSV; exceptiondrive convert makes"]),
+    "JSON lines": Row(
+        lambda: b"\n".join(map(as_bytes, predictions())),
+        {"trailing_data": "1 fault"},
+        ["looks like JSON lines; exceptiondrive convert makes a submission of it"],
+    ),
+    "a bare list": Row(
+        lambda: as_bytes(predictions()),
+        {"wrong_type": "1 value"},
+        ["looks like a bare list of predictions; exceptiondrive convert makes"],
+    ),
+    "by sample id": Row(
+        lambda: as_bytes({each.pop("sample_id"): each for each in predictions()}),
+        {"wrong_type": "1 value"},
+        ["looks like an object by sample id; exceptiondrive convert makes", "160 objects"],
+    ),
+    "zip": Row(in_zip, {"wrong_file_kind": "1 fault"}, ["a zip archive", "send JSON"]),
+    "tar.gz": Row(in_tar, {"wrong_file_kind": "1 fault"}, ["a tar archive", "send JSON"]),
+    "pickle": Row(
+        lambda: pickle.dumps(sound()),
+        {"wrong_file_kind": "1 fault"},
+        ["a Python pickle (never loaded", "send JSON"],
+    ),
+    "empty": Row(lambda: b"", {"empty_file": "1 fault"}, ["finished writing it"]),
+    "half a gzip": Row(
+        lambda: gzip.compress(as_bytes(sound()))[:-300],
+        {"damaged_gzip": "1 fault"},
+        ["was the upload or the copy cut off?"],
+    ),
+    "half a JSON": Row(
+        lambda: as_bytes(sound())[:-300],
+        {"not_json": "1 fault"},
+        ["the end of the file", "what follows was not checked"],
+    ),
+    "a byte order mark": Row(
+        lambda: b"\xef\xbb\xbf" + as_bytes(sound()),
+        {"byte_order_mark": "1 fault"},
+        ["save it as UTF-8 without", "exceptiondrive convert writes the file without it"],
+    ),
+    "UTF-16": Row(
+        lambda: as_bytes(sound()).decode().encode("utf-16"),
+        {"wrong_file_kind": "1 fault"},
+        ["UTF-16 text"],
+    ),
+    "Latin-1": Row(
+        lambda: as_bytes(sound()).replace(b"scene_0000/01", b"sc\xe8ne_0000/01"),
+        {"not_utf8": "1 fault"},
+        ["save it as UTF-8", "byte 0xe8"],
+    ),
+    "60 waypoints": Row(
+        lambda: paths(lambda path: [(0.1 * step, 0.0) for step in range(1, 61)]),
+        {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
+        ["60 waypoints", "exceptiondrive convert --time-step-s S, S the planner's own"],
+    ),
+    "0.1 s apart": Row(
+        lambda: paths(sampled(0.1)),
+        {},
+        ["looks like waypoints 0.1 s apart", "convert --time-step-s 0.1"],
+    ),
+    "1 s apart": Row(
+        lambda: paths(sampled(1.0)),
+        {},
+        ["looks like waypoints 1 s apart", "convert --time-step-s 1"],
+    ),
+    "increments": Row(
+        lambda: paths(increments),
+        {},
+        ["looks like increments instead of positions", "convert --cumulative"],
+    ),
+    "reversed time": Row(
+        lambda: paths(lambda path: path[::-1]),
+        {"step_too_long": f"19 steps in 19 of {N} samples"},
+        ["looks like reversed in time", "convert --reverse"],
+    ),
+    "source and edited exchanged": Row(
+        exchanged, {}, ["looks like source and edited exchanged", "convert --exchange"]
+    ),
+    "strings for numbers": Row(
+        lambda: paths(lambda path: [(str(x), str(y)) for x, y in path]),
+        {"wrong_type": f"{24 * N:,} values {ALL}"},
+        ["write numbers as numbers, without quotes"],
+    ),
+    "a list of modes": Row(
+        lambda: paths(lambda path: [path, path, path]),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["a list of 3 trajectories", "not several modes", "convert --mode N"],
+    ),
+    "a trailing comma": Row(
+        lambda: as_bytes(sound())[:-2] + b",]}",
+        {"not_json": "1 fault"},
+        ["write it with a JSON library"],
+    ),
+    "a comment": Row(
+        lambda: as_bytes(sound()).replace(b'"split"', b'// my planner\n"split"', 1),
+        {"not_json": "1 fault"},
+        ["looks like a comment: JSON has none, remove it"],
+    ),
+    "Python's own words": Row(
+        lambda: repr(sound()).encode(),
+        {"not_json": "1 fault"},
+        ["a key in double quotes", "write it with a JSON library"],
+    ),
+    "another split": Row(
+        lambda: outer(
+            split="carla",
+            predictions=[
+                {**each, "sample_id": f"carla/{n}"} for n, each in enumerate(predictions())
+            ],
+        ),
+        {"wrong_split": "1 fault"},
+        ['"carla"', "choose the phase that the file was made for"],
+    ),
+    "another challenge": Row(
+        lambda: as_bytes(
+            {
+                "schema": "exceptiondrive.strategy/1",
+                "split": "extract",
+                "predictions": [
+                    {"sample_id": each["sample_id"], "strategy": "C"} for each in predictions()
+                ],
+            }
+        ),
+        {"wrong_schema": "1 fault"},
+        ["this is a strategy file, and a planning file is wanted"],
+    ),
+    "a later schema": Row(
+        lambda: outer(schema="exceptiondrive.planning/2"),
+        {"wrong_schema": "1 fault"},
+        ["a newer form: pip install --upgrade exceptiondrive"],
+    ),
+    "line ends of Windows": Row(
+        lambda: json.dumps(sound(), indent=1).replace("\n", "\r\n").encode()
+    ),
+    "t = 0 included": Row(
+        lambda: paths(lambda path: [(0, 0), *path]),
+        {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
+        ["leave out (0, 0) at t = 0", "exceptiondrive convert does"],
+    ),
+    "a heading column": Row(
+        lambda: paths(lambda path: [(x, y, 0.1) for x, y in path]),
+        {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
+        ["without heading, z or time", "exceptiondrive convert does"],
+    ),
+    "no schema and a foreign key": Row(
+        lambda: as_bytes(
+            {key: value for key, value in sound().items() if key != "schema"} | {"method": "x"}
+        ),
+        {"unknown_key": "1 key", "missing_key": "1 key"},
+        ['the key "schema"', "travel with the upload"],
+    ),
+    "seven kinds at once": Row(
+        seven_kinds,
+        {
+            "unknown_key": f"2 keys in 1 of {N + 1} samples",
+            "unknown_sample": "1 sample",
+            "missing_sample": "1 sample",
+            "duplicate_sample": f"1 prediction in 1 of {N + 1} samples",
+            "wrong_waypoint_count": f"1 trajectory in 1 of {N + 1} samples",
+            "non_finite": f"2 numbers in 1 of {N + 1} samples",
+            "step_too_long": f"1 step in 1 of {N + 1} samples",
+        },
+    ),
+}
+
+
+def report_of(name: str) -> CheckReport:
+    challenge = "planning" if name == "another challenge" else None
+    return check_bytes(
+        WALK[name].make(),
+        protocol=packaged_protocol(),
+        manifest=MANIFEST,
+        challenge=challenge,  # type: ignore[arg-type]
+    )
+
+
+def test_there_are_45_files() -> None:
+    assert len(WALK) == 45
+
+
+def test_the_file_that_they_come_from_is_sound() -> None:
+    report = check_bytes(as_bytes(sound()), protocol=packaged_protocol(), manifest=MANIFEST)
+    assert report.is_valid
+    assert report.profile is not None
+    assert report.profile.warnings == ()
+
+
+@pytest.mark.parametrize("name", WALK)
+def test_the_report_says_what_mends_the_file(name: str) -> None:
+    report = report_of(name)
+    found = {group.code.value: group.extent(report.n_predictions) for group in report.faults}
+    assert found == WALK[name].faults
+    examples = [each for group in report.faults for each in group.examples]
+    said = [group.message for group in report.faults] + list(report.notes)
+    said += [text for each in examples for text in (each.got, each.expected, each.hint) if text]
+    said += report.profile.warnings if report.profile else ()
+    text = "\n".join(said)
+    for words in WALK[name].words:
+        assert words in text
+
+
+@pytest.mark.parametrize("name", WALK)
+def test_every_sample_with_a_fault_is_named_and_one_example_of_each_is_shown(name: str) -> None:
+    for group in report_of(name).faults:
+        assert len(group.sample_ids) == group.n_samples == len(set(group.sample_ids))
+        shown = [each.sample_id for each in group.examples if each.sample_id is not None]
+        assert len(shown) == len(set(shown))

@@ -1,0 +1,152 @@
+"""A real HTTP server on the loopback that speaks the chat-completions protocol, by script."""
+
+import base64
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, cast
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What the server sends; `announced_bytes` larger than the body cuts the connection midway."""
+
+    body: bytes
+    status: int = 200
+    headers: dict[str, str] = field(default_factory=dict)
+    announced_bytes: int | None = None
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One HTTP request as it came in: all of it."""
+
+    head: bytes
+    body: bytes
+
+    @property
+    def document(self) -> dict[str, Any]:
+        return cast(dict[str, Any], json.loads(self.body))
+
+    @property
+    def path(self) -> str:
+        return self.head.split(b" ", 2)[1].decode()
+
+    @property
+    def form(self) -> str:
+        return str(self.document.get("response_format", {}).get("type", "words"))
+
+    @property
+    def parts(self) -> list[dict[str, Any]]:
+        return cast(list[dict[str, Any]], self.document["messages"][1]["content"])
+
+    @property
+    def texts(self) -> list[str]:
+        system = [self.document["messages"][0]["content"]]
+        return system + [part["text"] for part in self.parts if part["type"] == "text"]
+
+    @property
+    def images(self) -> list[bytes]:
+        urls = [part["image_url"]["url"] for part in self.parts if part["type"] == "image_url"]
+        return [base64.b64decode(url.partition(";base64,")[2]) for url in urls]
+
+
+class ChatEndpoint:
+    """The server; set `answer` to script it, read `seen` for all that reached it.
+
+    Args:
+        port: Where it listens; by default at any free one.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        self.seen: list[Seen] = []
+        self.answer: Callable[[Seen], Reply] = lambda seen: self.says("{}")
+        self.most_in_flight = 0
+        self._in_flight = 0
+        self._lock = threading.Lock()
+        self._server = ThreadingHTTPServer(("127.0.0.1", port), self._handler())
+        self._server.daemon_threads = True
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,))
+        self._thread.start()
+
+    @property
+    def base_url(self) -> str:
+        return f"http://127.0.0.1:{self._server.server_address[1]}/v1"
+
+    def close(self) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    @staticmethod
+    def says(text: str | None, **message: Any) -> Reply:
+        """A chat completion with this text; `finish_reason` and `refusal` may be given."""
+        choice = {
+            "index": 0,
+            "finish_reason": message.pop("finish_reason", "stop"),
+            "message": {"role": "assistant", "content": text, **message},
+        }
+        body = {
+            "id": "chatcmpl-1",
+            "object": "chat.completion",
+            "created": 1,
+            "model": "tested-model-2025",
+            "choices": [choice],
+            "usage": {"prompt_tokens": 1000, "completion_tokens": 50, "total_tokens": 1050},
+        }
+        return Reply(json.dumps(body).encode())
+
+    @staticmethod
+    def fails(status: int, message: str = "no", **error: Any) -> Reply:
+        """An error in OpenAI's form; `headers`, `param` and `code` may be given."""
+        headers = error.pop("headers", {})
+        body = {"error": {"message": message, "type": "error", **error}}
+        return Reply(json.dumps(body).encode(), status, headers)
+
+    @staticmethod
+    def recorded(path: Path) -> Reply:
+        return Reply(path.read_bytes())
+
+    def reply(self, seen: Seen) -> Reply:
+        with self._lock:
+            self.seen.append(seen)
+            self._in_flight += 1
+            self.most_in_flight = max(self.most_in_flight, self._in_flight)
+        try:
+            return self.answer(seen)
+        finally:
+            with self._lock:
+                self._in_flight -= 1
+
+    def _handler(self) -> type[BaseHTTPRequestHandler]:
+        endpoint = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def do_POST(self) -> None:
+                body = self.rfile.read(int(self.headers["Content-Length"]))
+                head = f"{self.requestline}\n{self.headers}".encode()
+                reply = endpoint.reply(Seen(head, body))
+                self.send_response(reply.status)
+                self.send_header("Content-Type", "application/json")
+                self.send_header("Content-Length", str(reply.announced_bytes or len(reply.body)))
+                for name, value in reply.headers.items():
+                    self.send_header(name, value)
+                self.end_headers()
+                self.wfile.write(reply.body)
+                self.close_connection = reply.announced_bytes is not None
+
+            def handle(self) -> None:
+                try:
+                    super().handle()
+                except (ConnectionError, BrokenPipeError):
+                    self.close_connection = True  # the client has gone: killed, or timed out
+
+            def log_message(self, *_: object) -> None:
+                pass
+
+        return Handler

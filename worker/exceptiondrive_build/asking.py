@@ -1,0 +1,377 @@
+"""One stage asked of a model: every open candidate once, several at a time, each answer kept.
+
+An answer is journalled under the digest of its question before anything is decided, and the
+decision is appended after it. A run that is killed loses at most the answers in flight; the next
+one asks for those alone. An answer that cannot be used is asked for again, and recorded as such
+after as many attempts as the settings say. What an endpoint or a picture is to blame for is not
+recorded: the next run tries again.
+"""
+
+import asyncio
+import os
+import time
+from abc import ABC, abstractmethod
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from exceptiondrive_build.candidates import Candidate, walk
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.prompts import Prompts
+from exceptiondrive_build.records import Author, Kind, Record, now_text
+from exceptiondrive_build.settings import ModelSection, Price
+from exceptiondrive_build.values import Unanswered
+from exceptiondrive_build.workshop import ANSWERS, Workshop
+from exceptiondrive_endpoints.asking import ask_all, progress_bar
+from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
+from exceptiondrive_endpoints.errors import NoAnswerError, Reason
+from exceptiondrive_endpoints.images import CleanImage, ImageDataError, clean_image
+from exceptiondrive_endpoints.journal import Journal, read_journal
+from exceptiondrive_schemas.base import Document, content_digest
+
+MAX_TEXT = 20_000
+
+
+class AnswersHeader(Document):
+    """First line of a journal of answers."""
+
+    schema_: Literal["exceptiondrive_build-answers/1"] = Field(
+        default="exceptiondrive_build-answers/1", alias="schema"
+    )
+    stage: Kind
+
+
+class Answer(Document):
+    """One question to a model, and what came of it.
+
+    Attributes:
+        key: Digest of the question: model, words, pictures, settings.
+        candidate: Sample id.
+        part: The view, where a candidate has a question for each.
+        prompt: Digest of the words.
+        asked_at: When the answer was there, UTC.
+        seconds: How long it took, retries and waiting for a slot included.
+        reason: Why it cannot be used, if so.
+        detail: The same in words.
+        text: What the model said.
+        image: Name of the edited picture.
+        model: The model that was asked for.
+        answered_by: What the endpoint calls the model that answered.
+        form: The dialect in which it answered.
+        prompt_tokens: Tokens in, as the endpoint counts.
+        completion_tokens: Tokens out.
+    """
+
+    key: str
+    candidate: str
+    part: str = ""
+    prompt: str
+    asked_at: str = Field(default_factory=now_text)
+    seconds: float
+    reason: Reason | None = None
+    detail: str | None = None
+    text: Annotated[str, Field(max_length=MAX_TEXT)] | None = None
+    image: str | None = None
+    model: str
+    answered_by: str | None = None
+    form: str | None = None
+    prompt_tokens: int | None = None
+    completion_tokens: int | None = None
+
+    def cost(self, price: Price) -> float:
+        """What it cost, by the tokens and pictures that came, of use or not."""
+        tokens = (self.prompt_tokens or 0) * price.prompt
+        tokens += (self.completion_tokens or 0) * price.completion
+        had_picture = self.image is not None or self.reason is Reason.WRONG_SIZE
+        return tokens / 1e6 + (price.image if had_picture else 0.0)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a model is asked about a candidate.
+
+    Attributes:
+        key: Digest of all of it.
+        words: What it is told.
+        images: Names of the pictures that it is shown.
+        part: The view, where a candidate has a question for each.
+    """
+
+    key: str
+    words: tuple[str, ...]
+    images: tuple[str, ...]
+    part: str = ""
+
+
+class Stage(ABC):
+    """What is asked at a stage, and what is made of the answers."""
+
+    kind: ClassVar[Kind]
+
+    def __init__(self, workshop: Workshop) -> None:
+        """Read the words.
+
+        Raises:
+            BuildError: They cannot be read.
+        """
+        self.workshop = workshop
+        self.prompts = Prompts(workshop)
+
+    @property
+    @abstractmethod
+    def section(self) -> ModelSection:
+        """Settings of the model."""
+
+    @abstractmethod
+    def is_open(self, candidate: Candidate) -> bool:
+        """Whether the candidate waits for this stage."""
+
+    @abstractmethod
+    def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
+        """Who decides, and the digests of what is looked at."""
+
+    @abstractmethod
+    def questions(self, candidate: Candidate) -> tuple[Question, ...]:
+        """All that has to be answered before the candidate can be decided."""
+
+    @abstractmethod
+    async def ask(
+        self, endpoint: Endpoint, candidate: Candidate, question: Question, known: dict[str, Any]
+    ) -> None:
+        """Ask, and put fields of `Answer` into `known` as they become known.
+
+        Raises:
+            NoAnswerError: There is no answer that can be used.
+        """
+
+    @abstractmethod
+    def value(self, candidate: Candidate, answers: Sequence[Answer]) -> Document:
+        """Decide by the answers, which are in the order of the questions.
+
+        Raises:
+            NoAnswerError: A picture of the workshop cannot be read.
+        """
+
+    def question(self, words: Sequence[str], images: Sequence[str], part: str = "") -> Question:
+        """A question of this stage's model, with its digest."""
+        settings = self.section.model_dump(exclude={"endpoint", "attempts", "seconds_per_call"})
+        asked = {name: settings[name] for name in _ASKED if name in settings}
+        key = content_digest([self.kind, asked, list(words), list(images)])
+        return Question(key, tuple(words), tuple(images), part)
+
+    def picture(self, name: str) -> CleanImage:
+        """A picture of the workshop without metadata.
+
+        Raises:
+            NoAnswerError: `unreadable_image`: it is missing, damaged, no JPEG and no PNG.
+        """
+        try:
+            return clean_image(self.workshop.image(name))
+        except BuildError as error:
+            raise NoAnswerError(Reason.UNREADABLE_IMAGE, error.sentence) from None
+        except ImageDataError as error:
+            raise NoAnswerError(Reason.UNREADABLE_IMAGE, f"{name}: {error}") from None
+
+
+_ASKED = ("model", "temperature", "max_tokens", "extra", "seed", "resample")
+"""What of the settings is part of a question: thresholds are not."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a candidate in this run."""
+
+    sample_id: str
+    reason: Reason | None = None
+    detail: str | None = None
+
+
+class StageReport(Document):
+    """What one run of a stage did."""
+
+    stage: Kind
+    decided: int
+    recorded_without_answer: int
+    failed: dict[str, int]
+    first_failures: dict[str, str]
+    still_open: int
+    calls: int
+    requests: int
+    prompt_tokens: int
+    completion_tokens: int
+    seconds: float
+    cost: float | None
+    currency: str
+
+    @property
+    def is_unreachable(self) -> bool:
+        """Whether candidates are left open because an endpoint never answered."""
+        return any(Reason(reason).is_unreachable for reason in self.failed)
+
+
+def read_answers(workshop: Workshop, kind: Kind) -> tuple[Answer, ...]:
+    """All answers of a stage so far, in the order in which they came.
+
+    Raises:
+        JournalError: The file is no such journal.
+    """
+    path = _journal_path(workshop, kind)
+    return read_journal(path, AnswersHeader, Answer)[1] if path.is_file() else ()
+
+
+def open_candidates(stage: Stage, candidates: Mapping[str, Candidate]) -> list[Candidate]:
+    """Those that wait for a stage."""
+    return [candidate for candidate in candidates.values() if stage.is_open(candidate)]
+
+
+def run_stage(stage: Stage, limit: int | None = None) -> StageReport:
+    """Ask about every open candidate, or the first `limit` of them.
+
+    Raises:
+        BuildError: The workshop cannot be read or written, such as when the disk is full.
+        EndpointError: The endpoint refuses all, or has gone; or another run is at this stage.
+    """
+    workshop = stage.workshop
+    header = AnswersHeader(stage=stage.kind)
+    with Journal(_journal_path(workshop, stage.kind), header, Answer) as journal:
+        waiting = open_candidates(stage, walk(workshop))
+        run = _Run(stage, journal)
+        asyncio.run(run.ask(waiting[:limit]))
+        return run.report(len(waiting))
+
+
+def _journal_path(workshop: Workshop, kind: Kind) -> Any:
+    return workshop.folder / ANSWERS / f"{kind}.jsonl"
+
+
+class _Run:
+    def __init__(self, stage: Stage, journal: Journal[AnswersHeader, Answer]) -> None:
+        self._stage = stage
+        self._journal = journal
+        self._n_before = len(journal.lines)
+        self._known: dict[str, list[Answer]] = defaultdict(list)
+        for answer in journal.lines:
+            self._known[answer.key].append(answer)
+        self._outcomes: list[Outcome] = []
+        self._n_requests = 0
+        self._began = time.monotonic()
+
+    async def ask(self, candidates: Sequence[Candidate]) -> None:
+        section = self._stage.section
+        endpoint_section = self._stage.workshop.settings.endpoints[section.endpoint]
+        settings = EndpointSettings(
+            base_url=endpoint_section.base_url,
+            key=os.environ.get(endpoint_section.key_from),
+            timeout_s=endpoint_section.timeout_s,
+            max_retries=endpoint_section.max_retries,
+            requests_per_minute=endpoint_section.requests_per_minute,
+            key_advice=f"Set {endpoint_section.key_from}.",
+            address_advice="Correct base_url or model in workshop.toml.",
+        )
+        model = ModelSettings(
+            model=section.model,
+            temperature=getattr(section, "temperature", 0.0),
+            max_tokens=getattr(section, "max_tokens", 0),
+            extra=section.extra,
+        )
+        async with Endpoint(settings, model) as endpoint:
+            with progress_bar(self._stage.kind, len(candidates)) as advance:
+
+                def take(outcome: Outcome) -> None:
+                    self._outcomes.append(outcome)
+                    advance(outcome)
+
+                decide = partial(self._decide, endpoint)
+                await ask_all(candidates, decide, take, endpoint_section.concurrency)
+            self._n_requests = endpoint.n_requests
+
+    async def _decide(self, endpoint: Endpoint, candidate: Candidate) -> Outcome:
+        answers = []
+        for question in self._stage.questions(candidate):
+            answer = await self._answered(endpoint, candidate, question)
+            if answer.reason is not None:
+                if answer.reason.is_from_model:
+                    detail = answer.detail or ""
+                    self._record(candidate, Unanswered(failure=answer.reason, detail=detail))
+                return Outcome(candidate.sample_id, answer.reason, answer.detail)
+            answers.append(answer)
+        try:
+            value = await asyncio.to_thread(self._stage.value, candidate, answers)
+        except NoAnswerError as error:
+            return Outcome(candidate.sample_id, error.reason, error.detail)
+        self._record(candidate, value)
+        return Outcome(candidate.sample_id)
+
+    async def _answered(
+        self, endpoint: Endpoint, candidate: Candidate, question: Question
+    ) -> Answer:
+        """The answer that can be used, or the last one that cannot."""
+        kept = self._known[question.key]
+        for answer in kept:
+            if answer.reason is None:
+                return answer
+        unusable = [a for a in kept if a.reason is not None and a.reason.is_from_model]
+        while len(unusable) < self._stage.section.attempts:
+            answer = await self._asked(endpoint, candidate, question)
+            if answer.reason is None or not answer.reason.is_from_model:
+                return answer
+            unusable.append(answer)
+        return unusable[-1]
+
+    async def _asked(self, endpoint: Endpoint, candidate: Candidate, question: Question) -> Answer:
+        known: dict[str, Any] = {
+            "key": question.key,
+            "candidate": candidate.sample_id,
+            "part": question.part,
+            "prompt": content_digest(list(question.words)),
+            "model": self._stage.section.model,
+        }
+        began = time.perf_counter()
+        try:
+            await self._stage.ask(endpoint, candidate, question, known)
+        except NoAnswerError as error:
+            text = None if error.raw is None else error.raw[:MAX_TEXT]
+            known |= {"reason": error.reason, "detail": error.detail, "text": text}
+        answer = Answer(**known, seconds=round(time.perf_counter() - began, 3))
+        self._journal.append(answer)
+        self._known[question.key].append(answer)
+        return answer
+
+    def _record(self, candidate: Candidate, value: Document) -> None:
+        by, inputs = self._stage.asked(candidate)
+        self._stage.workshop.append(
+            Record(
+                kind=self._stage.kind,
+                candidate=candidate.sample_id,
+                by=by,
+                inputs=inputs,
+                value=value.model_dump(mode="json", exclude_none=True),
+            )
+        )
+
+    def report(self, n_waiting: int) -> StageReport:
+        answers = self._journal.lines[self._n_before :]
+        settings = self._stage.workshop.settings
+        price = settings.prices.get(self._stage.section.model)
+        failed = [outcome for outcome in self._outcomes if outcome.reason is not None]
+        final = sum(o.reason is not None and o.reason.is_from_model for o in failed)
+        decided = len(self._outcomes) - len(failed)
+        return StageReport(
+            stage=self._stage.kind,
+            decided=decided,
+            recorded_without_answer=final,
+            failed=dict(Counter(str(outcome.reason) for outcome in failed).most_common()),
+            first_failures={o.sample_id: f"{o.reason}: {o.detail}" for o in failed[:10]},
+            still_open=n_waiting - decided - final,
+            calls=len(answers),
+            requests=self._n_requests,
+            prompt_tokens=sum(answer.prompt_tokens or 0 for answer in answers),
+            completion_tokens=sum(answer.completion_tokens or 0 for answer in answers),
+            seconds=round(time.monotonic() - self._began, 1),
+            cost=None if price is None else round(sum(a.cost(price) for a in answers), 4),
+            currency=settings.currency,
+        )

@@ -1,0 +1,119 @@
+"""Editing: one picture at a time, and every view of a candidate or none."""
+
+import asyncio
+from collections.abc import Sequence
+from io import BytesIO
+from typing import Any
+
+from PIL import Image
+
+from exceptiondrive_build.asking import Answer, Question, Stage
+from exceptiondrive_build.candidates import Candidate, edit_asked
+from exceptiondrive_build.measure import UnreadablePictureError, read_picture
+from exceptiondrive_build.records import Author, Kind
+from exceptiondrive_build.settings import EditSection
+from exceptiondrive_build.values import Edited, Screened
+from exceptiondrive_endpoints.endpoint import Endpoint
+from exceptiondrive_endpoints.errors import NoAnswerError, Reason
+from exceptiondrive_endpoints.images import ImageDataError, clean_image
+
+SAME_SHAPE = 0.02
+"""Relative difference of two aspect ratios that still counts as the same shape."""
+
+
+class EditStage(Stage):
+    """The edited picture of each view that the hazard is to be drawn in."""
+
+    kind = Kind.EDIT
+
+    @property
+    def section(self) -> EditSection:
+        """Settings of the editing model."""
+        return self.workshop.settings.edit
+
+    def is_open(self, candidate: Candidate) -> bool:
+        """Whether it has a place for its hazard and has not been edited."""
+        return candidate.place is not None and candidate.edited is None
+
+    def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
+        """The editing model, and the sources."""
+        return edit_asked(self.workshop, self.prompts, candidate, _place(candidate))
+
+    def questions(self, candidate: Candidate) -> tuple[Question, ...]:
+        """One for each view."""
+        return tuple(
+            self.question(
+                [self.prompts.edit(candidate.task.id, view.instruction)],
+                [candidate.keyframe.camera(view.view).image],
+                part=view.view,
+            )
+            for view in _place(candidate).views
+        )
+
+    async def ask(
+        self, endpoint: Endpoint, candidate: Candidate, question: Question, known: dict[str, Any]
+    ) -> None:
+        """Have one view edited, and keep the picture."""
+        source = await asyncio.to_thread(self.picture, question.images[0])
+        answer, untaken = await endpoint.edit(source, question.words[0], self.section.seed)
+        known["form"] = "".join(f"without {name} " for name in untaken).strip() or "images/edits"
+        known |= _tokens(answer.usage)
+        camera = candidate.keyframe.camera(question.part)
+        size = (camera.width_px, camera.height_px)
+        data, extension = await asyncio.to_thread(
+            fitted, answer.picture, size, self.section.resample
+        )
+        known["image"] = await asyncio.to_thread(self.workshop.keep_image, data, extension)
+
+    def value(self, candidate: Candidate, answers: Sequence[Answer]) -> Edited:
+        """The pictures by view."""
+        views = [view.view for view in _place(candidate).views]
+        pictures = [str(answer.image) for answer in answers]
+        return Edited(images=dict(zip(views, pictures, strict=True)))
+
+
+def fitted(data: bytes, size: tuple[int, int], resample: bool) -> tuple[bytes, str]:
+    """Return an edited picture in the size of its source, without metadata.
+
+    Args:
+        data: What the endpoint sent.
+        size: Width and height of the source, pixels.
+        resample: Whether a picture of the same shape but another size is scaled.
+
+    Returns:
+        The bytes, which are those of the endpoint where nothing had to be changed, and the ending
+        of a file that holds them.
+
+    Raises:
+        NoAnswerError: `no_picture` or `wrong_size`.
+    """
+    try:
+        image = read_picture(data)
+    except UnreadablePictureError as error:
+        raise NoAnswerError(Reason.NO_PICTURE, f"not a whole picture: {error}") from None
+    if image.size != size:
+        shape, wanted = image.width / image.height, size[0] / size[1]
+        if not resample or abs(shape / wanted - 1) > SAME_SHAPE:
+            detail = f"asked for {size[0]} x {size[1]} pixels, got {image.width} x {image.height}"
+            raise NoAnswerError(Reason.WRONG_SIZE, detail)
+        image = image.resize(size, Image.Resampling.LANCZOS)
+    elif image.format in ("PNG", "JPEG"):
+        try:
+            clean = clean_image(data)
+        except ImageDataError as error:
+            raise NoAnswerError(Reason.NO_PICTURE, str(error)) from None
+        return clean.data, clean.extension
+    file = BytesIO()
+    image.convert("RGB").save(file, "PNG")
+    return file.getvalue(), "png"
+
+
+def _tokens(usage: dict[str, Any] | None) -> dict[str, int]:
+    found = usage or {}
+    names = {"prompt_tokens": "input_tokens", "completion_tokens": "output_tokens"}
+    return {ours: found[name] for ours, name in names.items() if isinstance(found.get(name), int)}
+
+
+def _place(candidate: Candidate) -> Screened:
+    assert candidate.place is not None
+    return candidate.place

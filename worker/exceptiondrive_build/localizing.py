@@ -1,0 +1,264 @@
+"""Proposals for the regions: a detector's boxes, or a rectangle at the target to be moved by hand.
+
+A detector's file is JSON in one of two forms:
+
+    {"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}, ...], ...}
+        metres of the ego frame, x ahead, y left; plain corners may stand in place of a box
+    {"meta": ..., "results": {"ID": [{"translation", "size", "rotation", "detection_score"}, ...]}}
+        boxes of nuScenes results, in its global frame
+
+where ID is a sample id, or the keyframe's in place of all its samples. The box whose centre lies
+nearest to the target is proposed. A file whose boxes lie elsewhere as a whole is refused, with the
+frame in which they would fit.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import shapely
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+
+from exceptiondrive_build.candidates import Candidate, walk
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.records import Author, Kind, Record
+from exceptiondrive_build.scenes.nuscenes import rigid
+from exceptiondrive_build.values import Corners, Localized, Screened
+from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_schemas.base import Document, bytes_digest
+from exceptiondrive_schemas.submission_files import Waypoint
+from exceptiondrive_scoring.aliases import FloatArray
+
+MIN_JUDGED = 3
+"""A file is judged by its frame from so many candidates on."""
+_MOVED: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "with x and y exchanged": lambda corners: corners[:, ::-1],
+    "with y to the right": lambda corners: corners * (1, -1),
+    "with x to the right and y ahead": lambda corners: corners[:, ::-1] * (1, -1),
+    "with x backwards": lambda corners: corners * (-1, 1),
+}
+
+
+@dataclass(frozen=True)
+class Box:
+    """A detected box from above: (4, 2) corners in order round it, and the detector's confidence."""
+
+    corners_m: FloatArray
+    score: float | None
+
+
+class LocalizeReport(Document):
+    """What came of a detector's file: how many candidates got a proposal, and why others did not."""
+
+    proposed: int
+    unchanged: int
+    without: dict[str, int]
+
+
+class _Boxed(BaseModel):
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    corners: tuple[Waypoint, Waypoint, Waypoint, Waypoint]
+    score: float | None = None
+
+
+class _Result(BaseModel):
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    translation: tuple[float, float, float]
+    size: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+    detection_score: float | None = None
+
+
+_BOXES = TypeAdapter(dict[str, list[_Boxed]])
+_RESULTS = TypeAdapter(dict[str, list[_Result]])
+
+
+def localize(workshop: Workshop, file: Path) -> LocalizeReport:
+    """Propose a detector's boxes for every accepted candidate.
+
+    Raises:
+        BuildError: The file cannot be read, or its boxes are in another frame.
+    """
+    data = _bytes(file)
+    boxes_of = _reader(file, data)
+    limits = workshop.settings.localize
+    found: dict[str, Box] = {}
+    without: Counter[str] = Counter()
+    distances: list[tuple[Candidate, Sequence[Box]]] = []
+    accepted = [c for c in walk(workshop).values() if c.is_accepted]
+    for candidate in accepted:
+        boxes = [box for box in boxes_of(candidate) if _score(box) >= limits.min_score]
+        if not boxes:
+            without["no box in the file"] += 1
+            continue
+        distances.append((candidate, boxes))
+        nearest = min(boxes, key=lambda box: _distance_m(box.corners_m, candidate))
+        if _distance_m(nearest.corners_m, candidate) > limits.max_distance_m:
+            without["no box near the target"] += 1
+        elif not shapely.is_valid(shapely.polygons(nearest.corners_m)):
+            without["no quadrilateral"] += 1
+        else:
+            found[candidate.sample_id] = nearest
+    _refuse_another_frame(file, distances, limits.max_distance_m)
+    author = Author(model=file.name, settings=bytes_digest(data))
+    values = {
+        key: Localized(corners=_corners(box.corners_m), source="detector", score=box.score)
+        for key, box in found.items()
+    }
+    return _propose(workshop, accepted, values, author, without)
+
+
+def localize_by_hand(workshop: Workshop) -> LocalizeReport:
+    """Propose a rectangle of the task's size at the target, where nothing has been proposed."""
+    accepted = [c for c in walk(workshop).values() if c.is_accepted]
+    values = {}
+    for candidate in accepted:
+        if candidate.localized is None:
+            length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
+            x, y = _target_m(candidate)
+            half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length_m / 2, width_m / 2)
+            values[candidate.sample_id] = Localized(
+                corners=_corners(half + np.array([x, y])), source="by_hand"
+            )
+    return _propose(workshop, accepted, values, Author(model="target of the screening"), Counter())
+
+
+def _propose(
+    workshop: Workshop,
+    accepted: Sequence[Candidate],
+    values: Mapping[str, Localized],
+    author: Author,
+    without: Counter[str],
+) -> LocalizeReport:
+    records = [
+        Record(
+            kind=Kind.LOCALIZE,
+            candidate=candidate.sample_id,
+            by=author,
+            inputs=candidate.pictures,
+            value=values[candidate.sample_id].model_dump(mode="json", exclude_none=True),
+        )
+        for candidate in accepted
+        if candidate.sample_id in values and candidate.localized != values[candidate.sample_id]
+    ]
+    workshop.append(*records)
+    return LocalizeReport(
+        proposed=len(records),
+        unchanged=len(values) - len(records),
+        without=dict(without.most_common()),
+    )
+
+
+def _bytes(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise BuildError(f"{file}: {error.strerror}.") from None
+
+
+def _reader(file: Path, data: bytes) -> Callable[[Candidate], list[Box]]:
+    """From a candidate to its boxes in the ego frame."""
+    try:
+        document = json.loads(data)
+        if isinstance(document, dict) and "results" in document:
+            results = _RESULTS.validate_python(document["results"])
+            return lambda candidate: [
+                _in_ego_frame(result, candidate) for result in _of(results, candidate)
+            ]
+        boxes = _BOXES.validate_python(_as_boxes(document))
+    except (ValueError, ValidationError) as error:
+        first = str(error).partition("\n")[0]
+        if isinstance(error, ValidationError):
+            told = error.errors(include_url=False, include_input=False)[0]
+            first = f"{'.'.join(str(part) for part in told['loc'])}: {told['msg']}"
+        raise BuildError(f"{file}: no detector's file: {first}.", "Its forms: --help.") from None
+    return lambda candidate: [
+        Box(_in_order(np.array(box.corners)), box.score) for box in _of(boxes, candidate)
+    ]
+
+
+def _as_boxes(document: Any) -> Any:
+    """Plain corners of a sample become a list of one box."""
+    if not isinstance(document, dict):
+        return document
+    is_plain = {
+        key: isinstance(value, list) and bool(value) and isinstance(value[0], list)
+        for key, value in document.items()
+    }
+    return {k: [{"corners": v}] if is_plain[k] else v for k, v in document.items()}
+
+
+def _of(boxes: Mapping[str, list[Any]], candidate: Candidate) -> list[Any]:
+    by_sample = boxes.get(candidate.sample_id)
+    return boxes.get(candidate.keyframe.keyframe_id, []) if by_sample is None else by_sample
+
+
+def _in_ego_frame(result: _Result, candidate: Candidate) -> Box:
+    """A box of nuScenes results (global frame; size is width, length, height) from above."""
+    width_m, length_m, _ = result.size
+    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length_m / 2, width_m / 2)
+    keyframe = candidate.keyframe
+    global_from_box = rigid(np.array(result.rotation), np.array(result.translation))
+    global_from_ego = rigid(np.array(keyframe.ego_rotation), np.array(keyframe.ego_translation_m))
+    ego_from_box = np.linalg.inv(global_from_ego) @ global_from_box
+    points = np.column_stack([half, np.zeros(4), np.ones(4)])
+    return Box((points @ ego_from_box.T)[:, :2], result.detection_score)
+
+
+def _in_order(corners_m: FloatArray) -> FloatArray:
+    """The corners round their centre, where they are not in order round it."""
+    if shapely.is_valid(shapely.polygons(corners_m)):
+        return corners_m
+    from_centre = corners_m - corners_m.mean(axis=0)
+    return corners_m[np.argsort(np.arctan2(from_centre[:, 1], from_centre[:, 0]))]
+
+
+def _refuse_another_frame(
+    file: Path, found: Sequence[tuple[Candidate, Sequence[Box]]], limit_m: float
+) -> None:
+    if len(found) < MIN_JUDGED:
+        return
+
+    def typical_m(moved: Callable[[FloatArray], FloatArray]) -> float:
+        return median(
+            min(_distance_m(moved(box.corners_m), candidate) for box in boxes)
+            for candidate, boxes in found
+        )
+
+    as_it_is_m = typical_m(lambda corners: corners)
+    if as_it_is_m <= limit_m:
+        return
+    others = {name: typical_m(move) for name, move in _MOVED.items()}
+    best = min(others, key=lambda name: others[name])
+    fits = others[best] <= limit_m
+    raise BuildError(
+        f"{file}: half of its boxes lie over {as_it_is_m:.0f} m from their targets"
+        + (f"; {best} it would be {others[best]:.1f} m." if fits else "."),
+        "Corners are metres of the ego frame, x ahead and y left of the rear axle; nothing is "
+        "recorded.",
+    )
+
+
+def _score(box: Box) -> float:
+    return 1.0 if box.score is None else box.score
+
+
+def _distance_m(corners_m: FloatArray, candidate: Candidate) -> float:
+    return float(np.hypot(*(corners_m.mean(axis=0) - _target_m(candidate))))
+
+
+def _target_m(candidate: Candidate) -> Waypoint:
+    assert isinstance(candidate.screened, Screened)
+    assert candidate.screened.target_m is not None
+    return candidate.screened.target_m
+
+
+def _corners(corners_m: FloatArray) -> Corners:
+    """To the millimetre, so that arithmetic of another machine is the same region."""
+    rounded = corners_m.round(3) + 0.0
+    return tuple((float(x), float(y)) for x, y in rounded)  # type: ignore[return-value]

@@ -1,0 +1,119 @@
+"""`exceptiondrive-build run` and `localize`: the stages that ask a model, and proposals for regions."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive_build.asking import Stage, StageReport, run_stage
+from exceptiondrive_build.chat import ReviewStage, ScreenStage
+from exceptiondrive_build.cli import Json, WorkshopFolder
+from exceptiondrive_build.dry_run import StagePlan, dry_run
+from exceptiondrive_build.editing import EditStage
+from exceptiondrive_build.localizing import localize, localize_by_hand
+from exceptiondrive_build.records import Kind
+from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_schemas.printable import counted, printable
+
+STAGES: dict[str, type[Stage]] = {
+    Kind.SCREEN: ScreenStage,
+    Kind.EDIT: EditStage,
+    Kind.REVIEW: ReviewStage,
+}
+Limit = Annotated[int | None, typer.Option(min=1, help="Take so many candidates alone.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what it would take, and ask nothing.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to a command line."""
+    app.command()(run)
+    app.command("localize")(localize_command)
+
+
+def run(
+    stage: Annotated[str, typer.Argument(help="screen, edit or review.")],
+    workshop: WorkshopFolder = Path(),
+    dry_run: DryRun = False,
+    limit: Limit = None,
+    json: Json = False,
+) -> None:
+    """Ask a model about every candidate that waits for a stage.
+
+    The same command goes on after an interruption and pays for no answer twice. A second run at the
+    same stage of the same workshop is refused while one goes on.
+    """
+    if stage not in STAGES:
+        raise typer.BadParameter(f"expected one of {', '.join(STAGES)}", param_hint="STAGE")
+    with Workshop(workshop) as opened:
+        asked = STAGES[stage](opened)
+        if dry_run:
+            _plan(asked, limit, json)
+            return
+        report = run_stage(asked, limit)
+    typer.echo(report.model_dump_json(indent=2) if json else report_text(report))
+    if report.is_unreachable:
+        raise typer.Exit(5)
+
+
+def localize_command(
+    detections: Annotated[
+        Path | None,
+        typer.Option(
+            help="A detector's file: corners by sample id in metres of the ego frame, or boxes of "
+            "nuScenes results. The box nearest to the target is proposed."
+        ),
+    ] = None,
+    by_hand: Annotated[
+        bool,
+        typer.Option("--by-hand", help="Propose a rectangle at the target, to be moved by people."),
+    ] = False,
+    workshop: WorkshopFolder = Path(),
+    json: Json = False,
+) -> None:
+    """Propose a region for every accepted candidate."""
+    if (detections is None) != by_hand:
+        raise typer.BadParameter("give either --detections FILE or --by-hand")
+    with Workshop(workshop) as opened:
+        report = localize(opened, detections) if detections else localize_by_hand(opened)
+    if json:
+        typer.echo(report.model_dump_json(indent=2))
+        return
+    typer.echo(f"proposed     {report.proposed:,}, as before {report.unchanged:,}")
+    for why, count in report.without.items():
+        typer.echo(f"  without    {count:,} {why}")
+
+
+def _plan(stage: Stage, limit: int | None, json: bool) -> None:
+    plan = dry_run(stage, limit)
+    typer.echo(plan.model_dump_json(indent=2) if json else plan_text(plan))
+
+
+def plan_text(plan: StagePlan) -> str:
+    """A plan for a reader."""
+    basis = f"measured on {counted(plan.timed_calls, 'call')}" if plan.timed_calls else "guessed"
+    lines = [
+        f"stage        {plan.stage}",
+        f"candidates   {plan.candidates:,} wait, {plan.not_ready:,} may follow from earlier stages",
+        f"calls        {plan.calls:,}, with {counted(plan.pictures, 'picture')}",
+        f"time         {plan.hours:.2f} h ({basis})",
+    ]
+    if plan.cost is not None:
+        lines.append(f"cost         {plan.cost:.2f} {plan.currency} ({basis})")
+    return "\n".join(lines)
+
+
+def report_text(report: StageReport) -> str:
+    """A report for a reader."""
+    lines = [
+        f"stage        {report.stage}",
+        f"decided      {report.decided:,}, still open {report.still_open:,}",
+        f"  recorded   {report.recorded_without_answer:,} as without a usable answer",
+        *(f"  failed     {count:,} {reason}" for reason, count in report.failed.items()),
+        *(f"    {key}: {why}" for key, why in report.first_failures.items()),
+        f"calls        {report.calls:,}, requests {report.requests:,}",
+        f"tokens       {report.prompt_tokens:,} in, {report.completion_tokens:,} out",
+        f"time         {report.seconds:.1f} s",
+    ]
+    if report.cost is not None:
+        lines.append(f"cost         {report.cost:.4f} {report.currency}")
+    return printable("\n".join(lines))

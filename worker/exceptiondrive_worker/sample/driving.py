@@ -1,0 +1,55 @@
+"""How a synthetic car moves along its lane, as a car can."""
+
+import math
+from dataclasses import dataclass
+
+from exceptiondrive_schemas.submission_files import Trajectory
+from exceptiondrive_worker.sample.road import Lane
+
+N_WAYPOINTS = 6
+TIME_STEP_S = 0.5
+SHIFT_LENGTH_M = 14.0
+"""Road that a change of lateral place takes at least."""
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """One way through the next seconds, along the lane.
+
+    Attributes:
+        speed_mps: At the start.
+        acceleration_mps2: Before any braking.
+        brake_at_s: When braking begins.
+        brake_mps2: How hard.
+        aside_m: Where the car goes to, to the left of the lane's centre.
+    """
+
+    speed_mps: float
+    acceleration_mps2: float = 0.0
+    brake_at_s: float = math.inf
+    brake_mps2: float = 0.0
+    aside_m: float = 0.0
+
+    def along_m(self, time_s: float) -> float:
+        """Distance driven along the lane; a car that has stopped stays."""
+        before_s = min(time_s, self.brake_at_s)
+        driven = self.speed_mps * before_s + self.acceleration_mps2 * before_s**2 / 2
+        if time_s <= self.brake_at_s:
+            return driven
+        speed = self.speed_mps + self.acceleration_mps2 * self.brake_at_s
+        braking_s = min(time_s - self.brake_at_s, speed / self.brake_mps2)
+        return driven + speed * braking_s - self.brake_mps2 * braking_s**2 / 2
+
+    def left_m(self, along_m: float) -> float:
+        """Lateral place after this much road: a smooth step."""
+        share = min(along_m / max(SHIFT_LENGTH_M, 2 * self.speed_mps), 1.0)
+        return self.aside_m * share * share * (3 - 2 * share)
+
+    def trajectory(self, lane: Lane) -> Trajectory:
+        """Waypoints at 0.5 ... 3.0 s, metres, to the millimetre."""
+        waypoints = []
+        for step in range(1, N_WAYPOINTS + 1):
+            along = self.along_m(step * TIME_STEP_S)
+            x, y = lane.position_m(along, self.left_m(along))
+            waypoints.append((round(x, 3), round(y, 3)))
+        return tuple(waypoints)
