@@ -28,7 +28,7 @@ from exceptiondrive_schemas.datasheet import (
     Agreement,
     Datasheet,
     Example,
-    Revision,
+    SplitChange,
     SplitWarning,
     WithdrawnSamples,
     Words,
@@ -273,7 +273,7 @@ def _datasheet(
         n_controls=len(split.controls),
         n_recorded=sum(sample.recorded is not None for sample in split.samples),
         withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
-        changes=None if previous is None else _revision(previous, split, words),
+        changes=None if previous is None else SplitChange.between(previous, split, words),
         words=Words(**own_words),
         stages=stages(candidates.values(), settings.verify, {it.sample_id for it in split.samples}),
         families=cells(taxonomy.families, candidates.values(), counted),
@@ -286,19 +286,6 @@ def _datasheet(
             for found in split_warnings(split, workshop.protocol)
         ),
         examples=tuple(_examples(workshop, candidates, split)),
-    )
-
-
-def _revision(previous: Split, split: Split, words: str) -> Revision:
-    before = {sample.sample_id: sample for sample in previous.samples}
-    return Revision(
-        previous=previous.revision,
-        words=words,
-        moved=sum(it.region != before[it.sample_id].region for it in split.samples),
-        withdrawn=sum(
-            it.withdrawn is not None and before[it.sample_id].withdrawn is None
-            for it in split.samples
-        ),
     )
 
 
