@@ -12,7 +12,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import httpx
 import pytest
@@ -92,6 +92,12 @@ class Reviewer:
         assert self._http.post("/sign-in", data={"name": name}).status_code == 200
         self.decided = 0
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._http.close()
+
     def another_address(self) -> str:
         return str(self._posted("/api/address", {})["address"])
 
@@ -121,9 +127,11 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Walk:
     walk.run(scenes)
     with walk.serving(stand_in, "stand-in at"):
         walk.run(stages)
-    with walk.serving(f"{review.strip()} --port 0\n", "for the next browser: ") as line:
-        ada = Reviewer(line.partition(": ")[2], "Ada")
-        grace = Reviewer(ada.another_address(), "Grace")
+    with (
+        walk.serving(f"{review.strip()} --port 0\n", "for the next browser: ") as line,
+        Reviewer(line.partition(": ")[2], "Ada") as ada,
+        Reviewer(ada.another_address(), "Grace") as grace,
+    ):
         for queue in ("inspect", "verify"):
             while ada.decide_some(queue) + grace.decide_some(queue):
                 pass
