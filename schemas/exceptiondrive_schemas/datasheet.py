@@ -5,12 +5,13 @@ the page of the split shows it and nothing else. Made of counts over decisions, 
 own words.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Base64Bytes, Field
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.split import SplitName
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.split import Split, SplitName
 
 Interval = tuple[float, float]
 Count = Annotated[int, Field(ge=0)]
@@ -107,7 +108,7 @@ class WithdrawnSamples(Document):
     n: Count
 
 
-class Revision(Document):
+class SplitChange(Document):
     """What changed since the revision before, in words for readers."""
 
     previous: str
@@ -116,6 +117,33 @@ class Revision(Document):
     """Samples whose region changed."""
     withdrawn: Count
     """Samples that counted before."""
+
+    @classmethod
+    def between(cls, before: Split, after: Split, words: str) -> Self:
+        """Count what a revision changes of the samples that it has of the one before."""
+        earlier = {sample.sample_id: sample for sample in before.samples}
+        pairs = [(earlier[it.sample_id], it) for it in after.samples if it.sample_id in earlier]
+        return cls(
+            previous=before.revision,
+            words=words,
+            moved=sum(old.region != new.region for old, new in pairs),
+            withdrawn=sum(
+                old.withdrawn is None and new.withdrawn is not None for old, new in pairs
+            ),
+        )
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The makers' words, and how many samples it is about."""
+        moved = f"the regions of {counted(self.moved, 'sample')} change"
+        withdrawn = (
+            f"{counted(self.withdrawn, 'sample')} withdrawn: files still answer, none counts"
+        )
+        return (
+            self.words,
+            *([moved] if self.moved else []),
+            *([withdrawn] if self.withdrawn else []),
+        )
 
 
 class Example(Document):
@@ -140,7 +168,7 @@ class Datasheet(Document):
     n_controls: Count = 0
     n_recorded: Count = 0
     withdrawn: tuple[WithdrawnSamples, ...] = ()
-    changes: Revision | None = None
+    changes: SplitChange | None = None
     words: Words = Words()
     stages: tuple[Stage, ...]
     families: tuple[Cell, ...]

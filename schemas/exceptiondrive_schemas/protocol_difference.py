@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.datasheet import SplitChange
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -117,12 +118,26 @@ def _version_key(version: str) -> tuple[list[int], bool, str]:
     return [int(part) for part in numbers.split(".")], not draft, draft
 
 
-def split_changes(old: Manifest, new: Manifest) -> tuple[Change, ...]:
-    """Return the changes from one revision of a split to another, as far as they may be known."""
+def split_changes(
+    old: Manifest,
+    new: Manifest,
+    n_counted: tuple[int, int] | None = None,
+    told: SplitChange | None = None,
+) -> tuple[Change, ...]:
+    """Return the changes from one revision of a split to another, as far as they may be known.
+
+    Args:
+        old: What participants know of the earlier revision.
+        new: And of the later one.
+        n_counted: N of the earlier and of the later one.
+        told: What its makers say of this very step.
+    """
     if old.revision == new.revision:
         return ()
     before, after = set(old.sample_ids), set(new.sample_ids)
-    sentences = []
+    sentences = [] if told is None else list(told.sentences)
+    if n_counted is not None and n_counted[0] != n_counted[1]:
+        sentences.append(f"N goes from {n_counted[0]:,} to {n_counted[1]:,}")
     if after - before:
         sentences.append(f"the split gains {counted(len(after - before), 'sample')}")
     if before - after:

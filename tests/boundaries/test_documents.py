@@ -73,7 +73,7 @@ def test_every_section_of_the_protocol_that_is_named_is_there(texts: dict[str, s
         for section in sections
         if section
     }
-    assert named <= headings == set("12345678")
+    assert named <= headings == set("123456789")
 
 
 def test_every_file_that_a_document_names_is_there(texts: dict[str, str]) -> None:

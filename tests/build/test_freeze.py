@@ -8,16 +8,15 @@ import shutil
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
-from tests.build.shop import block, make_shop
+from tests.build.deciding import PEOPLE, decisions, record
+from tests.build.shop import make_shop
 from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
-from exceptiondrive_build.inspection import draw
-from exceptiondrive_build.records import Author, Kind, Record
+from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Corners, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet
@@ -25,7 +24,6 @@ from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.split_store import load_split, read_split
 
 Run = Callable[..., Result]
-PEOPLE = ("ada-canary", "grace-canary")
 WITHHELD = {"split.json.gz", "provenance.jsonl"}
 
 
@@ -46,38 +44,6 @@ def shop(read: Path, tmp_path: Path) -> Path:
     with Workshop(folder) as workshop:
         workshop.append(*decisions(workshop))
     return folder
-
-
-def decisions(workshop: Workshop) -> list[Record]:
-    """Two readings of each region, three of them no; five of the edits drawn, one of them no."""
-    candidates, found = walk(workshop), []
-    for place, it in enumerate(candidates.values()):
-        accepted = place % 14 != 0
-        word = Verified(accepted=accepted, corners=block(place) if accepted else None)
-        found += [record(Kind.VERIFY, it.sample_id, who, it.pictures, word) for who in PEOPLE]
-    failed = rejected_edit(workshop)
-    drawn = [key for key in draw(candidates, workshop.settings.inspect) if key != failed]
-    for key in (*drawn[:4], failed):
-        passed = Inspected(passed=key != failed)
-        found.append(record(Kind.INSPECT, key, PEOPLE[0], candidates[key].pictures, passed))
-    return found
-
-
-def rejected_edit(workshop: Workshop) -> str:
-    """The drawn edit that its inspector rejects; its readers do not."""
-    candidates = list(walk(workshop))
-    drawn = draw(walk(workshop), workshop.settings.inspect)
-    return next(key for key in drawn if candidates.index(key) % 14)
-
-
-def record(kind: Kind, candidate: str, person: str, inputs: tuple[str, ...], value: Any) -> Record:
-    return Record(
-        kind=kind,
-        candidate=candidate,
-        by=Author(person=person),
-        inputs=inputs,
-        value=value.model_dump(mode="json"),
-    )
 
 
 def run(*command: str | Path) -> Result:

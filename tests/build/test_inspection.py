@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exceptiondrive_build.inspection import shares
+from exceptiondrive_build.candidates import shares
 
 SIZES = st.dictionaries(st.text("abc", min_size=1), st.integers(0, 400), max_size=6)
 
@@ -15,7 +15,7 @@ def test_parts_are_by_size_and_never_more_than_there_are(sizes: dict[str, int], 
     assert sum(found.values()) == min(count, whole)
     for key, part in found.items():
         assert part <= sizes[key]
-        assert abs(part - min(count, whole) * sizes[key] / whole) < 1
+        assert abs(part - min(count, whole) * sizes[key] / max(whole, 1)) < 1
 
 
 def test_the_rest_goes_to_the_largest_remainders() -> None:

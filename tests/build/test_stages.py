@@ -423,3 +423,21 @@ def test_what_a_model_says_cannot_steer_a_terminal(shop: Path, stand_in: StandIn
     notes = [c.screened.note for c in walked(shop).values() if isinstance(c.screened, Screened)]
     assert "\x1b" not in notes[0]
     assert "free road" in notes[0]
+
+
+def test_the_auxiliary_draw_is_edited_and_in_nothing_else(shop: Path, stand_in: StandIn) -> None:
+    for stage in ("screen", "edit", "review"):
+        report(shop, stage)
+    before = walked(shop)
+    assert report(shop, "edit", "--dry-run")["candidates"] == 0
+    change(shop, "workshop.toml", "draw = 0", "draw = 4")
+    done = report(shop, "edit")
+    drawn = [c for c in walked(shop).values() if c.place is not None and not c.is_suitable]
+    assert 0 < len(drawn) == done["decided"] <= 4
+    tasks = {c.task.id for c in before.values() if c.passed_review}
+    assert {c.task.id for c in drawn} <= tasks
+    assert all(isinstance(c.edited, Edited) and not c.is_accepted for c in drawn)
+    assert report(shop, "review")["calls"] == 0
+    assert [k for k, c in walked(shop).items() if c.is_accepted] == [
+        k for k, c in before.items() if c.is_accepted
+    ]

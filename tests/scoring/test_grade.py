@@ -5,10 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import clearance_compliance, grade, proximity_response
+from exceptiondrive_scoring.kinematics import path_fit
 from exceptiondrive_scoring.measure import measure
 
 MakeSplit = Callable[..., SplitArrays]
@@ -97,3 +98,26 @@ def test_the_shift_is_the_mean_over_all_points_with_the_origin(
     pairs = TrajectoryPairs.from_columns({"source": source, "edited": edited})
     (values,) = grade(measure(pairs, split.regions_m, protocol.geometry), split, protocol).values
     np.testing.assert_allclose(values[3:6], np.array([5.0, 3.0, 4.0]) * 6 / 7)
+
+
+@pytest.mark.parametrize(
+    ("time_step_s", "places"),
+    [
+        (0.5, (1, 3, 5)),
+        (0.25, (3, 7, None)),
+        (0.2, (4, 9, None)),
+        (1.0, (0, 1, 2)),
+        (0.3, (None, None, 9)),
+    ],
+)
+def test_source_fit_is_read_at_the_waypoints_of_its_times(
+    time_step_s: float, places: tuple[int | None, ...], geometry: GeometrySection
+) -> None:
+    source = np.arange(20.0).reshape(1, 10, 2)
+    recorded = source - np.stack([np.arange(1.0, 11.0), np.zeros(10)], axis=-1)
+    fit = path_fit(source, recorded, geometry.model_copy(update={"time_step_s": time_step_s}))
+    assert fit.mean_m[0] == 5.5
+    found = [fit.at_1s_m[0], fit.at_2s_m[0], fit.at_3s_m[0]]
+    expected = [np.nan if place is None else place + 1.0 for place in places]
+    np.testing.assert_array_equal(found, expected)
+    assert np.isnan(path_fit(source, None, geometry).mean_m).all()

@@ -6,6 +6,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
+    ClearanceCurve,
     Coverage,
     Flag,
     Plausibility,
@@ -108,3 +109,31 @@ def test_the_exact_sheet_is_left_as_it_was(rounding: Rounding, sheet: ScoreSheet
     before = sheet.model_dump_json()
     rounding.sheet(sheet)
     assert sheet.model_dump_json() == before
+
+
+def test_the_clearance_curve_leaves_only_where_it_may(
+    rounding: Rounding, sheet: ScoreSheet
+) -> None:
+    curve = ClearanceCurve(step=0.1, micro=(1.0, 2 / 3), macro_family=(0.5, 1 / 7))
+    exact = sheet.model_copy(update={"clearance_curve": curve})
+    assert rounding.sheet(exact).clearance_curve is None
+    shown = rounding.sheet(exact, with_curve=True).clearance_curve
+    assert shown == ClearanceCurve(step=0.1, micro=(1.0, 0.6667), macro_family=(0.5, 0.1429))
+
+
+@pytest.mark.parametrize(
+    ("told_of", "public", "withheld"),
+    [("public_splits", True, False), ("all_splits", True, True), ("never", False, False)],
+)
+def test_a_protocol_says_whose_curves_are_published(
+    protocol: ProtocolDocument, told_of: str, public: bool, withheld: bool
+) -> None:
+    section = protocol.publication.model_copy(update={"clearance_curve": told_of})
+    assert section.shows_curve(is_public_split=True) is public
+    assert section.shows_curve(is_public_split=False) is withheld
+
+
+def test_numbers_of_answers_are_not_rounded(rounding: Rounding, sheet: ScoreSheet) -> None:
+    coverage = Coverage(edited=296 / 299, source=1.0, n_edited=296, n_source=299)
+    published = rounding.sheet(sheet.model_copy(update={"coverage": coverage})).coverage
+    assert published == Coverage(edited=0.99, source=1.0, n_edited=296, n_source=299)

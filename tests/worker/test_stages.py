@@ -11,6 +11,7 @@ import pytest
 from exceptiondrive_schemas.challenges import PLANNING, Challenge
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_worker.private_store import PrivateStore, Shelf
@@ -243,3 +244,58 @@ def test_a_rejected_upload_leaves_nothing_in_the_store(tmp_path: Path, target: T
     with pytest.raises(RejectedUpload):
         counted.score(target)
     assert list(counted.private.root.glob("*/*")) == []
+
+
+def with_control(tiny: Split, sample_id: str) -> Split:
+    """The split with one sample made a control."""
+    return tiny.model_copy(
+        update={
+            "samples": tuple(
+                sample.model_copy(update={"control": sample.sample_id == sample_id})
+                for sample in tiny.samples
+            )
+        }
+    )
+
+
+def test_over_caution_is_of_the_controls_and_another_control_is_another_sheet(
+    tmp_path: Path, tiny: Split, planning_file: Callable[..., bytes], protocol: ProtocolDocument
+) -> None:
+    stopping = {"b": {"edited": [[0.1 * step, 0.0] for step in range(1, 7)]}}
+    counted = Counted(tmp_path / "private", planning_file(tiny, edited_mps=3.0, changes=stopping))
+
+    def sheet(split: Split) -> ScoreSheet:
+        target = Target("sha256:upload", PLANNING, load_split(split, protocol), protocol)
+        return counted.stages.score(target).sheet
+
+    assert "over_caution" not in sheet(tiny).micro
+    for control, share in (("b", 1.0), ("c", 0.0)):
+        found = sheet(with_control(tiny, control))
+        assert (found.n, found.micro["over_caution"]) == (3, share)
+        assert "over_caution" not in found.macro_family
+        assert found.coverage.n_edited == 3
+
+
+def test_recorded_paths_are_measured_against_and_kept_apart(
+    tmp_path: Path, tiny: Split, planning_file: Callable[..., bytes], protocol: ProtocolDocument
+) -> None:
+    counted = Counted(tmp_path / "private", planning_file(tiny, source_mps=4.0))
+    path = tuple((2.0 * step, 3.0) for step in range(1, 7))
+    told = tiny.model_copy(
+        update={
+            "samples": tuple(
+                sample.model_copy(update={"recorded": path if sample.sample_id == "a" else None})
+                for sample in tiny.samples
+            )
+        }
+    )
+    plain, fit = (
+        counted.stages.score(
+            Target("sha256:upload", PLANNING, load_split(split, protocol), protocol)
+        ).sheet
+        for split in (tiny, told)
+    )
+    assert plain.micro["source_l2_m"] is None
+    assert fit.micro["source_l2_m"] == fit.micro["source_l2_2s_m"] == 3.0
+    assert fit.families["lane_blockage"].metrics["source_l2_m"] is None
+    assert fit.micro["hcc"] == plain.micro["hcc"]

@@ -5,15 +5,19 @@ pictures; a person's, while the pictures are the same. Thresholds are applied wh
 a change of them asks nobody anew.
 """
 
-from collections.abc import Iterable
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
 
+import numpy as np
+
 from exceptiondrive_build.prompts import Prompts, chat_author, edit_author, scene_words
 from exceptiondrive_build.records import Author, Kind, Record, newest
-from exceptiondrive_build.scenes.keyframe import Keyframe
-from exceptiondrive_build.settings import ReviewSection
+from exceptiondrive_build.scenes.cameras import project
+from exceptiondrive_build.scenes.keyframe import Camera, Keyframe
+from exceptiondrive_build.settings import ReviewSection, TaskTexts
 from exceptiondrive_build.values import (
     Edited,
     Inspected,
@@ -22,10 +26,11 @@ from exceptiondrive_build.values import (
     Reviewed,
     Screened,
     Unanswered,
+    ViewEdit,
     Withdrawn,
 )
 from exceptiondrive_build.workshop import Workshop
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.taxonomy import Task
 
 Value = TypeVar("Value", bound=Document)
@@ -40,6 +45,8 @@ class Candidate:
         keyframe: The moment.
         task: The task.
         thresholds: What an edit must reach.
+        place: Where its hazard is to be drawn: as screened, or as of the auxiliary set; None where
+            nothing is to be edited.
         current: The record that counts now, by kind; of `verify` the newest.
         inspections: All words of people about these pictures, oldest first.
         verifications: All words of people about the region, oldest first.
@@ -49,6 +56,7 @@ class Candidate:
     keyframe: Keyframe
     task: Task
     thresholds: ReviewSection
+    place: Screened | None = None
     current: dict[Kind, Record] = field(default_factory=dict)
     inspections: tuple[Record, ...] = ()
     verifications: tuple[Record, ...] = ()
@@ -98,12 +106,15 @@ class Candidate:
     @property
     def passed_review(self) -> bool:
         """Whether the edit was reviewed and meets every threshold."""
-        return isinstance(self.reviewed, Reviewed) and not self.review_faults
+        is_reviewed = self.is_suitable and isinstance(self.reviewed, Reviewed)
+        return is_reviewed and not self.review_faults
 
     @property
     def is_accepted(self) -> bool:
         """Whether the pictures are good enough: a person's newest word, else the review's."""
-        return self.passed_review if self.inspected is None else self.inspected.passed
+        if self.inspected is None or not self.is_suitable:
+            return self.passed_review
+        return self.inspected.passed
 
     @cached_property
     def pictures(self) -> tuple[str, ...]:
@@ -138,50 +149,125 @@ def walk(workshop: Workshop) -> dict[str, Candidate]:
     Raises:
         BuildError: Settings, words, scenes or records cannot be read.
     """
-    prompts = Prompts(workshop)
-    records = {kind: workshop.records.standing(kind) for kind in Kind}
+    reading = _Reading(workshop)
     found: dict[str, Candidate] = {}
     for keyframe in workshop.keyframes.values():
         for task in workshop.tasks:
             sample_id = workshop.sample_id(keyframe.keyframe_id, task.id)
-            of_it = {kind: records[kind].get(sample_id, ()) for kind in Kind}
-            found[sample_id] = _candidate(workshop, prompts, sample_id, keyframe, task, of_it)
+            found[sample_id] = Candidate(sample_id, keyframe, task, workshop.settings.review)
+            reading.screening(found[sample_id])
+    for sample_id, place in auxiliary_places(workshop, found).items():
+        found[sample_id].place = place
+        reading.pictures(found[sample_id])
     return found
 
 
-def _candidate(
-    workshop: Workshop,
-    prompts: Prompts,
-    sample_id: str,
-    keyframe: Keyframe,
-    task: Task,
-    records: dict[Kind, tuple[Record, ...]],
-) -> Candidate:
-    found = Candidate(sample_id, keyframe, task, workshop.settings.review)
+class _Reading:
+    """Puts into candidates the records that count now."""
 
-    def look(kind: Kind, inputs: tuple[str, ...], by: Author | None = None) -> None:
-        record = newest(records[kind], inputs, by)
+    def __init__(self, workshop: Workshop) -> None:
+        self._workshop = workshop
+        self._prompts = Prompts(workshop)
+        self._records = {kind: workshop.records.standing(kind) for kind in Kind}
+
+    def screening(self, candidate: Candidate) -> None:
+        workshop, prompts = self._workshop, self._prompts
+        by, inputs = screen_asked(workshop, prompts, candidate.keyframe, candidate.task)
+        self._look(candidate, Kind.SCREEN, inputs, by)
+        if isinstance(candidate.screened, Screened) and candidate.screened.suitable:
+            candidate.place = candidate.screened
+            self.pictures(candidate)
+
+    def pictures(self, candidate: Candidate) -> None:
+        assert candidate.place is not None
+        by, inputs = edit_asked(self._workshop, self._prompts, candidate, candidate.place)
+        self._look(candidate, Kind.EDIT, inputs, by)
+        if not candidate.pictures:
+            return
+        by, inputs = review_asked(self._workshop, self._prompts, candidate, candidate.place)
+        self._look(candidate, Kind.REVIEW, inputs, by)
+        for kind in (Kind.INSPECT, Kind.LOCALIZE, Kind.VERIFY):
+            self._look(candidate, kind, candidate.pictures)
+        candidate.inspections, candidate.verifications = (
+            tuple(r for r in self._of(kind, candidate) if r.inputs == candidate.pictures)
+            for kind in (Kind.INSPECT, Kind.VERIFY)
+        )
+        withdrawals = self._of(Kind.WITHDRAW, candidate)
+        if withdrawals:
+            candidate.current[Kind.WITHDRAW] = withdrawals[-1]
+
+    def _look(
+        self, candidate: Candidate, kind: Kind, inputs: tuple[str, ...], by: Author | None = None
+    ) -> None:
+        record = newest(self._of(kind, candidate), inputs, by)
         if record is not None:
-            found.current[kind] = record
+            candidate.current[kind] = record
 
-    by, inputs = screen_asked(workshop, prompts, keyframe, task)
-    look(Kind.SCREEN, inputs, by)
-    if not isinstance(found.screened, Screened) or not found.screened.suitable:
-        return found
-    by, inputs = edit_asked(workshop, prompts, found, found.screened)
-    look(Kind.EDIT, inputs, by)
-    if not found.pictures:
-        return found
-    by, inputs = review_asked(workshop, prompts, found, found.screened)
-    look(Kind.REVIEW, inputs, by)
-    for kind in (Kind.INSPECT, Kind.LOCALIZE, Kind.VERIFY):
-        look(kind, found.pictures)
-    found.inspections, found.verifications = (
-        tuple(record for record in records[kind] if record.inputs == found.pictures)
-        for kind in (Kind.INSPECT, Kind.VERIFY)
+    def _of(self, kind: Kind, candidate: Candidate) -> tuple[Record, ...]:
+        return self._records[kind].get(candidate.sample_id, ())
+
+
+def auxiliary_places(
+    workshop: Workshop, candidates: Mapping[str, Candidate]
+) -> dict[str, Screened]:
+    """Which pairs are edited although the screening did not choose them, and where.
+
+    They are drawn by a digest of seed and sample id from what has no place, by the tasks of the
+    accepted ones; the hazard goes to the middle of the task's range, in the first view that sees
+    it. Good to study failures and for later work, and in no benchmark.
+    """
+    settings = workshop.settings.auxiliary
+    if not settings.draw:
+        return {}
+    accepted = Counter(c.task.id for c in candidates.values() if c.passed_review)
+    wanted = shares(accepted, settings.draw, capped=False)
+    by_task: dict[str, list[str]] = defaultdict(list)
+    for sample_id, candidate in candidates.items():
+        if candidate.place is None and candidate.screened is not None:
+            by_task[candidate.task.id].append(sample_id)
+    found = {}
+    for task_id, count in wanted.items():
+        ids = sorted(by_task[task_id], key=lambda key: content_digest([settings.seed, key]))
+        for sample_id in ids[:count]:
+            found[sample_id] = _middle_place(candidates[sample_id], workshop.task_texts[task_id])
+    return found
+
+
+def _middle_place(candidate: Candidate, texts: TaskTexts) -> Screened:
+    ahead_m, left_m = (sum(span) / 2 for span in (texts.ahead_m, texts.left_m))
+    cameras = candidate.keyframe.cameras
+    seeing = [camera for camera in cameras if _is_seen(camera, ahead_m, left_m)]
+    view = (seeing or cameras)[0].view
+    words = f"with its foot at {ahead_m:.1f} m ahead and {left_m:.1f} m to the left"
+    return Screened(
+        suitable=False,
+        target_m=(ahead_m, left_m),
+        views=(ViewEdit(view=view, instruction=f"in {view}: {words}"),),
     )
-    if records[Kind.WITHDRAW]:
-        found.current[Kind.WITHDRAW] = records[Kind.WITHDRAW][-1]
+
+
+def _is_seen(camera: Camera, ahead_m: float, left_m: float) -> bool:
+    ((u, v),) = project(camera, np.array([[ahead_m, left_m]]))
+    return bool(0 <= u < camera.width_px and 0 <= v < camera.height_px)
+
+
+def shares(sizes: Mapping[str, int], count: int, *, capped: bool = True) -> dict[str, int]:
+    """Part `count` among strata by their sizes, by largest remainder.
+
+    Args:
+        sizes: Of each stratum.
+        count: How many in all.
+        capped: Whether none may get more than it has.
+    """
+    whole = sum(sizes.values())
+    if not whole:
+        return dict.fromkeys(sizes, 0)
+    count = min(count, whole) if capped else count
+    exact = {key: count * size / whole for key, size in sizes.items()}
+    found = {key: int(value) for key, value in exact.items()}
+    rest = sorted(exact, key=lambda key: (found[key] - exact[key], key))
+    for key in rest[: count - sum(found.values())]:
+        found[key] += 1
     return found
 
 
@@ -195,19 +281,19 @@ def screen_asked(
 
 
 def edit_asked(
-    workshop: Workshop, prompts: Prompts, candidate: Candidate, screened: Screened
+    workshop: Workshop, prompts: Prompts, candidate: Candidate, place: Screened
 ) -> tuple[Author, tuple[str, ...]]:
     """Who is asked to edit the views, and the digests of the sources."""
-    words = [prompts.edit(candidate.task.id, view.instruction) for view in screened.views]
-    inputs = picture_digests(candidate.keyframe.camera(view.view).image for view in screened.views)
+    words = [prompts.edit(candidate.task.id, view.instruction) for view in place.views]
+    inputs = picture_digests(candidate.keyframe.camera(view.view).image for view in place.views)
     return edit_author(workshop.settings.edit, *words), inputs
 
 
 def review_asked(
-    workshop: Workshop, prompts: Prompts, candidate: Candidate, screened: Screened
+    workshop: Workshop, prompts: Prompts, candidate: Candidate, place: Screened
 ) -> tuple[Author, tuple[str, ...]]:
     """Who is asked for marks, and the digests of the pairs of pictures."""
-    words = prompts.review(candidate.task.id, screened)
+    words = prompts.review(candidate.task.id, place)
     return chat_author(workshop.settings.review, words), candidate.pictures
 
 

@@ -200,8 +200,9 @@ class ReviewStage(ChatStage):
         return self.workshop.settings.review
 
     def is_open(self, candidate: Candidate) -> bool:
-        """Whether it is edited and has not been reviewed."""
-        return isinstance(candidate.edited, Edited) and candidate.reviewed is None
+        """Whether it suits its scene, is edited and has not been reviewed."""
+        is_edited = candidate.is_suitable and isinstance(candidate.edited, Edited)
+        return is_edited and candidate.reviewed is None
 
     def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
         """The reviewing model, and the pairs of pictures."""

@@ -22,7 +22,7 @@ SAME_SHAPE = 0.02
 
 
 class EditStage(Stage):
-    """The edited picture of each view that screening named."""
+    """The edited picture of each view that the hazard is to be drawn in."""
 
     kind = Kind.EDIT
 
@@ -32,12 +32,12 @@ class EditStage(Stage):
         return self.workshop.settings.edit
 
     def is_open(self, candidate: Candidate) -> bool:
-        """Whether it is suitable and has not been edited."""
-        return candidate.is_suitable and candidate.edited is None
+        """Whether it has a place for its hazard and has not been edited."""
+        return candidate.place is not None and candidate.edited is None
 
     def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
         """The editing model, and the sources."""
-        return edit_asked(self.workshop, self.prompts, candidate, _screened(candidate))
+        return edit_asked(self.workshop, self.prompts, candidate, _place(candidate))
 
     def questions(self, candidate: Candidate) -> tuple[Question, ...]:
         """One for each view."""
@@ -47,7 +47,7 @@ class EditStage(Stage):
                 [candidate.keyframe.camera(view.view).image],
                 part=view.view,
             )
-            for view in _screened(candidate).views
+            for view in _place(candidate).views
         )
 
     async def ask(
@@ -67,7 +67,7 @@ class EditStage(Stage):
 
     def value(self, candidate: Candidate, answers: Sequence[Answer]) -> Edited:
         """The pictures by view."""
-        views = [view.view for view in _screened(candidate).views]
+        views = [view.view for view in _place(candidate).views]
         pictures = [str(answer.image) for answer in answers]
         return Edited(images=dict(zip(views, pictures, strict=True)))
 
@@ -114,6 +114,6 @@ def _tokens(usage: dict[str, Any] | None) -> dict[str, int]:
     return {ours: found[name] for ours, name in names.items() if isinstance(found.get(name), int)}
 
 
-def _screened(candidate: Candidate) -> Screened:
-    assert isinstance(candidate.screened, Screened)
-    return candidate.screened
+def _place(candidate: Candidate) -> Screened:
+    assert candidate.place is not None
+    return candidate.place

@@ -21,14 +21,14 @@ from exceptiondrive_build.datasheet_text import html_of, markdown_of
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.numbers import audit, cells, deciders, stages
 from exceptiondrive_build.records import Kind, Record
-from exceptiondrive_build.values import Corners, Edited, Screened
+from exceptiondrive_build.values import Corners, Edited
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.datasheet import (
     Agreement,
     Datasheet,
     Example,
-    Revision,
+    SplitChange,
     SplitWarning,
     WithdrawnSamples,
     Words,
@@ -203,16 +203,16 @@ def auxiliary(workshop: Workshop, candidates: Mapping[str, Candidate], split: Sp
 
 
 def _likely_region(workshop: Workshop, candidate: Candidate) -> Corners | None:
-    if not isinstance(candidate.edited, Edited) or not isinstance(candidate.screened, Screened):
+    if not isinstance(candidate.edited, Edited) or candidate.place is None:
         return None
     verified = outcome(candidate.verifications, workshop.settings.verify).corners
     if verified is not None:
         return verified
     if candidate.localized is not None:
         return candidate.localized.corners
-    if candidate.screened.target_m is None:
+    if candidate.place.target_m is None:
         return None
-    ahead_m, left_m = candidate.screened.target_m
+    ahead_m, left_m = candidate.place.target_m
     length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
     near, far, right, left = (
         ahead_m - length_m / 2,
@@ -273,7 +273,7 @@ def _datasheet(
         n_controls=len(split.controls),
         n_recorded=sum(sample.recorded is not None for sample in split.samples),
         withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
-        changes=None if previous is None else _revision(previous, split, words),
+        changes=None if previous is None else SplitChange.between(previous, split, words),
         words=Words(**own_words),
         stages=stages(candidates.values(), settings.verify, {it.sample_id for it in split.samples}),
         families=cells(taxonomy.families, candidates.values(), counted),
@@ -286,19 +286,6 @@ def _datasheet(
             for found in split_warnings(split, workshop.protocol)
         ),
         examples=tuple(_examples(workshop, candidates, split)),
-    )
-
-
-def _revision(previous: Split, split: Split, words: str) -> Revision:
-    before = {sample.sample_id: sample for sample in previous.samples}
-    return Revision(
-        previous=previous.revision,
-        words=words,
-        moved=sum(it.region != before[it.sample_id].region for it in split.samples),
-        withdrawn=sum(
-            it.withdrawn is not None and before[it.sample_id].withdrawn is None
-            for it in split.samples
-        ),
     )
 
 

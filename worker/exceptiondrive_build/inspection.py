@@ -7,7 +7,7 @@ comes or goes changes at most one place of it.
 from collections import defaultdict
 from collections.abc import Mapping
 
-from exceptiondrive_build.candidates import Candidate
+from exceptiondrive_build.candidates import Candidate, shares
 from exceptiondrive_build.settings import InspectSection
 from exceptiondrive_build.values import Reviewed
 from exceptiondrive_schemas.base import content_digest
@@ -40,15 +40,3 @@ def draw(candidates: Mapping[str, Candidate], settings: InspectSection) -> tuple
         ids.sort(key=lambda sample_id: content_digest([settings.seed, sample_id]))
         drawn += ids[: sizes[stratum]]
     return tuple(sorted(drawn, key=lambda sample_id: content_digest([settings.seed, sample_id])))
-
-
-def shares(sizes: Mapping[str, int], count: int) -> dict[str, int]:
-    """Part `count` among strata by their sizes, by largest remainder; none gets more than it has."""
-    whole = sum(sizes.values())
-    count = min(count, whole)
-    exact = {key: count * size / whole for key, size in sizes.items()} if whole else {}
-    found = {key: int(value) for key, value in exact.items()}
-    rest = sorted(exact, key=lambda key: (found[key] - exact[key], key))
-    for key in rest[: count - sum(found.values())]:
-        found[key] += 1
-    return found

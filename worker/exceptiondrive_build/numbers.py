@@ -71,9 +71,9 @@ def cells(
         cell = counts[it.task.id if it.task.id in counts else it.task.family]
         cell.update(
             candidates=1,
-            suitable=it.is_suitable,
-            accepted=it.is_accepted,
-            n=it.sample_id in counted,
+            suitable=int(it.is_suitable),
+            accepted=int(it.is_accepted),
+            n=int(it.sample_id in counted),
         )
     return tuple(
         Cell(

@@ -86,6 +86,13 @@ class InspectSection(Document):
     by_family: bool = Field(default=False, description="draw from each family by its share")
 
 
+class AuxiliarySection(Document):
+    """Pairs that are edited although the screening did not choose them."""
+
+    draw: Annotated[int, Field(ge=0)] = 0
+    seed: int = 1
+
+
 class LocalizeSection(Document):
     """Which of a detector's boxes may be a region."""
 
@@ -146,6 +153,7 @@ class WorkshopSettings(Document):
     edit: EditSection
     review: ReviewSection
     inspect: InspectSection = InspectSection()
+    auxiliary: AuxiliarySection = AuxiliarySection()
     localize: LocalizeSection = LocalizeSection()
     verify: VerifySection = VerifySection()
     freeze: FreezeSection = FreezeSection()

@@ -108,12 +108,15 @@ def check_split(
 
 
 @app.command("register-splits")
-def register_splits(protocol: ProtocolOption = None) -> None:
+def register_splits(
+    protocol: ProtocolOption = None,
+    words: Annotated[str, typer.Option(help="What readers are told of a later revision.")] = "",
+) -> None:
     """Record the manifest of every split file: names, revisions and sample ids, nothing else."""
     settings = load_settings(WorkerSettings)
     splits = SplitStore(settings.splits_dir)
     with _records(settings) as database:
-        found = register_all_splits(database, splits, _protocol(protocol))
+        found = register_all_splits(database, splits, _protocol(protocol), words)
     for registered in found:
         manifest = registered.manifest
         typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")

@@ -6,11 +6,11 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.splits.splits import publish_split, register_split
+from exceptiondrive_records.splits.splits import list_splits, publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_schemas.datasheet import Datasheet, SplitWarning, SplitWarnings
+from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.split_lint import LintWarning
 from exceptiondrive_worker.split_store import (
     MAX_SPLIT_BYTES,
@@ -37,15 +37,21 @@ class RegisteredSplit:
 
 
 def register_all_splits(
-    database: Database, splits: SplitStore, protocol: ProtocolDocument
+    database: Database, splits: SplitStore, protocol: ProtocolDocument, words: str = ""
 ) -> list[RegisteredSplit]:
     """Register the manifest of every split file; what is registered already stays as it is.
+
+    Args:
+        database: The system of record.
+        splits: Where the files lie.
+        protocol: Under which they have to be scorable.
+        words: What readers are told of a revision that is new and has no datasheet that says it.
 
     Raises:
         SplitUnreadableError: A file is not a split.
         SplitRefusedError: A split cannot be scored; every offending sample is listed.
     """
-    return [_register(database, path, protocol) for path in splits.files()]
+    return [_register(database, splits, path, protocol, words) for path in splits.files()]
 
 
 def publish_split_file(
@@ -59,19 +65,23 @@ def publish_split_file(
     paths = [path for path in splits.files() if path.parent.name == name]
     if not paths:
         raise SplitUnavailableError(f"there is no split file for {name!r}")
-    registered = _register(database, paths[0], protocol)
+    registered = _register(database, splits, paths[0], protocol)
     digest, _ = files.put_stream([paths[0].read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
     with database.write() as session:
         publish_split(session, name, registered.manifest.revision, digest, ACTOR)
     return registered
 
 
-def _register(database: Database, path: Path, protocol: ProtocolDocument) -> RegisteredSplit:
+def _register(
+    database: Database, splits: SplitStore, path: Path, protocol: ProtocolDocument, words: str = ""
+) -> RegisteredSplit:
     """Record the whole split and, where it has parts, each part; return the whole."""
     split = read_split(path)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
     counts = [SplitWarning(code=w.code, what=w.what, count=w.count) for w in warnings]
+    sheet = read_datasheet(path)
+    changes = sheet.changes if sheet else _changes(database, splits, split, words)
     with database.write() as session:
         for part, of_part in loaded.items():
             register_split(
@@ -83,9 +93,24 @@ def _register(database: Database, path: Path, protocol: ProtocolDocument) -> Reg
                 part=part,
                 whole_revision=None if part is None else whole.revision,
                 warnings=SplitWarnings(found=tuple(counts if part is None else ())),
-                datasheet=read_datasheet(path) if part is None else None,
+                changes=changes if part is None else None,
+                datasheet=sheet if part is None else None,
             )
     return RegisteredSplit(path, whole, warnings)
+
+
+def _changes(
+    database: Database, splits: SplitStore, split: Split, words: str
+) -> SplitChange | None:
+    """Return what is told of a revision that is not registered yet, since the one before."""
+    with database.read() as session:
+        known = [row.revision for row in list_splits(session) if row.name == split.name]
+    if not words or split.revision in known:
+        return None
+    files = (read_split(path) for path in splits.files() if path.parent.name == split.name)
+    earlier = {each.revision: each for each in files}
+    before = next((earlier[revision] for revision in known if revision in earlier), None)
+    return None if before is None else SplitChange.between(before, split, words)
 
 
 def read_datasheet(split_path: Path) -> Datasheet | None:

@@ -226,12 +226,14 @@ def message_of(settings: NoticeSettings, to: str, notice: NotificationView) -> E
 def text_of(notice: NotificationView, site_url: str) -> str:
     """Return the words of the message."""
     changes = [f"- {one_line(sentence)}" for sentence in notice.what_changed]
+    is_new = notice.from_protocol != notice.to_protocol
+    before = f" (before: {notice.from_protocol.version})" if is_new else ""
     entries = [line for entry in notice.entries for line in _entry_lines(entry)]
     address = f"{site_url.rstrip('/')}{notice.comparison}"
     lines = [
         f"To team {one_line(notice.team)}:",
         "",
-        f"{one_line(notice.title)} (before: {notice.from_protocol.version}). What changed:",
+        f"{one_line(notice.title)}{before}. What changed:",
         *changes,
         "",
         "Your published numbers:",

@@ -58,7 +58,7 @@ def notify_teams(
             team=session.get_one(Team, team_id).name,
             phase=phase.id,
             created_at=now,
-            title=f"{phase.title} {_VERBS[kind]} protocol {comparison.to_protocol.version}",
+            title=f"{phase.title} {_VERBS[kind]} {_what_stands(comparison)}",
             from_protocol=comparison.from_protocol,
             to_protocol=comparison.to_protocol,
             what_changed=what_changed,
@@ -75,6 +75,14 @@ def notify_teams(
         )
         rows.append(_put(session, team_id, run_id, view))
     return rows
+
+
+def _what_stands(comparison: Comparison) -> str:
+    """The protocol, or where it stays, the revision of the split."""
+    if comparison.from_protocol != comparison.to_protocol:
+        return f"protocol {comparison.to_protocol.version}"
+    revision = comparison.to_split.revision.removeprefix("sha256:")
+    return f"revision {revision[:12]} of split {comparison.to_split.name}"
 
 
 def _changed(comparison: Comparison) -> list[EntryChange]:

@@ -11,10 +11,11 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.splits import find_split, whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.datasheet import SplitChange
 from exceptiondrive_schemas.protocol_difference import Change as Change_of_differences
 from exceptiondrive_schemas.protocol_difference import (
     Difference,
@@ -207,13 +208,28 @@ def difference_of(session: Session, run: RescoringRun) -> Difference:
         find_protocol(session, old.protocol_digest),
         find_protocol(session, new.protocol_digest),
         count_pairs(session, phase.id, new).total,
-        split=_part_change(before, after) or split_changes(before.manifest, after.manifest),
+        split=_part_change(before, after) or _revision_changes(session, before, after),
     )
 
 
 def taken_back(sentences: tuple[str, ...]) -> tuple[str, ...]:
     """Return the sentences of a run that was rolled back."""
     return tuple(f"taken back: {sentence}" for sentence in sentences)
+
+
+def split_change(session: Session, before: SplitRow, after: SplitRow) -> SplitChange | None:
+    """Return what readers are told of the step between two revisions, or parts of them."""
+    old, new = (whole_split(session, row.name, row.revision) for row in (before, after))
+    told = new.changes
+    return told if told is not None and told.previous == old.revision else None
+
+
+def _revision_changes(
+    session: Session, before: SplitRow, after: SplitRow
+) -> tuple[Change_of_differences, ...]:
+    n_counted = before.n_samples, after.n_samples
+    told = split_change(session, before, after)
+    return split_changes(before.manifest, after.manifest, n_counted, told)
 
 
 def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differences, ...]:

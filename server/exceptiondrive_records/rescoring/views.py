@@ -18,11 +18,13 @@ from exceptiondrive_records.rescoring.comparison import (
     Compared,
     compare_rows,
     difference_of,
+    split_change,
     taken_back,
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
 from exceptiondrive_schemas.rescoring import (
@@ -164,10 +166,23 @@ def public_run(session: Session, run_id: str) -> PublicRun:
         to_protocol=_protocol_ref(session, run.to_protocol_digest),
         from_split=SplitRef(name=phase.split_name, revision=run.from_split_revision),
         to_split=SplitRef(name=phase.split_name, revision=run.to_split_revision),
-        changes=find_protocol(session, run.to_protocol_digest).changes,
+        changes=_words_for_readers(session, run, phase.split_name),
         difference=difference_of(session, run),
         comparison=run.comparison,
     )
+
+
+def _words_for_readers(session: Session, run: RescoringRun, split_name: str) -> str:
+    """What the makers of the new protocol and of the new split revision say of them."""
+    words = []
+    if run.from_protocol_digest != run.to_protocol_digest:
+        words.append(find_protocol(session, run.to_protocol_digest).changes)
+    revisions = run.from_split_revision, run.to_split_revision
+    before, after = (find_split(session, split_name, revision) for revision in revisions)
+    told = split_change(session, before, after)
+    if told is not None:
+        words.append(told.words)
+    return " ".join(words)
 
 
 def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:

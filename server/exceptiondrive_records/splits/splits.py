@@ -7,7 +7,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_schemas.datasheet import Datasheet, SplitWarnings
+from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
 from exceptiondrive_schemas.phase_settings import LivePart, SplitPart
 from exceptiondrive_schemas.split import Manifest
 
@@ -24,9 +24,10 @@ def register_split(
     part: SplitPart | None = None,
     whole_revision: str | None = None,
     warnings: SplitWarnings = NO_WARNINGS,
+    changes: SplitChange | None = None,
     datasheet: Datasheet | None = None,
 ) -> SplitRow:
-    """Record a split revision; of one that is known, warnings and datasheet are renewed.
+    """Record a split revision; of one that is known, what is told about it is renewed.
 
     Args:
         session: Of a write transaction.
@@ -38,6 +39,7 @@ def register_split(
             are those of the part; which samples it holds is never recorded.
         whole_revision: The registered revision of which it is a part.
         warnings: What lint doubts, by count.
+        changes: What readers are told of a later revision.
         datasheet: What anyone may know of how it was made.
 
     Raises:
@@ -66,7 +68,8 @@ def register_split(
                 f"Split {manifest.name!r} revision {manifest.revision} is recorded otherwise; "
                 "a revision never changes."
             )
-        held.warnings, held.datasheet = warnings, datasheet or held.datasheet
+        held.warnings = warnings
+        held.changes, held.datasheet = changes or held.changes, datasheet or held.datasheet
         return held
     row = SplitRow(
         name=manifest.name,
@@ -80,6 +83,7 @@ def register_split(
         part=part,
         whole_revision=whole_revision,
         warnings=warnings,
+        changes=changes,
         datasheet=datasheet,
     )
     session.add(row)

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
-from exceptiondrive_schemas.datasheet import Datasheet, SplitWarnings
+from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
 from exceptiondrive_schemas.drawing import EntryDrawings, ProtocolDrawing
 from exceptiondrive_schemas.split import Manifest
 
@@ -34,6 +34,8 @@ class SplitRow(Base):
     whole_revision: Mapped[str | None]
     warnings: Mapped[SplitWarnings] = mapped_column(DocumentText(SplitWarnings))
     """What lint doubts, by count; of a part: nothing."""
+    changes: Mapped[SplitChange | None] = mapped_column(DocumentText(SplitChange))
+    """What readers are told of a later revision; of a part: nothing."""
     datasheet: Mapped[Datasheet | None] = mapped_column(DocumentText(Datasheet), deferred=True)
     """How it was made, as far as anyone may know, where its makers say so."""
 

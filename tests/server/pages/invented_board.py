@@ -23,7 +23,7 @@ from exceptiondrive_schemas.datasheet import (
     Datasheet,
     Decider,
     Example,
-    Revision,
+    SplitChange,
     SplitWarning,
     Stage,
     WithdrawnSamples,
@@ -75,7 +75,7 @@ DATASHEET = Datasheet(
     n_controls=6,
     n_recorded=N,
     withdrawn=(WithdrawnSamples(reason="The hazard stands on the pavement.", n=2),),
-    changes=Revision(
+    changes=SplitChange(
         previous="sha256:" + "1a" * 32,
         words="Two samples failed the audit, and three regions lay a metre too far.",
         moved=3,

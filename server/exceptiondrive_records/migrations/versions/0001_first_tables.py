@@ -170,6 +170,7 @@ def create_splits() -> None:
         sa.Column("part", sa.String()),
         sa.Column("whole_revision", sa.String()),
         sa.Column("warnings", sa.Text(), nullable=False),
+        sa.Column("changes", sa.Text()),
         sa.Column("datasheet", sa.Text()),
     )
     op.create_index(

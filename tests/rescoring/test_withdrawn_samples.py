@@ -1,0 +1,256 @@
+"""A revision that withdraws samples and moves regions, from the workshop to the board and back."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy.orm import Session
+from tests.build.deciding import PEOPLE, decisions, record
+from tests.build.shop import make_shop
+from tests.rescoring.documents import split_document
+from tests.rescoring.stage import STEP, Stage
+from tests.support import documents
+from tests.support.records import add_phase
+from typer.testing import CliRunner
+
+from exceptiondrive_build.candidates import walk
+from exceptiondrive_build.cli import app
+from exceptiondrive_build.records import Kind
+from exceptiondrive_build.values import Verified
+from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.notifications.inbox import list_notifications
+from exceptiondrive_records.rescoring import runs
+from exceptiondrive_records.rescoring.views import board_history, public_run
+from exceptiondrive_records.splits.shown import shown_revision
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.teams.teams import create_team, find_team
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.protocol import packaged_protocol, parse_protocol
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_store import SplitStore, load_split, read_split
+from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.stages import Target
+from exceptiondrive_worker.upload_reader import read_upload
+
+WORDS = "Sample b failed the audit; the region of d lay too far."
+
+
+def revised(split: Split) -> Split:
+    """Sample b withdrawn, and the region of d nearer."""
+    changes: dict[str, dict[str, Any]] = {
+        "b": {"withdrawn": "The hazard stands on the pavement."},
+        "d": {"region": ((7.0, -1.0), (9.0, -1.0), (9.0, 1.0), (7.0, 1.0))},
+    }
+    samples = [it.model_copy(update=changes.get(it.sample_id, {})) for it in split.samples]
+    return split.model_copy(update={"samples": tuple(samples)})
+
+
+def put_revision(stage: Stage, split: Split) -> str:
+    """Put a later revision beside the earlier one, and register it with words for readers."""
+    path = stage.settings.splits_dir / "tiny" / "split-2.json"
+    path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+    splits = SplitStore(stage.settings.splits_dir)
+    register_all_splits(stage.context.database, splits, packaged_protocol(), WORDS)
+    return split.revision
+
+
+def told(session: Session, stage: Stage) -> list[tuple[str, ...]]:
+    team = find_team(session, "alpha")
+    notices = list_notifications(session, team.id)
+    assert all("of split tiny" in notice.title for notice in notices)
+    return [notice.what_changed for notice in notices]
+
+
+def test_old_files_answer_what_is_withdrawn_and_no_sheet_counts_it(stage: Stage) -> None:
+    before = stage.board()
+    later = revised(split_document())
+    run_id = stage.draft(split_revision=put_revision(stage, later))
+    expected = (
+        WORDS,
+        "the regions of 1 sample change",
+        "1 sample withdrawn: files still answer, none counts",
+        "N goes from 4 to 3",
+    )
+    assert stage.view(run_id).difference.sentences == expected
+    stage.step("start", run_id)
+    stage.work()
+    stage.apply(run_id)
+    board = json.loads(stage.board())
+    assert (json.loads(before)["n_samples"], board["n_samples"]) == (4, 3)
+    assert board["split"]["revision"] == later.revision
+    with stage.database.read() as session:
+        assert board_history(session, "dev")[0].what_changed == expected
+        assert public_run(session, run_id).changes == WORDS
+        assert told(session, stage)[0] == expected
+    fresh = stage.submit(1.5, "later", "gamma")
+    stage.work()
+    assert fresh in stage.board(), "a file that answers all four is still what is asked for"
+    stage.rollback(run_id)
+    assert json.loads(stage.board())["n_samples"] == 4
+
+
+def test_the_sheet_is_that_of_a_split_without_the_sample(stage: Stage) -> None:
+    """Scored by another way: the three samples that are left, as a split of their own."""
+    later = revised(split_document())
+    run_id = stage.draft(split_revision=put_revision(stage, later))
+    stage.step("start", run_id)
+    stage.work()
+    stage.apply(run_id)
+    left = later.model_copy(update={"samples": later.counted})
+    shorter = load_split(left, packaged_protocol())
+    for speed_mps, method in ((1.0, "slow"), (2.0, "middle"), (6.0, "fast")):
+        answers = read_upload(
+            documents.planning_file(dict.fromkeys("acd", speed_mps)),
+            challenge=PLANNING,
+            manifest=shorter.manifest,
+            protocol=packaged_protocol(),
+        )
+        assert not isinstance(answers, CheckReport)
+        target = Target(method, PLANNING, shorter, packaged_protocol(), made=answers)
+        exact = stage.context.stages.score(target).sheet
+        (entry,) = [it for it in json.loads(stage.board())["entries"] if it["method"] == method]
+        for key in ("hcc", "ur"):
+            value = exact.macro_family[key]
+            assert value is not None
+            assert entry["metrics"][key] == pytest.approx(value, abs=5e-5)
+
+
+def test_a_region_that_a_new_footprint_touches_can_be_withdrawn(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    """The larger car touches it before it moves: the protocol alone fails, with the revision not."""
+    longer = make_protocol("1.2", "footprint_length_m = 4.084", "footprint_length_m = 4.8")
+    near = ((3.7, -1.0), (5.7, -1.0), (5.7, 1.0), (3.7, 1.0))
+    first = split_document()
+    samples = [
+        it.model_copy(update={"region": near}) if it.sample_id == "b" else it
+        for it in first.samples
+    ]
+    crowded = first.model_copy(update={"samples": tuple(samples)})
+    with pytest.raises(SplitRefusedError, match="touch the footprint"):
+        load_split(crowded, parse_protocol(longer))
+    withdrawn = crowded.model_copy(
+        update={
+            "samples": tuple(
+                it.model_copy(update={"withdrawn": "Too near."}) if it.region == near else it
+                for it in crowded.samples
+            )
+        }
+    )
+    assert load_split(withdrawn, parse_protocol(longer)).arrays.n_samples == 3
+
+
+# From the workshop.
+
+
+@pytest.fixture
+def shop(tmp_path: Path) -> Path:
+    folder = make_shop(tmp_path / "made", width_px=160)
+    with Workshop(folder) as workshop:
+        workshop.append(*decisions(workshop))
+    return folder
+
+
+def build(*command: str | Path) -> None:
+    result = CliRunner().invoke(app, [str(part) for part in command])
+    assert result.exit_code == 0, result.output
+
+
+def hang_up(stage: Stage, frozen: Path, suffix: str = "") -> Split:
+    """Take a frozen split to the worker, as an organizer does."""
+    folder = stage.settings.splits_dir / "made-2027"
+    folder.mkdir(exist_ok=True)
+    (folder / f"split{suffix}.json.gz").write_bytes((frozen / "split.json.gz").read_bytes())
+    (folder / f"datasheet{suffix}.json").write_bytes((frozen / "datasheet.json").read_bytes())
+    splits = SplitStore(stage.settings.splits_dir)
+    register_all_splits(stage.context.database, splits, packaged_protocol())
+    return read_split(folder / f"split{suffix}.json.gz")
+
+
+def submit(stage: Stage, split: Split, speed_mps: float) -> None:
+    answers = documents.planning_file(
+        {it.sample_id: speed_mps for it in split.samples}, split=split.name
+    )
+    digest, size = stage.context.files.put_stream([answers], limit_bytes=2**20)
+    with stage.database.write() as session:
+        slug = f"team-{10 * speed_mps:g}"
+        team = create_team(session, slug, slug, actor="test")
+        accept(
+            session,
+            team_id=team.id,
+            phase_id="made",
+            method=f"at {speed_mps:g} m/s",
+            linked_to=None,
+            file_digest=digest,
+            size_bytes=size,
+        )
+
+
+def board_of_made(stage: Stage) -> dict[str, Any]:
+    with stage.database.read() as session:
+        row = current_board(session, "made")
+        assert row is not None
+        document: dict[str, Any] = json.loads(row.body)
+    return document
+
+
+def test_from_the_workshop_to_a_rescored_board(stage: Stage, shop: Path) -> None:
+    build("freeze", shop / "1", "--workshop", shop)
+    first = hang_up(stage, shop / "1")
+    with stage.database.write() as session:
+        add_phase(session, "made", split="made-2027", quota_per_day=100)
+    for speed_mps in (0.5, 2.0, 5.0):
+        submit(stage, first, speed_mps)
+    stage.work()
+    before = board_of_made(stage)
+    assert before["n_samples"] == len(first.samples)
+    assert sum(entry["source"] == "scored" for entry in before["entries"]) == 3
+
+    ids = [it.sample_id for it in first.samples]
+    reason = ("--reason", "The hazard stands on the pavement.", "--by", PEOPLE[0])
+    build("withdraw", *ids[:2], "--workshop", shop, *reason)
+    with Workshop(shop) as workshop:
+        moved = walk(workshop)[ids[4]]
+        x_m = first.samples[4].region[0][0]
+        corners = tuple((x + 0.5 if x == x_m else x, y) for x, y in first.samples[4].region)
+        word = Verified.model_validate({"accepted": True, "corners": corners}, strict=False)
+        for person in PEOPLE:
+            workshop.append(record(Kind.VERIFY, ids[4], person, moved.pictures, word))
+    previous = shop / "1" / "split.json.gz"
+    build(
+        "freeze", shop / "2", "--workshop", shop, "--previous", previous, "--words", WORDS
+    )  # fmt: skip
+    second = hang_up(stage, shop / "2", "-2")
+    with stage.database.write() as session:
+        run_id = runs.create_run(session, "made", split_revision=second.revision, **STEP).id
+    with stage.database.read() as session:
+        page = shown_revision(session, "made-2027", None)
+        assert page.revision == first.revision, "what is drafted is not shown"
+    stage.step("start", run_id)
+    stage.work()
+    stage.apply(run_id)
+
+    after = board_of_made(stage)
+    assert after["n_samples"] == len(first.samples) - 2
+    expected = (
+        WORDS,
+        "the regions of 1 sample change",
+        "2 samples withdrawn: files still answer, none counts",
+        f"N goes from {len(first.samples)} to {len(first.samples) - 2}",
+    )
+    with stage.database.read() as session:
+        assert board_history(session, "made")[0].what_changed == expected
+        page = shown_revision(session, "made-2027", None)
+        assert page.revision == second.revision
+        assert page.datasheet is not None
+        assert page.datasheet.n_withdrawn == 2
+        assert page.datasheet.withdrawn[0].reason == "The hazard stands on the pavement."
+        said = f"{board_history(session, 'made')}{page.manifest}{page.datasheet}"
+    assert not any(
+        f"{x}" in said for sample in second.samples for x, _ in sample.region[:1] if x % 1
+    )

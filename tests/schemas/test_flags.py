@@ -1,0 +1,90 @@
+"""Flags, which protocol ranks in spite of which, and who may be named as the best."""
+
+import json
+import re
+
+import pytest
+
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.flags import FLAGS, bars_leading
+from exceptiondrive_schemas.protocol import (
+    NEWEST,
+    ProtocolDocument,
+    ProtocolError,
+    packaged_protocol,
+    packaged_protocol_toml,
+    parse_protocol,
+)
+from exceptiondrive_schemas.publish.examples import example_board
+from exceptiondrive_schemas.score_sheet import Coverage, Flag
+
+
+def test_protocol_1_1_measures_and_grades_as_1_0_does() -> None:
+    old, new = packaged_protocol("1.0"), packaged_protocol(NEWEST)
+    assert new.version == "1.1"
+    assert new.geometry_digest == old.geometry_digest
+    assert new.grading_digest == old.grading_digest
+    assert new.ranking_digest != old.ranking_digest
+    assert new.digest == "sha256:4fe584fedaff832be0bb40b5546a4eb55fb4dc5ac49c5c79ce38482423270d5f"
+
+
+def test_1_0_ranks_in_spite_of_all_flags_and_1_1_of_one() -> None:
+    assert packaged_protocol("1.0").ranking.unranked_flags == ()
+    assert set(FLAGS) - set(packaged_protocol("1.1").ranking.unranked_flags) == {
+        "blind_to_the_edit"
+    }
+
+
+@pytest.mark.parametrize(
+    ("codes", "problem"),
+    [('["stand_still"]', "no flag is called 'stand_still'"),
+     ('["reverses", "reverses"]', "must differ from one another")],
+)  # fmt: skip
+def test_flags_that_take_a_rank_are_known_and_stand_once(codes: str, problem: str) -> None:
+    toml = re.sub(r"(?s)unranked_flags = \[.*?\n\]", f"unranked_flags = {codes}",
+                  packaged_protocol_toml("1.1"))  # fmt: skip
+    with pytest.raises(ProtocolError, match=problem):
+        parse_protocol(toml)
+
+
+def test_a_flag_of_a_newer_server_is_read_and_bars_leading() -> None:
+    document = json.loads(packaged_protocol("1.1").model_dump_json(by_alias=True))
+    document["ranking"]["unranked_flags"].append("drives_by_night")
+    read = ProtocolDocument.read(json.dumps(document))
+    assert "drives_by_night" in read.ranking.unranked_flags
+    assert bars_leading(["drives_by_night"])
+    assert not bars_leading(["blind_to_the_edit"])
+    assert not bars_leading([])
+
+
+def ranked(*entries: tuple[int | None, tuple[str, ...]]) -> Board:
+    """A board of entries, each with its rank and its flags."""
+    board = example_board()
+    rows = tuple(
+        board.entries[0].model_copy(
+            update={
+                "method": f"entry {number}",
+                "rank": rank,
+                "flags": tuple(Flag(code=code, label=code, detail="") for code in codes),
+            }
+        )
+        for number, (rank, codes) in enumerate(entries)
+    )
+    return board.model_copy(update={"entries": (*rows, *board.entries[1:])})
+
+
+def test_the_leader_is_the_best_ranked_entry_that_no_flag_bars() -> None:
+    first = ranked((1, ("stands_still",)), (2, ("blind_to_the_edit",)), (3, ()), (None, ()))
+    assert first.leader is not None
+    assert first.leader.method == "entry 1"
+    assert ranked((1, ("reverses",)), (None, ())).leader is None
+    equal = ranked((1, ()), (1, ()))
+    assert equal.leader is not None
+    assert equal.leader.method == "entry 0"
+
+
+def test_coverage_is_exact_where_numbers_are_told() -> None:
+    told = Coverage(edited=0.99, source=1.0, n_edited=296, n_source=299)
+    assert told.exact_shares(299) == {"edited": 296 / 299, "source": 1.0}
+    assert Coverage(edited=0.99).exact_shares(299) == {"edited": 0.99}
+    assert Coverage(edited=0.99).model_dump() == {"edited": 0.99, "source": None}
