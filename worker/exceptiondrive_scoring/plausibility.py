@@ -178,4 +178,6 @@ def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag
     middle = np.median(measured, axis=1, keepdims=True)
     is_same = (np.abs(measured - middle) < section.blind_shift_below_m).all(axis=0)
     if middle[0, 0] >= section.progress_min_path_m and is_same.mean() > section.flag_same_answer:
-        yield raised("same_answer", f"{is_same.mean():.0%} of the edited trajectories are the same.")
+        yield raised(
+            "same_answer", f"{is_same.mean():.0%} of the edited trajectories are the same."
+        )
