@@ -245,14 +245,13 @@ def real_files(name: str) -> tuple[LoadedSplit, dict[str, File]]:
         split = split.model_copy(update={"samples": samples})
     loaded = load_split(split, packaged_protocol("1.1"))
     missing = [[np.nan] * 2] * 6
+
+    def paths(by_id: Mapping[str, Any], side: str) -> cheats.Array:
+        rows = [by_id[key][side] or missing for key in loaded.manifest.sample_ids]
+        return np.array(rows, dtype=float)
+
     return loaded, {
-        method: File(
-            *(
-                np.array([by_id[key][side] or missing for key in loaded.manifest.sample_ids], float)
-                for side in ("source", "edited")
-            ),
-            loaded.arrays.family_index,
-        )
+        method: File(paths(by_id, "source"), paths(by_id, "edited"), loaded.arrays.family_index)
         for method, by_id in found.items()
     }
 
