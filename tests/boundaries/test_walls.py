@@ -94,7 +94,8 @@ def test_private_names_are_used_in_their_own_module_alone() -> None:
     assert used == []
 
 
-PRIVATE = re.compile(r"_[^_]")
+PRIVATE = re.compile(r"_(?!_|fields$|asdict$|replace$)")
+"""All but the public names of a `NamedTuple`."""
 OF_PYTHON = {"os._exit": "ends a process that was forked, without what its parent would do"}
 
 
