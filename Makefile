@@ -63,14 +63,14 @@ pictures: $(STAMP) $(VENV)/.browser  ## take the pictures of the README anew, of
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/djhtml --tabwidth 2 --check server
+	$(BIN)/djhtml --tabwidth 2 --check server worker
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 format: $(STAMP)  ## rewrite code and templates in the project's format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
-	$(BIN)/djhtml --tabwidth 2 server
+	$(BIN)/djhtml --tabwidth 2 server worker
 
 lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --all-extras --group dev -o requirements/dev.txt pyproject.toml

@@ -6,5 +6,6 @@ pytest_plugins = [
     "tests.support.browser",
     "tests.support.databases",
     "tests.support.order",
+    "tests.support.snapshots",
     "tests.support.speed",
 ]

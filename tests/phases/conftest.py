@@ -16,6 +16,7 @@ from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 from tests.support.documents import planning_file, region_ahead, split_document
 from tests.support.records import found
+from tests.support.snapshots import Snapshots
 from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.db.clock import database_now
@@ -205,7 +206,7 @@ class Life:
 
 
 @pytest.fixture
-def life(database_url: str, tmp_path: Path) -> Iterator[Life]:
+def life(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[Life]:
     """Three teams, an organizer, a split with parts; SQLite, then PostgreSQL."""
     common: dict[str, Any] = {
         "database_url": database_url,
@@ -219,10 +220,15 @@ def life(database_url: str, tmp_path: Path) -> Iterator[Life]:
     app = create_app(server)
     client = TestClient(app, base_url="https://server.test", follow_redirects=False)
     made = Life(worker, open_context(worker), server, client)
-    with made.database.write() as session:
-        made.tokens.update(found(session, TEAMS).tokens)
-    made.add_split(split_of(SAMPLES, "parted"))
-    made.add_split(split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "plain"))
+
+    def three_teams() -> dict[str, str]:
+        with made.database.write() as session:
+            tokens = found(session, TEAMS).tokens
+        made.add_split(split_of(SAMPLES, "parted"))
+        made.add_split(split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "plain"))
+        return tokens
+
+    made.tokens = snapshots.fill("three teams", database_url, tmp_path, three_teams)
     yield made
     made.context.close()
     app.state.services.close()

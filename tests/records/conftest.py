@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.support.documents import digest_of, make_sheet
 from tests.support.records import add_phase, add_sample_split, found
+from tests.support.snapshots import Snapshots
 from tests.support.work import claim_this
 
 from exceptiondrive_records.db.database import Database
@@ -71,8 +73,12 @@ def build_world(database: Database, **limits: Any) -> World:
 
 
 @pytest.fixture
-def world(database: Database) -> World:
-    return build_world(database)
+def world(database: Database, database_url: str, tmp_path: Path, snapshots: Snapshots) -> World:
+    def make() -> tuple[int, str]:
+        made = build_world(database)
+        return made.team_id, made.protocol_digest
+
+    return World(database, *snapshots.fill("one team", database_url, tmp_path, make))
 
 
 @pytest.fixture

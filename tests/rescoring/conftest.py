@@ -16,6 +16,7 @@ from tests.rescoring.documents import (
 from tests.rescoring.stage import Stage, open_stage
 from tests.support.databases import as_role
 from tests.support.serving import served
+from tests.support.snapshots import Snapshots
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.db.roles import Role
@@ -26,20 +27,29 @@ from exceptiondrive_server.web.settings import ServerSettings
 
 
 @pytest.fixture
-def stage(database_url: str, tmp_path: Path) -> Iterator[Stage]:
+def stage(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[Stage]:
     """Three planners of two teams, scored and ranked; SQLite, then PostgreSQL."""
-    with open_stage(database_url, tmp_path, "planning") as made:
-        for speed_mps, method, team in ((1.0, "slow", "alpha"), (2.0, "middle", "alpha")):
-            made.submit(speed_mps, method, team)
-        made.submit(6.0, "fast", "beta")
-        made.work()
+
+    def three_planners() -> list[str]:
+        with open_stage(database_url, tmp_path) as made:
+            made.open_phase("planning")
+            for speed_mps, method, team in ((1.0, "slow", "alpha"), (2.0, "middle", "alpha")):
+                made.submit(speed_mps, method, team)
+            made.submit(6.0, "fast", "beta")
+            made.work()
+            return made.submitted
+
+    submitted = snapshots.fill("three planners", database_url, tmp_path, three_planners)
+    with open_stage(database_url, tmp_path) as made:
+        made.submitted = submitted
         yield made
 
 
 @pytest.fixture
 def agents(database_url: str, tmp_path: Path) -> Iterator[Stage]:
     """An agent without and with reminder, linked, and one of another team."""
-    with open_stage(database_url, tmp_path, "strategy") as made:
+    with open_stage(database_url, tmp_path) as made:
+        made.open_phase("strategy")
         # a and b, SE1: C or D; c, LB1: C; d, RS1: C or E
         plain = made.submit_file(strategy_file("AEAD"), "agent")
         made.work()

@@ -51,6 +51,13 @@ class Stage:
     """For tests that damage records."""
     submitted: list[str] = field(default_factory=list)
 
+    def open_phase(self, challenge: str) -> None:
+        """Open the phase `dev` on the tiny split, under the packaged protocol."""
+        self.add_protocol(packaged_protocol_toml())
+        self.put_split(split_document())
+        with self.database.write() as session:
+            add_phase(session, challenge=challenge, split="tiny", quota_per_day=1000)
+
     def submit(self, speed_mps: float, method: str, team: str = "alpha") -> str:
         return self.submit_file(planning_file(speed_mps), method, team)
 
@@ -164,8 +171,8 @@ class Stage:
 
 
 @contextmanager
-def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stage]:
-    """A phase of a challenge on the tiny split, without submissions."""
+def open_stage(database_url: str, folder: Path) -> Iterator[Stage]:
+    """A stage over records and a folder as they are."""
     settings = WorkerSettings(
         database_url=as_role(database_url, Role.WORKER),
         broker_url="memory://",
@@ -178,11 +185,6 @@ def open_stage(database_url: str, folder: Path, challenge: str) -> Iterator[Stag
     )
     owner = Database(database_url)
     made = Stage(settings, open_context(settings), server, reconciler, owner)
-    with made.database.write() as session:
-        add_protocol(session, packaged_protocol_toml(), "test")
-    made.put_split(split_document())
-    with made.database.write() as session:
-        add_phase(session, challenge=challenge, split="tiny", quota_per_day=1000)
     yield made
     made.context.close()
     server.dispose()

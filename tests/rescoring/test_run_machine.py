@@ -63,6 +63,7 @@ class Updates(RuleBasedStateMachine):
         super().__init__()
         self.opened = type(self).new_stage()
         self.stage = self.opened.__enter__()
+        self.stage.open_phase("planning")
         self.n_submitted = 0
 
     @initialize()
@@ -208,7 +209,7 @@ def test_every_interleaving_keeps_every_promise_on_sqlite(
         folder = tmp_path / str(next(numbers))
         folder.mkdir()
         shutil.copy(migrated_sqlite, folder / "records.sqlite3")
-        return open_stage(f"sqlite:///{folder / 'records.sqlite3'}", folder, "planning")
+        return open_stage(f"sqlite:///{folder / 'records.sqlite3'}", folder)
 
     machine = type("Updates", (Updates,), {"new_stage": staticmethod(new_stage)})
     run(machine, 4)
@@ -222,7 +223,7 @@ def test_every_interleaving_keeps_every_promise_on_postgres(postgres: Any, tmp_p
         names.append(postgres.create("migrated"))
         folder = tmp_path / str(len(names))
         folder.mkdir()
-        return open_stage(postgres.url(names[-1]), folder, "planning")
+        return open_stage(postgres.url(names[-1]), folder)
 
     machine = type("Updates", (Updates,), {"new_stage": staticmethod(new_stage)})
     try:

@@ -19,7 +19,8 @@ from starlette.testclient import TestClient
 from tests.support import documents
 from tests.support.databases import as_role
 from tests.support.documents import REVISION, make_sheet
-from tests.support.records import add_phase, add_sample_split, found
+from tests.support.records import Founded, add_phase, add_sample_split, found
+from tests.support.snapshots import Snapshots
 from tests.support.work import claim_board_of, claim_this
 
 from exceptiondrive_records.boards.boards import publish_board
@@ -225,17 +226,16 @@ class TeamBrowser:
         return self.post("/submit", given, page="/submit", files={"file": ("planner.json", data)})
 
 
-def _populate(api: Api) -> None:
-    with api.database.write() as session:
+def _populate(database: Database) -> Founded:
+    with database.write() as session:
         made = found(session, ("alpha", "beta"))
         add_sample_split(session)
         add_phase(session, quota_per_day=5)
-    api.team_ids.update(made.team_ids)
-    api.tokens.update(made.tokens)
+    return made
 
 
 @pytest.fixture
-def make_api(tmp_path: Path) -> Iterator[Callable[..., Api]]:
+def make_api(tmp_path: Path, snapshots: Snapshots) -> Iterator[Callable[..., Api]]:
     """Makes the application over a database address; keywords are settings."""
     with ExitStack() as stack:
 
@@ -254,9 +254,8 @@ def make_api(tmp_path: Path) -> Iterator[Callable[..., Api]]:
             client = TestClient(app, raise_server_exceptions=False, base_url="http://server.test")
             stack.callback(owner.dispose)
             stack.callback(app.state.services.close)
-            api = Api(app, client, owner)
-            _populate(api)
-            return api
+            made = snapshots.fill("two teams", url, tmp_path, lambda: _populate(owner))
+            return Api(app, client, owner, made.tokens, made.team_ids)
 
         yield make
 

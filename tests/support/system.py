@@ -32,6 +32,7 @@ class System:
     url: str
     splits: Path
     launcher: "subprocess.Popen[bytes]"
+    launcher_log: Path
 
     def environment(self, token: str | None = None) -> dict[str, str]:
         ours = {
@@ -79,6 +80,10 @@ class System:
             text=True,
             timeout=300,
         )
+
+    def said(self) -> str:
+        """What the launcher has told its operator so far."""
+        return self.launcher_log.read_text()
 
     def read(self, path: str) -> str:
         """Return what stands at a path of the site."""
@@ -178,13 +183,16 @@ def running_system(data: Path, splits: Path, *options: str) -> Iterator[System]:
     """Start everything as an operator does, wait for a worker, and end it as Ctrl-C does."""
     port = free_port()
     environment = plain_environment(EXCEPTIONDRIVE_SPLITS_DIR=str(splits), **SHORT_LEASE)
-    launcher = subprocess.Popen(
-        [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", data, *options],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    running = System(data, f"http://127.0.0.1:{port}", splits, launcher)
+    data.mkdir(parents=True, exist_ok=True)
+    log = data / "launcher.txt"
+    with log.open("wb") as said:
+        launcher = subprocess.Popen(
+            [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", data, *options],
+            env=environment,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+        )
+    running = System(data, f"http://127.0.0.1:{port}", splits, launcher, log)
     try:
         wait_until(running.is_ready, "a worker", 120)
         yield running

@@ -120,7 +120,11 @@ def test_a_quiet_team_overtakes_a_flood(
     run_worker: Callable[..., Any],
     wait_until: Callable[..., None],
 ) -> None:
-    """No reconciler runs: the worker itself goes on until nothing waits."""
+    """No reconciler runs: the worker itself goes on until nothing waits.
+
+    With one slot there is one right order; with more, the times of two claims that overlap say
+    nothing of who came first (`tests/records/test_fair_share.py` claims at once).
+    """
     world = make_world(database_url, broker_url=broker_url, **QUICK)
     world.add_phase(tiny)
     dispatcher = Dispatcher(broker_url)
@@ -136,15 +140,12 @@ def test_a_quiet_team_overtakes_a_flood(
     flood = submit("flood", 12)
     quiet = submit("quiet", 2)
     dispatcher.close()
-    worker = run_worker(world, "--concurrency", "2")
+    worker = run_worker(world, "--concurrency", "1")
     wait_until(lambda: count_scored(world) == 14, "all to be scored")
     assert worker.stop() == 0
     with world.database.read() as session:
         order = list(session.scalars(select(Job.id).order_by(Job.leased_at)))
-    assert order.index(quiet[0]) <= 1, "before the flood's second file"
-    assert order.index(quiet[1]) <= 4
-    taken = [flood.index(job) for job in order if job in flood]
-    assert all(abs(n - place) <= 1 for place, n in enumerate(taken)), "two slots claim at once"
+    assert order == [flood[0], quiet[0], flood[1], quiet[1], *flood[2:]]
 
 
 def test_nothing_but_a_lane_goes_through_the_broker(

@@ -81,9 +81,16 @@ class Reviewed(Document):
 
 
 class Inspected(Document):
-    """A person's word about the pictures of a candidate."""
+    """A person's word about the pictures of a candidate.
+
+    Attributes:
+        passed: Whether they show what they should.
+        reason: What they are refused for.
+        note: The person's words.
+    """
 
     passed: bool
+    reason: Mark | None = None
     note: str = ""
 
 
@@ -112,6 +119,7 @@ class Verified(Document):
         corners: The corners as the person left them.
         checked: Which of the four things was checked: the intended location, the views, the
             calibration, the task.
+        reason: Which of the four a rejection is for.
         note: The person's words.
         blind: Whether the person decided without seeing what others said; a third reader does see.
     """
@@ -119,6 +127,7 @@ class Verified(Document):
     accepted: bool
     corners: Corners | None = None
     checked: tuple[Checked, ...] = ()
+    reason: Checked | None = None
     note: str = ""
     blind: bool = True
 

@@ -1,0 +1,150 @@
+"""Who the review page answers: this machine, browsers that were let in, people with a name."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import httpx
+import pytest
+from tests.build.shop import make_shop
+from tests.support.serving import served
+from typer.testing import CliRunner
+
+from exceptiondrive_build.cli import app as command_line
+from exceptiondrive_build.review_page.app import review_app
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_shop(tmp_path_factory.mktemp("made"), width_px=64)
+
+
+class Site:
+    def __init__(self, address: str, keys: list[str]) -> None:
+        self.address, self.keys, self.open = address, keys, ExitStack()
+
+    def browser(self) -> httpx.Client:
+        return self.open.enter_context(
+            httpx.Client(base_url=self.address, headers={"Origin": self.address})
+        )
+
+    def let_in(self, name: str = "ada") -> httpx.Client:
+        client = self.browser()
+        assert client.get(f"/open/{self.keys[-1]}").status_code == 303
+        assert client.post("/sign-in", data={"name": name}).status_code == 303
+        return client
+
+
+@pytest.fixture
+def site(shop: Path) -> Iterator[Site]:
+    keys: list[str] = []
+    with served(review_app(shop, keys.append)) as address:
+        site = Site(address, keys)
+        with site.open:
+            yield site
+
+
+ASKED = (
+    ("GET", "/"),
+    ("GET", "/inspect"),
+    ("GET", "/verify"),
+    ("POST", "/api/inspect/claim"),
+    ("POST", "/api/verify/decide"),
+    ("POST", "/api/verify/undo"),
+    ("POST", "/api/verify/measure"),
+    ("POST", "/api/keep"),
+    ("POST", "/api/address"),
+    ("POST", "/sign-out"),
+)
+
+
+def test_nothing_is_shown_to_a_browser_that_was_not_let_in(site: Site, shop: Path) -> None:
+    picture = next((shop / "images").iterdir()).name
+    bodies = {"have": 0, "card": "0", "value": {}}
+    for method, path in (*ASKED, ("GET", f"/pictures/{picture}")):
+        answer = site.browser().request(method, path, json=bodies if method == "POST" else None)
+        told = answer.text if answer.status_code != 303 else answer.headers["location"]
+        assert answer.status_code in (403, 422) or told == "/", path
+        assert "0 of" not in told
+        assert picture not in told
+
+
+def test_an_address_works_once_and_the_terminal_is_told_the_next(site: Site) -> None:
+    first = site.keys[0]
+    ada = site.let_in("ada")
+    assert "Inspect edits" in ada.get("/").text
+    assert site.browser().get(f"/open/{first}").status_code == 403
+    assert len(site.keys) == 2
+    made = ada.post("/api/address").json()["address"]
+    assert made.startswith(f"{site.address}/open/")
+    other = site.browser()
+    assert other.get(made).status_code == 303
+    assert "Who reviews?" in other.get("/").text
+    assert other.get("/inspect").headers["location"] == "/"
+
+
+def test_a_page_of_another_site_and_another_name_of_this_machine_get_nothing(site: Site) -> None:
+    ada = site.let_in()
+    body = {"have": 0}
+    evil = {"Origin": "https://evil.example"}
+    assert ada.post("/api/inspect/claim", json=body, headers=evil).status_code == 403
+    assert ada.post("/api/inspect/claim", json=body, headers={"Origin": "null"}).status_code == 403
+    assert ada.get("/", headers={"Host": "evil.example"}).status_code == 403
+    assert ada.get("/", headers={"Host": "127.0.0.1.evil.example:8400"}).status_code == 403
+    assert ada.post("/api/inspect/claim", json=body).status_code == 200
+
+
+def test_every_answer_forbids_what_the_page_does_not_need(site: Site) -> None:
+    for path in ("/", "/static/queue.js", "/open/none"):
+        headers = site.browser().get(path).headers
+        assert headers["content-security-policy"].startswith(
+            "default-src 'none'; script-src 'self'"
+        )
+        assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_pictures_of_the_workshop_and_nothing_beside_them_are_sent(site: Site, shop: Path) -> None:
+    ada = site.let_in()
+    picture = next((shop / "images").iterdir())
+    assert ada.get(f"/pictures/{picture.name}").content == picture.read_bytes()
+    for name in ("none.png", "..%2Fworkshop.toml", "%2e%2e/records.sqlite3", "."):
+        assert ada.get(f"/pictures/{name}").status_code == 404
+
+
+@pytest.mark.parametrize("name", ["", "   ", "x" * 65, "a\u0000b"])
+def test_a_name_is_asked_for_until_it_is_one(site: Site, name: str) -> None:
+    client = site.browser()
+    client.get(f"/open/{site.keys[-1]}")
+    answer = client.post("/sign-in", data={"name": name})
+    assert answer.status_code == 422
+    assert "at most 64 characters" in answer.text
+
+
+def test_who_signs_out_is_out(site: Site) -> None:
+    ada = site.let_in()
+    session = dict(ada.cookies)
+    assert ada.post("/sign-out").status_code == 303
+    again = site.browser()
+    again.cookies.update(session)
+    assert again.get("/").status_code == 403
+
+
+def test_a_word_of_another_form_is_refused_and_not_kept(site: Site) -> None:
+    ada = site.let_in()
+    (card, *_) = ada.post("/api/inspect/claim", json={"have": 3}).json()["cards"]
+    for value in ({"passed": "perhaps"}, {}, {"passed": True, "score": 5}):
+        answer = ada.post("/api/inspect/decide", json={"card": card["id"], "value": value})
+        assert answer.status_code == 422
+        assert answer.json()["sentence"]
+    answer = ada.post("/api/inspect/decide", json={"card": "0000", "value": {"passed": True}})
+    assert answer.status_code == 409
+
+
+def test_without_a_workshop_or_a_port_the_command_says_so(tmp_path: Path, shop: Path) -> None:
+    said = CliRunner().invoke(command_line, ["review", "-w", str(tmp_path)])
+    assert (said.exit_code, "no workshop" in said.output) == (2, True)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        said = CliRunner().invoke(command_line, ["review", "-w", str(shop), "--port", port])
+    assert (said.exit_code, f"Port {port}" in said.output) == (2, True)

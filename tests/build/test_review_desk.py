@@ -1,0 +1,285 @@
+"""Cards, leases and decisions, without a browser."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.build.shop import make_shop
+
+from exceptiondrive_build.agreement import outcome
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.records import Author, Kind, Record
+from exceptiondrive_build.review_page import desk as desk_module
+from exceptiondrive_build.review_page.cards import card
+from exceptiondrive_build.review_page.desk import Desk, TakenError
+from exceptiondrive_build.review_page.leases import Holder
+from exceptiondrive_build.values import Corners, Inspected, Verified
+from exceptiondrive_build.workshop import Workshop
+
+ADA, GRACE, LIN = Holder("b1", "ada"), Holder("b2", "grace"), Holder("b3", "lin")
+PASSED = Inspected(passed=True)
+LEASE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_shop(tmp_path_factory.mktemp("made"), width_px=64)
+
+
+class Clock:
+    now = 1_000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(made, tmp_path / "shop")
+
+
+@pytest.fixture
+def desk(folder: Path, clock: Clock) -> Iterator[Desk]:
+    with Workshop(folder) as workshop:
+        desk = Desk(workshop, LEASE_S, clock)
+        yield desk
+        desk.close()
+
+
+def moved(corners: Corners | None, ahead_m: float) -> Corners:
+    assert corners is not None
+    a, b, c, d = ((x + ahead_m, y) for x, y in corners)
+    return a, b, c, d
+
+
+def region(desk: Desk, sample_id: str) -> Corners:
+    localized = desk.candidates[sample_id].localized
+    assert localized is not None
+    return localized.corners
+
+
+def accepted(desk: Desk, sample_id: str, ahead_m: float = 0, *, blind: bool = True) -> Verified:
+    corners = moved(region(desk, sample_id), ahead_m)
+    return Verified(accepted=True, corners=corners, checked=("location",), blind=blind)
+
+
+def take(desk: Desk, holder: Holder, sample_id: str) -> None:
+    """Claim until a card is held."""
+    while sample_id not in (got := desk.claim("verify", holder, 1)):
+        assert got
+
+
+def test_no_card_is_given_to_two_and_none_is_left(desk: Desk) -> None:
+    given: list[str] = []
+    while got := [*desk.claim("inspect", ADA, 2), *desk.claim("inspect", GRACE, 3)]:
+        given += got
+    assert len(given) == len(set(given)) == 21
+    assert set(given) == set(desk.cards("inspect"))
+    assert desk.claim("inspect", LIN, 1) == []
+
+
+def test_two_processes_share_the_leases(desk: Desk, folder: Path, clock: Clock) -> None:
+    with Workshop(folder) as workshop:
+        other = Desk(workshop, LEASE_S, clock)
+        given = [*desk.claim("inspect", ADA, 9), *other.claim("inspect", GRACE, 99)]
+        assert len(given) == len(set(given)) == 21
+        desk.decide("inspect", given[0], ADA, PASSED)
+        assert other.progress("inspect", "grace").decided == 1
+        other.close()
+
+
+def test_cards_of_a_browser_that_died_come_back_when_its_time_is_over(
+    desk: Desk, clock: Clock
+) -> None:
+    lost = desk.claim("inspect", ADA, 4)
+    assert set(lost).isdisjoint(desk.claim("inspect", GRACE, 99))
+    clock.now += LEASE_S - 1
+    desk.leases.renew(GRACE)
+    clock.now += 2
+    assert desk.claim("inspect", LIN, 99) == lost
+
+
+def test_a_sign_of_life_holds_cards_and_does_not_bring_lost_ones_back(
+    desk: Desk, clock: Clock
+) -> None:
+    first = desk.claim("inspect", ADA, 1)
+    clock.now += LEASE_S - 1
+    desk.leases.renew(ADA)
+    clock.now += LEASE_S - 1
+    assert first[0] not in desk.claim("inspect", GRACE, 1)
+    clock.now += 2
+    desk.leases.renew(ADA)
+    assert first[0] in desk.claim("inspect", GRACE, 99)
+
+
+def test_a_decision_that_comes_late_counts_if_nobody_else_has_the_card(
+    desk: Desk, clock: Clock
+) -> None:
+    card_, other = desk.claim("inspect", ADA, 2)
+    clock.now += LEASE_S + 1
+    desk.decide("inspect", card_, ADA, PASSED)
+    assert desk.seats("inspect", card_) == 0
+    assert other in desk.claim("inspect", GRACE, 99)
+    with pytest.raises(TakenError):
+        desk.decide("inspect", other, ADA, PASSED)
+    assert desk.standing("inspect", other) == ()
+
+
+def test_the_same_word_sent_again_is_one_decision(desk: Desk) -> None:
+    (card_,) = desk.claim("inspect", ADA, 1)
+    for _ in range(3):
+        desk.decide("inspect", card_, ADA, PASSED)
+    assert len(list(desk.workshop.records.read(Kind.INSPECT))) == 1
+
+
+def test_undo_takes_back_one_decision_after_the_other_and_keeps_all_records(desk: Desk) -> None:
+    first, second = desk.claim("inspect", ADA, 2)
+    desk.decide("inspect", first, ADA, Inspected(passed=True, note="first"))
+    desk.decide("inspect", second, ADA, Inspected(passed=False, note="second"))
+    for card_, note in ((second, "second"), (first, "first")):
+        found = desk.undo("inspect", ADA)
+        assert found is not None
+        assert (found[0], (found[1].value or {})["note"]) == (card_, note)
+        assert card_ not in desk.claim("inspect", GRACE, 99)
+    assert desk.undo("inspect", ADA) is None
+    assert desk.undo("inspect", GRACE) is None
+    desk.decide("inspect", first, ADA, PASSED)
+    records = list(desk.workshop.records.read(Kind.INSPECT))
+    assert [record.value and record.value["passed"] for record in records] == [
+        True,
+        False,
+        None,
+        None,
+        True,
+    ]
+
+
+def test_what_is_put_off_comes_last_for_who_put_it_off_alone(desk: Desk) -> None:
+    first, second = desk.claim("inspect", ADA, 2)
+    desk.skip("inspect", first, ADA)
+    assert desk.claim("inspect", GRACE, 1) == [first]
+    desk.leases.give_back(GRACE)
+    rest = desk.claim("inspect", ADA, 99)
+    assert rest[-1] == first
+    assert second not in rest
+
+
+def test_what_was_inspected_and_refused_is_not_verified(desk: Desk) -> None:
+    bad, good = desk.claim("inspect", ADA, 2)
+    desk.decide("inspect", bad, ADA, Inspected(passed=False))
+    desk.decide("inspect", good, ADA, PASSED)
+    assert bad not in desk.cards("verify")
+    assert good in desk.cards("verify")
+
+
+def test_each_region_is_read_once_by_each_of_two_and_then_by_nobody(desk: Desk) -> None:
+    read: dict[str, list[str]] = {card_: [] for card_ in desk.cards("verify")}
+    for holder in (ADA, ADA, GRACE, LIN, GRACE, ADA, LIN) * 9:
+        for card_ in desk.claim("verify", holder, 2):
+            read[card_].append(holder.reviewer)
+            desk.decide("verify", card_, holder, accepted(desk, card_))
+    assert all(len(people) == len(set(people)) == 2 for people in read.values())
+    assert desk.progress("verify", "lin").decided == 21
+
+
+def test_a_reader_who_differs_is_not_told_and_a_third_decides(desk: Desk) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    desk.decide("verify", card_, ADA, accepted(desk, card_))
+    take(desk, GRACE, card_)
+    assert card(desk, "verify", card_)["others"] == []
+    desk.decide("verify", card_, GRACE, accepted(desk, card_, 2.5))
+    assert card_ not in desk.claim("verify", ADA, 99) + desk.claim("verify", GRACE, 99)
+    assert desk.progress("verify", "ada").third == 1
+    take(desk, LIN, card_)
+    shown = card(desk, "verify", card_)
+    assert shown["third"]
+    assert [word["corners"][0][0] for word in shown["others"]] == pytest.approx(
+        [region(desk, card_)[0][0], region(desk, card_)[0][0] + 2.5]
+    )
+    desk.decide("verify", card_, LIN, accepted(desk, card_, 1.0, blind=False))
+    found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
+    assert (found.state, found.people) == ("verified", ("ada", "grace", "lin"))
+    assert found.corners == moved(region(desk, card_), 1.0)
+
+
+def test_two_who_never_agree_leave_every_card_in_a_clear_state(desk: Desk) -> None:
+    for holder, ahead_m in ((ADA, 0.0), (GRACE, 3.0)):
+        for card_ in desk.claim("verify", holder, 99):
+            desk.decide("verify", card_, holder, accepted(desk, card_, ahead_m))
+    for who in ("ada", "grace"):
+        found = desk.progress("verify", who)
+        assert (found.cards, found.decided, found.for_me, found.for_others) == (21, 0, 0, 21)
+        assert found.third == 21
+    assert desk.progress("verify", "lin").for_me == 21
+    assert len(list(desk.workshop.records.read(Kind.VERIFY))) == 42
+
+
+def test_a_card_whose_readings_changed_under_a_third_is_shown_anew(desk: Desk) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    desk.decide("verify", card_, ADA, accepted(desk, card_))
+    take(desk, GRACE, card_)
+    desk.decide("verify", card_, GRACE, accepted(desk, card_, 3))
+    take(desk, LIN, card_)
+    assert desk.undo("verify", ADA) is not None
+    with pytest.raises(TakenError):
+        desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
+    desk.decide("verify", card_, ADA, accepted(desk, card_, 3))
+    found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
+    assert (found.state, found.people) == ("verified", ("grace", "ada"))
+
+
+@pytest.mark.parametrize(
+    ("corners", "said"),
+    [
+        (((10.0, 0.0), (12.0, 2.0), (12.0, 0.0), (10.0, 2.0)), "crosses or touches itself"),
+        (((10.0, 0.0), (10.0, 0.05), (10.05, 0.05), (10.05, 0.0)), "smaller than 0.01 m²"),
+        (((2.0, -1.0), (2.0, 1.0), (6.0, 1.0), (6.0, -1.0)), "touches the car where it stands"),
+        (((140.0, 0.0), (140.0, 2.0), (142.0, 2.0), (142.0, 0.0)), "more than 100 m away"),
+        (None, "it has no corners"),
+    ],
+)
+def test_a_region_that_no_split_may_hold_is_refused_in_words(
+    desk: Desk, corners: Corners | None, said: str
+) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    with pytest.raises(BuildError, match=said):
+        desk.decide("verify", card_, ADA, Verified(accepted=True, corners=corners))
+    desk.decide("verify", card_, ADA, accepted(desk, card_))
+
+
+def test_on_a_full_disk_the_decision_is_refused_and_the_card_stays(desk: Desk) -> None:
+    (card_,) = desk.claim("inspect", ADA, 1)
+    connection = desk.workshop.records._connection
+    pages = connection.execute("PRAGMA page_count").fetchone()[0]
+    connection.execute(f"PRAGMA max_page_count = {pages}")
+    long = Inspected(passed=True, note="x" * 100_000)
+    with pytest.raises(BuildError, match="full"):
+        desk.decide("inspect", card_, ADA, long)
+    assert desk.leases.holds("inspect", card_, ADA)
+    connection.execute("PRAGMA max_page_count = 1073741823")
+    desk.decide("inspect", card_, ADA, long)
+    assert desk.standing("inspect", card_)[0].value == long.model_dump(mode="json")
+
+
+def test_a_candidate_withdrawn_meanwhile_leaves_the_queue(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(desk_module, "WALK_AT_MOST_EVERY_S", -1.0)
+    card_ = desk.cards("verify")[0]
+    desk.workshop.append(
+        Record(
+            kind=Kind.WITHDRAW,
+            candidate=card_,
+            by=Author(person="organizer"),
+            inputs=(),
+            value={"reason": "the scene was closed to the public"},
+        )
+    )
+    desk.refresh()
+    assert card_ not in desk.cards("verify")

@@ -1,0 +1,283 @@
+"""Which cards wait for whom, and what becomes of a decision.
+
+Two queues. `inspect`: does this edit show what it should; one person a card. `verify`: is this the
+region; two people blind to each other, and a third one who sees both where they differ.
+"""
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from exceptiondrive_build.agreement import N_BLIND, blind_pair, outcome, readings
+from exceptiondrive_build.candidates import Candidate, walk
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.inspection import to_inspect
+from exceptiondrive_build.records import Author, Kind, Record, now_text, standing
+from exceptiondrive_build.review_page.leases import Holder, Leases
+from exceptiondrive_build.review_page.region import region_faults
+from exceptiondrive_build.values import Inspected, Verified
+from exceptiondrive_build.workshop import RECORDS, Workshop
+
+Queue = Literal["inspect", "verify"]
+KINDS: Mapping[Queue, Kind] = {"inspect": Kind.INSPECT, "verify": Kind.VERIFY}
+WALK_AT_MOST_EVERY_S = 5.0
+
+
+class TakenError(Exception):
+    """Somebody else got the card while a browser was away; what it decided is not needed."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a queue is.
+
+    Attributes:
+        cards: All of it.
+        decided: Cards that need nobody any more.
+        mine: Standing decisions of the person who asks.
+        for_me: Cards that wait, and that the person may decide.
+        for_others: Cards that wait for somebody else: read by this person already.
+        third: Of all that wait, those on which two differ.
+    """
+
+    cards: int
+    decided: int
+    mine: int
+    for_me: int
+    for_others: int
+    third: int
+
+
+class Desk:
+    """All cards of one workshop; cheap to ask after each decision."""
+
+    def __init__(
+        self,
+        workshop: Workshop,
+        lease_s: float,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        """Read the records once.
+
+        Raises:
+            BuildError: They cannot be read.
+        """
+        self.workshop = workshop
+        self.leases = Leases(workshop.folder / RECORDS, lease_s, clock)
+        self._skipped: dict[str, list[tuple[Queue, str]]] = defaultdict(list)
+        self._of_people: dict[tuple[Kind, str], list[Record]] = defaultdict(list)
+        self._standing: dict[tuple[Queue, str], tuple[Record, ...]] = {}
+        self._last_id = 0
+        self._walked_at, self._is_stale = 0.0, True
+        self.candidates: dict[str, Candidate] = {}
+        self.why: dict[str, str] = {}
+        self.refresh()
+
+    def close(self) -> None:
+        """Close the table of leases."""
+        self.leases.close()
+
+    def refresh(self) -> None:
+        """Take in what others have appended since; stages may run while people review."""
+        for record in self.workshop.records.read(after=self._last_id):
+            self._last_id = record.id or self._last_id
+            if record.kind in KINDS.values():
+                self._of_people[record.kind, record.candidate].append(record)
+                for queue in KINDS:
+                    self._standing.pop((queue, record.candidate), None)
+            else:
+                self._is_stale = True
+        if self._is_stale and time.monotonic() - self._walked_at > WALK_AT_MOST_EVERY_S:
+            self.candidates = walk(self.workshop)
+            self.why = to_inspect(self.candidates, self.workshop.settings.inspect)
+            self._walked_at, self._is_stale = time.monotonic(), False
+            self._standing.clear()
+
+    def cards(self, queue: Queue) -> list[str]:
+        """Sample ids of a queue, decided ones too, in the order in which they are shown."""
+        if queue == "inspect":
+            return list(self.why)
+        return [
+            sample_id
+            for sample_id, candidate in self.candidates.items()
+            if candidate.localized is not None
+            and candidate.withdrawn is None
+            and self._is_accepted(sample_id)
+        ]
+
+    def standing(self, queue: Queue, sample_id: str) -> tuple[Record, ...]:
+        """What people have said of a card's pictures and have not taken back, oldest first."""
+        if (queue, sample_id) not in self._standing:
+            records = standing(self._of_people.get((KINDS[queue], sample_id), ()))
+            pictures = self.candidates[sample_id].pictures
+            self._standing[queue, sample_id] = tuple(
+                record for record in records.get(sample_id, ()) if record.inputs == pictures
+            )
+        return self._standing[queue, sample_id]
+
+    def is_third(self, sample_id: str) -> bool:
+        """Whether two readers of a region differ, and nobody has decided between them."""
+        found = outcome(self.standing("verify", sample_id), self.workshop.settings.verify)
+        return found.state == "third"
+
+    def seats(self, queue: Queue, sample_id: str) -> int:
+        """How many people a card still needs."""
+        records = self.standing(queue, sample_id)
+        if queue == "inspect":
+            return 0 if records else 1
+        state = outcome(records, self.workshop.settings.verify).state
+        return {"open": N_BLIND - len(blind_pair(records)), "third": 1}.get(state, 0)
+
+    def may_decide(self, queue: Queue, sample_id: str, reviewer: str) -> bool:
+        """Whether a card needs somebody, and this person has not spoken on it yet."""
+        return self.seats(queue, sample_id) > 0 and not self.own(queue, sample_id, reviewer)
+
+    def own(self, queue: Queue, sample_id: str, reviewer: str) -> Record | None:
+        """The standing word of a person on a card."""
+        mine = [r for r in self.standing(queue, sample_id) if r.by.person == reviewer]
+        return mine[-1] if mine else None
+
+    def claim(self, queue: Queue, holder: Holder, count: int) -> list[str]:
+        """Give cards to a browser; those that it skipped come last.
+
+        Raises:
+            BuildError: The leases cannot be written.
+        """
+        self.refresh()
+        skipped = [card for name, card in self._skipped[holder.browser] if name == queue]
+
+        def offered(held: dict[str, list[Holder]]) -> Iterator[str]:
+            waiting = [card for card in self.cards(queue) if card not in skipped]
+            for card in [*waiting, *skipped]:
+                people = held.get(card, [])
+                if (
+                    self.may_decide(queue, card, holder.reviewer)
+                    and len(people) < self.seats(queue, card)
+                    and holder.reviewer not in {one.reviewer for one in people}
+                ):
+                    yield card
+
+        return self.leases.claim(queue, holder, count, offered)
+
+    def skip(self, queue: Queue, sample_id: str, holder: Holder) -> None:
+        """Give a card back and show it to this browser last."""
+        if (queue, sample_id) in self._skipped[holder.browser]:
+            self._skipped[holder.browser].remove((queue, sample_id))
+        self._skipped[holder.browser].append((queue, sample_id))
+        self.leases.give_back(holder, queue, sample_id)
+
+    def decide(
+        self,
+        queue: Queue,
+        sample_id: str,
+        holder: Holder,
+        value: Inspected | Verified,
+    ) -> None:
+        """Append a decision and give the card back.
+
+        The same word sent again, as after a lost answer, is the same decision.
+
+        Args:
+            queue: Of which queue.
+            sample_id: Which card.
+            holder: Whose decision.
+            value: The word; `blind` of a verification says how the card was shown.
+
+        Raises:
+            BuildError: It cannot be kept, or the region cannot be scored.
+            TakenError: The card was given to somebody else meanwhile, or its readings changed.
+        """
+        self.refresh()
+        if sample_id not in self.candidates:
+            raise TakenError
+        if isinstance(value, Verified):
+            faults = region_faults(value.corners, self.workshop.protocol) if value.accepted else ()
+            if faults:
+                raise BuildError(f"This region cannot be scored: {'; '.join(faults)}.")
+        own = self.own(queue, sample_id, holder.reviewer)
+        told = value.model_dump(mode="json")
+        if own is not None and own.value == told:
+            return
+        if isinstance(value, Verified) and value.blind == self.is_third(sample_id):
+            self.leases.give_back(holder, queue, sample_id)
+            raise TakenError
+        if not self.leases.holds(queue, sample_id, holder) and not self._take(
+            queue, sample_id, holder
+        ):
+            raise TakenError
+        self.workshop.append(
+            Record(
+                kind=KINDS[queue],
+                candidate=sample_id,
+                by=Author(person=holder.reviewer),
+                inputs=self.candidates[sample_id].pictures,
+                value=told,
+                supersedes=None if own is None else own.id,
+            )
+        )
+        self.leases.give_back(holder, queue, sample_id)
+        self.refresh()
+
+    def undo(self, queue: Queue, holder: Holder) -> tuple[str, Record] | None:
+        """Take back this person's newest decision and hold its card; None if there is none.
+
+        Raises:
+            BuildError: It cannot be kept.
+        """
+        self.refresh()
+        mine = [
+            (own, card)
+            for card in self.cards(queue)
+            if (own := self.own(queue, card, holder.reviewer)) is not None
+        ]
+        if not mine:
+            return None
+        own, card = max(mine, key=lambda found: found[0].id or 0)
+        self.workshop.append(
+            own.model_copy(
+                update={"value": None, "supersedes": own.id, "at": now_text(), "id": None}
+            )
+        )
+        self.refresh()
+        self.leases.claim(queue, holder, 1, lambda _: iter([card]))
+        return card, own
+
+    def progress(self, queue: Queue, reviewer: str) -> Progress:
+        """How far a queue is, seen by one person."""
+        self.refresh()
+        cards = self.cards(queue)
+        waiting = [card for card in cards if self.seats(queue, card)]
+        for_me = sum(self.may_decide(queue, card, reviewer) for card in waiting)
+        return Progress(
+            cards=len(cards),
+            decided=len(cards) - len(waiting),
+            mine=sum(self.own(queue, card, reviewer) is not None for card in cards),
+            for_me=for_me,
+            for_others=len(waiting) - for_me,
+            third=sum(self.is_third(card) for card in waiting) if queue == "verify" else 0,
+        )
+
+    def others(self, sample_id: str) -> list[Verified]:
+        """What the two blind readers said, for a third one."""
+        return [word for _, word in readings(self.standing("verify", sample_id)) if word.blind]
+
+    def _take(self, queue: Queue, sample_id: str, holder: Holder) -> bool:
+        """Hold one card, if nobody else has the last seat."""
+
+        def offered(held: dict[str, list[Holder]]) -> Iterator[str]:
+            others = [one for one in held.get(sample_id, []) if one.browser != holder.browser]
+            if self.may_decide(queue, sample_id, holder.reviewer) and len(others) < self.seats(
+                queue, sample_id
+            ):
+                yield sample_id
+
+        return bool(self.leases.claim(queue, holder, 1, offered))
+
+    def _is_accepted(self, sample_id: str) -> bool:
+        """Whether the edit is good enough: by a person's newest word, else by the review."""
+        words = self.standing("inspect", sample_id)
+        if words:
+            return bool((words[-1].value or {})["passed"])
+        return self.candidates[sample_id].passed_review

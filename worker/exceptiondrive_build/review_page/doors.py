@@ -1,0 +1,52 @@
+"""Who may see the page: one-time addresses, and sessions of signed-in reviewers."""
+
+import secrets
+from collections.abc import Callable
+
+from exceptiondrive_build.review_page.leases import Holder
+
+
+class Doors:
+    """Keys of one process; none outlives it, and none is written anywhere."""
+
+    def __init__(self, announce: Callable[[str], None]) -> None:
+        """Make the first address.
+
+        Args:
+            announce: Told each new key, for the organizer's terminal.
+        """
+        self._announce = announce
+        self._unused: set[str] = set()
+        self._sessions: dict[str, Holder] = {}
+        self.new_key(tell=True)
+
+    def new_key(self, *, tell: bool = False) -> str:
+        """Make a key that opens the page once."""
+        key = secrets.token_urlsafe(24)
+        self._unused.add(key)
+        if tell:
+            self._announce(key)
+        return key
+
+    def open(self, key: str) -> str | None:
+        """Spend a key for a session; the terminal is told the next. None if it is spent."""
+        if key not in self._unused:
+            return None
+        self._unused.remove(key)
+        session = secrets.token_urlsafe(24)
+        self._sessions[session] = Holder(secrets.token_hex(8), "")
+        if not self._unused:
+            self.new_key(tell=True)
+        return session
+
+    def holder(self, session: str | None) -> Holder | None:
+        """Whose session it is; the name is empty before signing in."""
+        return None if session is None else self._sessions.get(session)
+
+    def sign_in(self, session: str, name: str) -> None:
+        """Give a session a name; it is a new browser, so leases of an earlier name run out."""
+        self._sessions[session] = Holder(secrets.token_hex(8), name)
+
+    def sign_out(self, session: str) -> None:
+        """End a session."""
+        self._sessions.pop(session, None)

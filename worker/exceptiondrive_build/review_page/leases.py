@@ -1,0 +1,149 @@
+"""Who holds which card: claims for a time, in the records' database.
+
+A browser renews its leases while it is open. One that dies stops; when the time is over, its cards
+go to whoever asks next.
+"""
+
+import sqlite3
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from exceptiondrive_build.errors import BuildError
+
+_TABLE = """
+CREATE TABLE IF NOT EXISTS leases (
+  queue TEXT NOT NULL,
+  candidate TEXT NOT NULL,
+  browser TEXT NOT NULL,
+  reviewer TEXT NOT NULL,
+  until REAL NOT NULL,
+  PRIMARY KEY (queue, candidate, browser)
+) STRICT
+"""
+
+
+class Holder(NamedTuple):
+    """A browser, and who is signed in with it."""
+
+    browser: str
+    reviewer: str
+
+
+class Leases:
+    """The table; several processes may use it at once."""
+
+    def __init__(self, path: Path, lease_s: float, clock: Callable[[], float] = time.time) -> None:
+        """Open it in the records' file.
+
+        Args:
+            path: The file.
+            lease_s: How long a card is held without a sign of its browser.
+            clock: Seconds since the epoch.
+
+        Raises:
+            BuildError: The file cannot be written.
+        """
+        self.lease_s = lease_s
+        self._clock = clock
+        self._path = path
+        with self._told():
+            self._connection = sqlite3.connect(path, timeout=60, isolation_level=None)
+            self._connection.execute(_TABLE)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def claim(
+        self,
+        queue: str,
+        holder: Holder,
+        count: int,
+        offered: Callable[[dict[str, list[Holder]]], Iterator[str]],
+    ) -> list[str]:
+        """Take cards that nobody holds.
+
+        Args:
+            queue: Of which queue.
+            holder: For whom.
+            count: How many at most.
+            offered: Gives cards, the first to take first, from who holds which now.
+
+        Returns:
+            The cards taken.
+
+        Raises:
+            BuildError: The file cannot be written.
+        """
+        now = self._clock()
+        taken: list[str] = []
+        with self._transaction() as write:
+            write.execute("DELETE FROM leases WHERE until <= ?", (now,))
+            held = defaultdict(list)
+            for candidate, *rest in write.execute(
+                "SELECT candidate, browser, reviewer FROM leases WHERE queue = ?", (queue,)
+            ):
+                held[candidate].append(Holder(*rest))
+            for candidate in offered(held):
+                if len(taken) == count:
+                    break
+                write.execute(
+                    "INSERT OR REPLACE INTO leases VALUES (?, ?, ?, ?, ?)",
+                    (queue, candidate, *holder, now + self.lease_s),
+                )
+                taken.append(candidate)
+        return taken
+
+    def renew(self, holder: Holder) -> None:
+        """Hold all cards of a browser for longer; what is over stays over."""
+        now = self._clock()
+        with self._transaction() as write:
+            write.execute(
+                "UPDATE leases SET until = ? WHERE browser = ? AND until > ?",
+                (now + self.lease_s, holder.browser, now),
+            )
+
+    def holds(self, queue: str, candidate: str, holder: Holder) -> bool:
+        """Whether a browser holds a card."""
+        with self._told():
+            found = self._connection.execute(
+                "SELECT 1 FROM leases WHERE queue = ? AND candidate = ? AND browser = ? "
+                "AND until > ?",
+                (queue, candidate, holder.browser, self._clock()),
+            ).fetchone()
+        return found is not None
+
+    def give_back(self, holder: Holder, queue: str | None = None, candidate: str = "") -> None:
+        """Give one card back, or all that a browser holds."""
+        with self._transaction() as write:
+            if queue is None:
+                write.execute("DELETE FROM leases WHERE browser = ?", (holder.browser,))
+            else:
+                write.execute(
+                    "DELETE FROM leases WHERE queue = ? AND candidate = ? AND browser = ?",
+                    (queue, candidate, holder.browser),
+                )
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            advice = "Everything that was decided before is kept; see to the file or the disk."
+            raise BuildError(f"{self._path}: {error}.", advice) from None
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._told():
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._connection
+            except BaseException:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+                raise
+            self._connection.execute("COMMIT")

@@ -1,0 +1,73 @@
+"""What a region under a reader's hand comes to, by the geometry that scores it."""
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from exceptiondrive_build.values import Corners
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.submission_files import Waypoint
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.drawing import tube_pieces_m
+from exceptiondrive_scoring.footprint import footprints_m
+from exceptiondrive_scoring.region import prepare_regions, signed_area_m2
+
+
+def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[str, ...]:
+    """Why a split with this region would be refused (docs/protocol.md section 2), in words."""
+    geometry = protocol.geometry
+    if corners is None:
+        return ("it has no corners",)
+    points = np.array(corners)
+    if not np.isfinite(points).all():
+        return ("a corner is not finite",)
+    if not shapely.is_valid(shapely.polygons(points)):
+        return ("it crosses or touches itself",)
+    faults = []
+    if np.hypot(*points.T).max() > geometry.max_region_distance_m:
+        faults.append(f"a corner is more than {geometry.max_region_distance_m:g} m away")
+    if abs(signed_area_m2(points[None])[0]) < geometry.min_region_area_m2:
+        faults.append(f"it is smaller than {geometry.min_region_area_m2:g} m²")
+    if path_clearance_m(corners, (), protocol) == 0:
+        faults.append("it touches the car where it stands")
+    return tuple(faults)
+
+
+def path_clearance_m(
+    corners: Corners, path: tuple[Waypoint, ...], protocol: ProtocolDocument
+) -> float:
+    """Clearance of a driven path from a region in metres; of a car that stands, if it is empty."""
+    points = _from_origin(path or ((0.0, 0.0),) * protocol.geometry.waypoints)
+    regions = prepare_regions(np.array([corners]))
+    return float(clearance_m(points[None], regions, protocol.geometry)[0])
+
+
+def measured(
+    corners: Corners, path: tuple[Waypoint, ...] | None, protocol: ProtocolDocument
+) -> dict[str, Any]:
+    """Area, clearance of the recorded drive (None where it is not known), and faults of a region."""
+    faults = region_faults(corners, protocol)
+    is_shape = shapely.is_valid(shapely.polygons(np.array(corners)))
+    return {
+        "faults": faults,
+        "area_m2": float(shapely.Polygon(corners).area) if is_shape else None,
+        "clearance_m": path_clearance_m(corners, path, protocol) if path and is_shape else None,
+    }
+
+
+def tube_m(path: tuple[Waypoint, ...], protocol: ProtocolDocument) -> list[list[list[float]]]:
+    """Convex pieces of the collision tube of a path."""
+    pieces = tube_pieces_m(_from_origin(path), protocol.geometry)
+    return [piece.round(3).tolist() for piece in pieces]
+
+
+def start_footprint_m(protocol: ProtocolDocument) -> list[list[float]]:
+    """The car where it stands."""
+    corners: list[list[float]] = footprints_m(np.zeros((1, 1, 2)), protocol.geometry)[0, 0].tolist()
+    return corners
+
+
+def _from_origin(path: tuple[Waypoint, ...]) -> FloatArray:
+    return np.array([(0.0, 0.0), *path])
