@@ -55,6 +55,7 @@ def plausibility(
         *_flags_of_shares(known, section, is_any_missing=not both.all()),
         *_off_course(m, section),
         *_hardly_moves(m, split, section),
+        *_same_answer(m, section),
     )
     return Plausibility(shares=shares, flags=flags)
 
@@ -162,4 +163,21 @@ def _hardly_moves(
             "hardly_moves",
             f"In {n_stuck} of {np.count_nonzero(n)} families the edited trajectories end less than "
             f"{section.flag_family_progress:.0%} along the source trajectories.",
+        )
+
+
+def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
+    """One path in nearly all edited scenes, by its length, its end ahead and its first step.
+
+    A file that stands or creeps has flags of its own.
+    """
+    measured = np.stack([m.edited_motion_m, m.edited_end_x_m, m.edited_first_step_m])
+    measured = measured[:, m.edited_given]
+    if measured.shape[1] < section.flag_family_min_samples:
+        return
+    middle = np.median(measured, axis=1, keepdims=True)
+    is_same = (np.abs(measured - middle) < section.blind_shift_below_m).all(axis=0)
+    if middle[0, 0] >= section.progress_min_path_m and is_same.mean() > section.flag_same_answer:
+        yield raised(
+            "same_answer", f"{is_same.mean():.0%} of the edited trajectories are the same."
         )
