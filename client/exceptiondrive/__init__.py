@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         ServerError,
         WaitTimeoutError,
     )
-    from exceptiondrive.evaluation import evaluate_file
+    from exceptiondrive.evaluation import evaluate_file, evaluate_samples
     from exceptiondrive.recorder import Recorder, StrategyRecorder
 
 __all__ = [
@@ -49,6 +49,7 @@ __all__ = [
     "WaitTimeoutError",
     "check_file",
     "evaluate_file",
+    "evaluate_samples",
     "to_dataframe",
 ]
 
@@ -59,6 +60,7 @@ _HOMES = {
     "Submission": "client",
     "check_file": "checking",
     "evaluate_file": "evaluation",
+    "evaluate_samples": "evaluation",
     "to_dataframe": "dataframes",
 }
 

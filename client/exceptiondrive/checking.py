@@ -1,7 +1,10 @@
 """Files on this machine: read, checked with the checker that the server uses, and written."""
 
+import csv
 import gzip
+import io
 import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -10,6 +13,7 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check_bytes
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.printable import spreadsheet_text
 from exceptiondrive_schemas.protocol import (
     ProtocolDocument,
     ProtocolError,
@@ -104,6 +108,17 @@ def write_file(path: Path, text: str) -> int:
             "unwritable_file", f"{path} cannot be written: {error.strerror}."
         ) from None
     return size_bytes
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a CSV file with a header; what is undefined stands as an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(
+        [spreadsheet_text(each) if isinstance(each, str) else each for each in row] for row in rows
+    )
+    return text.getvalue()
 
 
 def chosen_protocol(choice: str | Path | None) -> ProtocolDocument:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from exceptiondrive.client import Submission
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.evaluation import SampleResult
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionView
@@ -21,7 +22,8 @@ AGGREGATES = ("macro_family", "micro")
 
 
 def to_dataframe(
-    document: "Board | ScoreSheet | Submission | SubmissionView | Iterable[SubmissionView]",
+    document: "Board | ScoreSheet | Submission | SubmissionView | Iterable[SubmissionView] | "
+    "Iterable[SampleResult]",
     *,
     families: bool = False,
 ) -> "pd.DataFrame":
@@ -30,7 +32,8 @@ def to_dataframe(
     Args:
         document: A board: one row an entry, in the board's order. A score sheet, of `evaluate_file`
             or of a submission: rows `all`, `family` and `task` by id, as a two-level index.
-            Submissions, one or many: one row each, with the totals of those that are scored.
+            Submissions, one or many: one row each, with the totals of those that are scored. What
+            `evaluate_samples` gives: one row a sample.
         families: For a board: one row an entry and family instead.
 
     Raises:
@@ -51,7 +54,11 @@ def to_dataframe(
         return _typed(pd.DataFrame(list(rows.values()), index=index))
     if isinstance(document, Submission):
         document = document.view
-    views = [document] if isinstance(document, SubmissionView) else document
+    records = [document] if isinstance(document, SubmissionView) else list(document)
+    results = [each for each in records if isinstance(each, SampleResult)]
+    if results:
+        return pd.DataFrame(results, columns=list(SampleResult._fields))
+    views = [each for each in records if isinstance(each, SubmissionView)]
     return _typed(pd.DataFrame([_submission_row(view) for view in views]))
 
 

@@ -4,20 +4,25 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 `evaluate`). Nothing else in the client touches numpy or the scoring package.
 """
 
+import math
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import ValidationError
 
 from exceptiondrive.checking import manifest_of, read_file
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, check, inflate
 from exceptiondrive_schemas.check.inflate import UnreadableFileError
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitRef
+
+if TYPE_CHECKING:
+    from exceptiondrive_scoring.arrays import SplitArrays
 
 MAX_SPLIT_BYTES = 256 * 1024 * 1024
 
@@ -100,14 +105,9 @@ def read_split(path: str | os.PathLike[str]) -> Split:
 
 def score(document: CheckedDocument, split: Split, protocol: ProtocolDocument) -> ScoreSheet:
     """Score a sound file: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
-    from exceptiondrive_scoring.arrays import split_arrays
     from exceptiondrive_scoring.challenge import SCORING, document_columns, exact_sheet
 
-    try:
-        arrays = split_arrays(split.counted, protocol.taxonomy)
-        _ = arrays.prepared_regions  # made now: it names regions that cross themselves
-    except ValueError as error:
-        raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
+    arrays = _arrays(split, protocol)
     scoring = SCORING[document.challenge]
     answers = document_columns(document, [sample.sample_id for sample in split.counted])
     measured = scoring.measure(answers, arrays, protocol.geometry)
@@ -117,6 +117,113 @@ def score(document: CheckedDocument, split: Split, protocol: ProtocolDocument) -
         control_ids = [sample.sample_id for sample in split.controls]
         of_controls = scoring.of_controls(document_columns(document, control_ids), protocol)
     return exact_sheet(scoring, measured, arrays, split_ref, protocol, of_controls)
+
+
+def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
+    from exceptiondrive_scoring.arrays import split_arrays
+
+    try:
+        arrays = split_arrays(split.counted, protocol.taxonomy)
+        _ = arrays.prepared_regions  # made now: it names regions that cross themselves
+    except ValueError as error:
+        raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
+    return arrays
+
+
+class SampleResult(NamedTuple):
+    """What one sample contributes: fractions and metres, None where undefined."""
+
+    sample_id: str
+    task: str
+    family: str
+    ur: float
+    clearance_m: float | None
+    required_m: float
+    depth_m: float | None
+    """How deep the deepest footprint stands in the region."""
+    hcc: float
+    hpr: float
+    cts: float | None
+    progress: float | None
+    source_l2_m: float | None
+
+
+def evaluate_samples(
+    file: str | os.PathLike[str],
+    *,
+    split: str | os.PathLike[str] | Split,
+    protocol: ProtocolDocument | None = None,
+) -> tuple[SampleResult, ...]:
+    """Score every sample of a planning file by itself, against a split that is at hand.
+
+    Args:
+        file: Path of the submission file.
+        split: The split with its regions, or the path of its file.
+        protocol: Protocol; without it the one that ships with the client.
+
+    Returns:
+        The worst first: missing ones, then the deepest in the hazard, then the least HCC.
+
+    Raises:
+        InvalidFileError: The file cannot be scored; the error carries every fault.
+        InvalidArgumentError: No planning file, a split that cannot be used, or the extra `evaluate`
+            is missing.
+    """
+    return sample_results(*sound_file(file, split, protocol)[:3])
+
+
+def sample_results(
+    document: CheckedDocument, split: Split, protocol: ProtocolDocument
+) -> tuple[SampleResult, ...]:
+    """Score every sample of a sound planning file, the worst first."""
+    from exceptiondrive_scoring.arrays import TrajectoryPairs
+    from exceptiondrive_scoring.challenge import SCORING, document_columns
+    from exceptiondrive_scoring.depth import intrusion_depth_m
+    from exceptiondrive_scoring.measure import Measurements
+
+    if document.challenge != PLANNING.id:
+        raise InvalidArgumentError(
+            "wrong_challenge", "Only planning files have results of samples by depth."
+        )
+    arrays = _arrays(split, protocol)
+    answers = document_columns(document, [sample.sample_id for sample in split.counted])
+    measured = SCORING[PLANNING.id].measure(answers, arrays, protocol.geometry)
+    scores = SCORING[PLANNING.id].grade(measured, arrays, protocol)
+    depth_m = intrusion_depth_m(
+        TrajectoryPairs.from_columns(answers).edited, arrays.regions_m, protocol.geometry
+    )
+    clearance_m = Measurements.from_columns(measured).clearance_m
+    keys = ("ur", "hcc", "hpr", "cts", "progress", "source_l2_m")
+    columns = {key: scores.values[:, scores.metric_keys.index(key)] for key in keys}
+    results = []
+    for index, sample in enumerate(split.counted):
+        task = protocol.tasks[int(arrays.task_index[index])]
+        results.append(
+            SampleResult(
+                sample_id=sample.sample_id,
+                task=task.id,
+                family=task.family,
+                clearance_m=_known(clearance_m[index]),
+                required_m=float(arrays.d_safe_m[index]) * protocol.grading.d_safe_scale,
+                depth_m=_known(depth_m[index]),
+                ur=float(columns["ur"][index]),
+                hcc=float(columns["hcc"][index]),
+                hpr=float(columns["hpr"][index]),
+                cts=_known(columns["cts"][index]),
+                progress=_known(columns["progress"][index]),
+                source_l2_m=_known(columns["source_l2_m"][index]),
+            )
+        )
+    return tuple(sorted(results, key=_worst_first))
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
+
+
+def _worst_first(result: SampleResult) -> tuple[float, float, float, str]:
+    depth_m = math.inf if result.depth_m is None else result.depth_m
+    return -result.ur, -depth_m if result.ur else 0.0, result.hcc, result.sample_id
 
 
 def require_numpy() -> None:

@@ -8,7 +8,7 @@ the field that was altered.
 from datetime import datetime
 from typing import Literal
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 
 from exceptiondrive_schemas.base import Document, canonical_json, content_digest
 from exceptiondrive_schemas.challenges import ChallengeId
@@ -49,7 +49,9 @@ class ReceiptStatement(Document):
 class Receipt(Document):
     """A statement, the digest of each of its fields, and the signature of those digests."""
 
-    schema_: Literal["exceptiondrive.receipt/1"] = "exceptiondrive.receipt/1"
+    schema_: Literal["exceptiondrive.receipt/1"] = Field(
+        default="exceptiondrive.receipt/1", alias="schema"
+    )
     statement: ReceiptStatement
     digests: dict[str, str]
     """Field of the statement to the content digest of its value."""
@@ -73,7 +75,9 @@ class ReceiptKey(Document):
 class ReceiptKeys(Document):
     """All keys of a server; old ones stay, so that old receipts can still be checked."""
 
-    schema_: Literal["exceptiondrive.receipt-keys/1"] = "exceptiondrive.receipt-keys/1"
+    schema_: Literal["exceptiondrive.receipt-keys/1"] = Field(
+        default="exceptiondrive.receipt-keys/1", alias="schema"
+    )
     server: str | None = None
     keys: tuple[ReceiptKey, ...]
 

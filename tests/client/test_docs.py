@@ -69,10 +69,17 @@ def test_the_planner_of_the_quickstart_writes_a_sound_file(
     from exceptiondrive.evaluation import read_split
     from exceptiondrive_schemas.protocol import packaged_protocol
 
-    split = read_split(split_file).model_copy(update={"name": "sample"})
+    split = read_split(split_file)
+    drive = tuple((4.0 * step, 0.0) for step in range(1, 7))
+    samples = tuple(each.model_copy(update={"recorded": drive}) for each in split.samples)
+    split = split.model_copy(update={"name": "sample", "samples": samples})
     manifest = manifest_of(split, packaged_protocol())
     (tmp_path / "sample.manifest.json").write_text(manifest.model_dump_json(by_alias=True))
     block = QUICKSTART.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     (tmp_path / "my_planner.py").write_text(block, encoding="utf-8")
     subprocess.run([sys.executable, "my_planner.py"], cwd=tmp_path, check=True)
-    assert check_file(tmp_path / "my_planner.json.gz", manifest=manifest).is_valid
+    report = check_file(tmp_path / "my_planner.json.gz", manifest=manifest)
+    assert report.is_valid
+    assert report.unranked_because is None
+    assert report.profile is not None
+    assert report.profile.warnings == ()

@@ -48,20 +48,10 @@ def test_the_made_extract_is_told_as_it_is_scored(planner: str, tmp_path: Path) 
 @pytest.mark.parametrize("planner", ["gpt-4.1", "claude-3.7-sonnet"])
 def test_a_real_planner_is_told_as_it_is_scored(planner: str) -> None:
     realdata.require()
-    human = sound_file(
-        realdata.file_path("nuscenes-real", "recorded-human"),
-        realdata.split_path("nuscenes-real"),
-        packaged_protocol(),
-    )
-    drives = {
-        sample_id: tuple(zip(pair.source[::2], pair.source[1::2], strict=True))
-        for sample_id, pair in human.document.answers.items()
-    }
-    samples = tuple(
-        sample.model_copy(update={"recorded": drives[sample.sample_id]})
-        for sample in human.split.samples
-    )
-    split = human.split.model_copy(update={"samples": samples})
+    name = "nuscenes-real"
+    recorded = realdata.file_path(name, "recorded-human")
+    document = realdata.split_document(realdata.split_path(name), recorded)
+    split = Split.model_validate_json(document)
     profile, sheet = judged(realdata.file_path("nuscenes-real", planner), split)
     assert_alike(profile, sheet)
     assert profile.mend is None

@@ -4,6 +4,8 @@ They lie beside the repository, in `shared/realdata`, or where REAL_PLANNER_FILE
 extract (`tests/support/extract.py`) says the same for everybody.
 """
 
+import gzip
+import json
 import os
 from pathlib import Path
 
@@ -52,6 +54,17 @@ def split_path(split: str) -> Path:
 def file_path(split: str, method: str) -> Path:
     """Return what a method submitted on a split."""
     return FOLDER / split / f"{method}.json.gz"
+
+
+def split_document(split: Path, recorded: Path | None) -> str:
+    """Return a split file with what was really driven in it: the sources of another file."""
+    document = json.loads(gzip.decompress(split.read_bytes()))
+    if recorded is not None:
+        given = json.loads(gzip.decompress(recorded.read_bytes()))["predictions"]
+        drives = {each["sample_id"]: each["source"] for each in given}
+        for sample in document["samples"]:
+            sample["recorded"] = drives[sample["sample_id"]]
+    return json.dumps(document)
 
 
 def wrong_frame_path() -> Path:

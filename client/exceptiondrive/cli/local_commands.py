@@ -6,13 +6,26 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.checking import check_file, chosen_protocol, manifest_of, read_manifest
+from exceptiondrive.checking import (
+    check_file,
+    chosen_protocol,
+    csv_text,
+    manifest_of,
+    read_manifest,
+    write_file,
+)
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import outlook_view, report_view, sheet_view
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive.evaluation import read_split, score, sound_file
+from exceptiondrive.evaluation import (
+    SampleResult,
+    read_split,
+    sample_results,
+    score,
+    sound_file,
+)
 from exceptiondrive.plot import plot_file
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import counted
@@ -84,6 +97,12 @@ def evaluate(
     split: Annotated[
         Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
     ],
+    per_sample: Annotated[
+        Path | None,
+        typer.Option(
+            "--per-sample", metavar="CSV", help="Write the result of every sample, the worst first."
+        ),
+    ] = None,
     protocol: options.ProtocolOption = None,
     json: options.Json = False,
 ) -> None:
@@ -96,6 +115,10 @@ def evaluate(
     rules = chosen_protocol(protocol)
     sound = sound_file(file, split, rules)
     sheet = score(sound.document, sound.split, rules)
+    if per_sample is not None:
+        rows = sample_results(sound.document, sound.split, rules)
+        write_file(per_sample, csv_text(SampleResult._fields, rows))
+        say(f"{counted(len(rows), 'sample')} in {per_sample}")
     show_result(sheet, json, *sheet_view(sheet, rules), *outlook_view(sound.report))
 
 
