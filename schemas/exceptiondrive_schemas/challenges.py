@@ -98,12 +98,12 @@ PLANNING_WORDS = ChallengeWords(
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
     "the amber line: here d = {clearance_m:.2f} of {d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the "
     "mean gap between the dotted path, of the original scene, and the solid one.",
-    sample_note="pairs: original scene, scene with hazard",
+    sample_note="pairs of scenes",
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
         by_share=(
-            (0.501, "Even the leading planner drives into the hazard {often}."),
-            (0.1, "The leading planner still drives into {cases}."),
+            (0.501, "Even the leading planner hits the hazard {often}."),
+            (0.1, "The leading planner still hits {cases}."),
             (0.0, "The leading planner keeps clear {rest}."),
         ),
     ),

@@ -202,7 +202,7 @@ def scatter_chart(
     marks = _marks(board, entries, average, metrics)
     if not marks:
         return None
-    left, right, top, bottom = 52.0, width - 16.0, 14.0, height - 52.0
+    left, right, top, bottom = 52.0, width - 16.0, 32.0, height - 52.0
     x_scale = _scale([m.x for m in marks], [m.x_interval for m in marks], (left, right), width)
     y_scale = _scale([m.y for m in marks], [m.y_interval for m in marks], (bottom, top), width)
     drawn = {entry_key(mark.entry) for mark in marks}
@@ -272,13 +272,13 @@ def _ticks(scale: Scale) -> tuple[Tick, ...]:
 
 
 def _corners(words: Mapping[Corner, str], x: Scale, y: Scale) -> tuple[Label, ...]:
-    """What the corners mean, inside the frame."""
+    """What the corners mean: those on top above the frame, the others inside."""
     placed = []
     for corner, text in words.items():
         is_left, is_top = corner.endswith("left"), corner.startswith("top")
         at = (x.extent[0] + 8 if is_left else x.extent[1] - 6, y.extent[1 if is_top else 0])
         anchor: Anchor = "start" if is_left else "end"
-        placed.append(Label(px(at[0]), px(at[1] + (14 if is_top else -8)), anchor, text, None))
+        placed.append(Label(px(at[0]), px(at[1] + (-10 if is_top else -8)), anchor, text, None))
     return tuple(placed)
 
 

@@ -144,8 +144,8 @@ def _above(above: Sequence[BoardEntry], leader: BoardEntry) -> Iterator[str]:
         yield f"The {len(above)} that rank above it are flagged, and do not lead."
     elif above:
         names = listed([f"{entry.method} (“{flags_of(entry)}”)" for entry in above])
-        verb, whose, them = ("ranks", "its", "it") if len(above) == 1 else ("rank", "their", "them")
-        yield f"{names} {verb} above it, but {whose} flags bar {them} from leading."
+        verb, do = ("ranks", "does") if len(above) == 1 else ("rank", "do")
+        yield f"{names} {verb} above it and, flagged as that, {do} not lead."
 
 
 @dataclass(frozen=True)

@@ -248,6 +248,12 @@ class BoardPage:
         return headline(None, self.challenge, len(self.protocol.tasks), digits)
 
     @property
+    def withheld(self) -> str:
+        """What of the split nobody outside knows; nothing where the split is public."""
+        is_hidden = self.phase is not None and not self.phase.split_is_public
+        return self.challenge.words.withheld if is_hidden else ""
+
+    @property
     def scene(self) -> Markup:
         """The drawing of what the protocol measures."""
         return _scene(Same(self.drawing), Same(self.protocol), Same(self.challenge))
@@ -302,6 +308,11 @@ class BoardPage:
     def address(self) -> str | None:
         """The query that names this very board."""
         return self.shown.address if self.shown else None
+
+    @property
+    def canonical(self) -> str | None:
+        """The query under which search engines keep the page: of the current board its phase alone."""
+        return urlencode(board_fields(self.board, self.is_current)) if self.board else None
 
     @property
     def exports(self) -> list[tuple[str, str]]:

@@ -94,7 +94,7 @@ WIDTH, HEIGHT = 1200, 630
 LEFT, RIGHT = 64, 1136
 MAX_ROWS = 5
 TRACK = (620, 1000)
-TITLE_SIZE, TITLE_WIDTH = 58, 960
+TITLE_SIZE, TITLE_WIDTH = 50, 960
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def _rows(board: Board, digits: Digits) -> tuple[PictureRow, ...]:
 
 
 def _row(at: int, row: Row, is_leader: bool) -> PictureRow:
-    flags, room = fitted(flags_of(row.entry), 18, 240), TRACK[0] - LEFT - 76
+    room = TRACK[0] - LEFT - 76
     cell = row.cells[0]
     whisker = cell.whisker
     low = whisker.low if whisker else None
@@ -184,8 +184,8 @@ def _row(at: int, row: Row, is_leader: bool) -> PictureRow:
     return PictureRow(
         y=318 + 46 * at,
         rank=row.rank or "–",
-        method=fitted(row.entry.method, 26, room - (width_of(flags, 18) + 12 if flags else 0)),
-        flags=flags,
+        method=fitted(row.entry.method, 26, room),
+        flags=fitted(flags_of(row.entry), 15, room),
         is_leader=is_leader,
         value=cell.text or "none",
         low=None if low is None else _track(low),

@@ -391,7 +391,7 @@ def _rank_interval(entry: BoardEntry) -> str | None:
     if entry.rank is None or entry.rank_interval is None:
         return None
     low, high = entry.rank_interval
-    return str(low) if low == high else f"{low}{DASH}{high}"
+    return f"{low}{DASH}{high}" if low < high else None
 
 
 def _rank_words(entry: BoardEntry) -> str:
@@ -400,7 +400,8 @@ def _rank_words(entry: BoardEntry) -> str:
     if entry.rank_interval is None:
         return f"rank {entry.rank}"
     low, high = entry.rank_interval
-    return f"rank {entry.rank}; it could be any from {low} to {high}"
+    could = f"it could be any from {low} to {high}" if low < high else "it could be no other"
+    return f"rank {entry.rank}; {could}"
 
 
 def _movement(entry: BoardEntry, board: Board) -> Movement | None:

@@ -177,7 +177,8 @@ def position_of(row: Row, board: Board) -> Position:
         return Position("–", f"would be {row.rank}", ("Late.", reason), summary)
     if row.rank is None:
         return Position("–", "", ("Not ranked.", _sentence(row.rank_words)), row.rank_words)
-    note = f"{row.rank_interval} possible" if row.rank_interval else ""
+    is_known = row.entry.rank_interval is not None
+    note = f"{row.rank_interval} possible" if row.rank_interval else "no other possible" * is_known
     return Position(row.rank, note, None, row.rank_words)
 
 

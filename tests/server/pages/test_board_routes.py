@@ -304,3 +304,23 @@ async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: 
     text = (await lively_site.get("/submit?phase=past")).text
     assert "Past takes no submissions now: closed since 4 May 2020, 10:30 UTC." in text
     assert "What follows is for Sample." in text
+
+
+async def test_each_font_is_asked_for_under_one_address(lively_site: Any) -> None:
+    text = (await lively_site.get("/")).text
+    preloaded = set(re.findall(r'href="/static/(fonts/[^"]+)"', text))
+    theme = re.search(r'href="(/static/theme\.css[^"]*)"', text)
+    assert theme is not None
+    style = (await lively_site.get(theme[1])).text
+    assert preloaded == set(re.findall(r"url\((fonts/[^)]+)\)", style))
+    assert len(preloaded) == 2
+
+
+async def test_search_engines_keep_the_phase_and_every_board_that_is_history(
+    lively_site: Any, lively_board: Board
+) -> None:
+    fewer = lively_board.model_copy(update={"entries": lively_board.entries[:3]})
+    lively_site.publish(fewer)
+    kept = '<link rel="canonical" href="/?phase=sample'
+    assert f'{kept}">' in (await lively_site.get("/?phase=sample&board=2")).text
+    assert f'{kept}&amp;board=1">' in (await lively_site.get("/?phase=sample&board=1")).text

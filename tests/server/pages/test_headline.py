@@ -29,11 +29,11 @@ def flagged(board: Board, *places: int) -> Board:
 @pytest.mark.parametrize(
     ("ur", "title"),
     [
-        (1.0, "Even the leading planner drives into the hazard every time."),
-        (0.996, "Even the leading planner drives into the hazard more than 99 times in 100."),
-        (0.78, "Even the leading planner drives into the hazard about 7 times in 9."),
-        (0.5, "The leading planner still drives into one hazard in 2."),
-        (0.311, "The leading planner still drives into about 3 hazards in 10."),
+        (1.0, "Even the leading planner hits the hazard every time."),
+        (0.996, "Even the leading planner hits the hazard more than 99 times in 100."),
+        (0.78, "Even the leading planner hits the hazard about 7 times in 9."),
+        (0.5, "The leading planner still hits one hazard in 2."),
+        (0.311, "The leading planner still hits about 3 hazards in 10."),
         (0.02, "The leading planner keeps clear 98 times in 100."),
         (0.0033, "The leading planner keeps clear more than 99 times in 100."),
         (0.0, "The leading planner keeps clear every time."),
@@ -55,7 +55,7 @@ def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
     said = headline(flagged(lively_board, 0), PLANNING, 21, Digits())
     assert said.findings[0].startswith("Of 6 ranked planners, LaneKeeper XL")
     assert said.findings[1] == (
-        "AlwaysBrake (\u201cStands still\u201d) ranks above it, but its flags bar it from leading."
+        "AlwaysBrake (\u201cStands still\u201d) ranks above it and, flagged as that, does not lead."
     )
     assert all(fact.note != "AlwaysBrake" for fact in said.facts)
 

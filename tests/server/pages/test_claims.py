@@ -1,0 +1,455 @@
+"""What pages, pictures and exports claim of made boards is true of the boards' numbers.
+
+Every board here hangs together: its entries have scenes of their own, from which all numbers follow.
+Each claim is read off what was rendered, and worked out anew from the document.
+"""
+
+import asyncio
+import csv
+import io
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from tests.server.pages.made_boards import made_boards, with_curve
+from tests.server.pages.page_site import Site, open_site, sheet_of
+from tests.server.pages.reading import Node, read
+
+from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge
+from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_server.boards.pictures import board_picture
+from exceptiondrive_server.boards.queries import read_board
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.table import short_title
+from exceptiondrive_server.entries.pictures import entry_picture
+from exceptiondrive_server.entries.queries import read_entry
+
+PHASES = {PLANNING.id: "claims", STRATEGY.id: "strategy-claims"}
+ATOM = {"a": "http://www.w3.org/2005/Atom"}
+
+
+# What the document says, worked out here.
+
+
+def challenge_of(board: Board) -> Challenge:
+    return CHALLENGES[board.challenge]
+
+
+def is_barred(entry: BoardEntry) -> bool:
+    return any(flag.code not in FLAGS or FLAGS[flag.code].bars_leading for flag in entry.flags)
+
+
+def ranked(board: Board) -> list[BoardEntry]:
+    return [entry for entry in board.entries if entry.rank is not None]
+
+
+def contenders(board: Board) -> list[BoardEntry]:
+    return [entry for entry in ranked(board) if not is_barred(entry)]
+
+
+def leader_of(board: Board) -> BoardEntry | None:
+    return min(contenders(board), key=lambda entry: entry.rank or 0, default=None)
+
+
+def percent(value: float | None) -> str | None:
+    return None if value is None else f"{value * 100:.2f}"
+
+
+def labels(entry: BoardEntry) -> list[str]:
+    return [flag.label for flag in entry.flags]
+
+
+def own(board: Board) -> list[BoardEntry]:
+    return [entry for entry in board.entries if entry.source != "reported"]
+
+
+# What was rendered.
+
+
+def check_the_title(title: str, board: Board) -> None:
+    """A count of the leader's scenes, and never more certain than it is."""
+    leader, second = leader_of(board), challenge_of(board).metrics[1]
+    if leader is None:
+        assert title == challenge_of(board).words.headline.question
+        return
+    share = leader.micro[second.key] or 0.0
+    share = 1 - share if re.search("keeps clear|careful enough", title) else share
+    if "every time" in title:
+        assert share == 1
+        return
+    found = re.search(r"(about |more than |less than )?(once|one|\d+)(?: \w+)? in (\d+)\.", title)
+    assert found is not None, title
+    near, hits, of = found.groups()
+    said = Fraction(1 if hits in ("once", "one") else int(hits), int(of))
+    assert 0 < said < 1
+    if near == "more than ":
+        assert said < share < 1
+    elif near == "less than ":
+        assert 0 < share < said
+    else:
+        assert abs(said - share) <= (0.015 if near else 1e-9), title
+
+
+def check_the_findings(text: str, board: Board) -> None:
+    """Who leads, by how much, among how many; and every one that ranks above, with its flags."""
+    leader, metrics = leader_of(board), challenge_of(board).metrics[:2]
+    text = " ".join(text.split())
+    if not ranked(board):
+        assert "is ranked on this board yet" in text
+        return
+    if leader is None:
+        assert "Nobody leads" in text
+        assert all(label in text for entry in ranked(board) for label in labels(entry))
+        return
+    n_ranked = len(ranked(board))
+    assert f"Of {n_ranked} ranked" in text if n_ranked > 1 else "only ranked" in text
+    numbers = [f"{m.title.lower()} {percent(leader.metrics[m.key])} %" for m in metrics]
+    assert f"{leader.method}" in text
+    assert " and ".join(numbers) + " (mean of families)" in text
+    above = [entry for entry in ranked(board) if (entry.rank or 0) < (leader.rank or 0)]
+    named = [leader, *above] if len(above) <= 3 else [leader]
+    assert set(re.findall(r"Planner\d+x", text)) == {entry.method for entry in named}
+    for entry in named:
+        assert all(label in text for label in labels(entry))
+
+
+def check_the_tiles(page: Node, board: Board) -> None:
+    leader = leader_of(board)
+    tiles = {
+        tile.one("dt").text: (tile.one("dd").text, tile.one("small").text)
+        for tile in page.one("dl", "stats").all("div")
+    }
+    said = {key: value for key, value in tiles.items() if key.endswith("of the leader")}
+    if leader is None:
+        assert said == {}
+        return
+    assert len(said) == 2
+    for metric in challenge_of(board).metrics[:2]:
+        value, name = said[f"{metric.label} of the leader"]
+        assert name == leader.method
+        assert value.startswith(percent(leader.metrics[metric.key]) or "?")
+
+
+def rows_of(page: Node) -> list[Node]:
+    return [row for row in page.one("table", "board").all("tr") if row["id"].startswith("e-")]
+
+
+def check_the_rows(page: Node, board: Board, average: str) -> None:
+    """Ranks, flags, marks, bars and values of every row; and no row of another split."""
+    metrics = challenge_of(board).metrics[:2]
+    by_name = {entry.method: entry for entry in own(board)}
+    rows = rows_of(page)
+    shown = [by_name[row.one("a", "pn").text] for row in rows]
+    assert sorted(by_name) == sorted(entry.method for entry in shown)
+    is_listed = [bool(entry.unranked_flags) for entry in shown if entry.source == "scored"]
+    assert is_listed == sorted(is_listed)
+    best = {
+        metric.key: percent((max if metric.better == "higher" else min)(known))
+        for metric in metrics
+        if (known := [values_of(e, average)[metric.key] or 0.0 for e in contenders(board)])
+    }
+    for row, entry in zip(rows, shown, strict=True):
+        values = values_of(entry, average)
+        rank = row.one("td", "rank").one("b").text
+        assert rank == (str(entry.rank) if entry.rank else "\u2013")
+        assert [flag.text for flag in row.all("span", "flag")] == labels(entry)
+        assert ("listed" in row.classes) == bool(entry.unranked_flags)
+        if entry.unranked_flags:
+            assert f"Not ranked: {entry.unranked_because}" in row.text
+        could = entry.rank_interval is not None and entry.rank_interval[0] == 1
+        assert ("first" in row.classes) == could
+        for metric in metrics:
+            number = row.one("td", metric.key).one("b")
+            assert number.text == percent(values[metric.key])
+            is_best = entry in contenders(board) and number.text == best[metric.key]
+            assert ("best" in number.classes) == is_best
+        check_the_bar(row.all("svg", "sb"), values, challenge_of(board))
+
+
+def values_of(entry: BoardEntry, average: str) -> MetricRow:
+    return entry.micro if average == "micro" else entry.macro_family
+
+
+def check_the_bar(bars: list[Node], values: MetricRow, challenge: Challenge) -> None:
+    """Each part as wide as its share, one beside the other; no bar where one was not counted."""
+    parts = challenge.words.outcome
+    if any(values.get(part.metric) is None for part in parts):
+        assert bars == []
+        return
+    (bar,) = bars
+    start = 0.0
+    for part, drawn in zip(parts, bar.all("rect"), strict=True):
+        share = 100 * (values[part.metric] or 0.0)
+        assert drawn.classes == {f"b-{part.kind}"}
+        assert float(drawn["x"].rstrip("%")) == pytest.approx(start, abs=0.06)
+        assert float(drawn["width"].rstrip("%")) == pytest.approx(share, abs=0.06)
+        assert f"{part.words} {share:.2f} %" in (bar["aria-label"] or bar.one("title").text)
+        start += share
+    assert start == pytest.approx(100, abs=0.05)
+
+
+def check_who_could_be_first(page: Node, board: Board) -> None:
+    could = [e for e in board.entries if e.rank_interval and e.rank_interval[0] == 1]
+    foot = page.one("div", "foot").text
+    if not could:
+        assert "could be first" not in foot
+    elif len(could) == 1:
+        assert f"{could[0].method}, which alone could be first" in foot
+    else:
+        assert f"the {len(could)} that could be first" in foot
+    few = "too few scenes to say how sure"
+    assert (few in page.text) == (board.min_scenes is not None)
+    assert ("interval, how far" in foot) == (board.min_scenes is None)
+
+
+def check_the_average(page: Node, average: str) -> None:
+    """The words and the formulas are of the numbers that the page shows."""
+    words = {"macro_family": "mean of families", "micro": "mean of scenes"}
+    assert f"Every number is the {words[average]}" in page.one("div", "foot").text
+    means = [part.text for part in page.one("section", id="metrics").all("math")]
+    assert means
+    assert all(mean.startswith("1 F") == (average == "macro_family") for mean in means)
+
+
+def check_the_chart(page: Node, board: Board, average: str) -> None:
+    """Every point says its entry's own numbers; who has not both of them is named."""
+    words = challenge_of(board).words.chart
+    y, x = (challenge_of(board).metric(key) for key in (words.y, words.x))
+    pairs = {
+        entry.method: (values_of(entry, average).get(y.key), values_of(entry, average).get(x.key))
+        for entry in own(board)
+    }
+    known = [entry for entry in own(board) if None not in pairs[entry.method]]
+    said = set()
+    for entry in known:
+        up, along = (percent(value) for value in pairs[entry.method])
+        flags = f" ({', '.join(labels(entry))})" if entry.flags else ""
+        said.add(f"{entry.method}{flags}: {y.label} {up} %, {x.label} {along} %")
+    kinds = ("p-scored", "p-listed", "p-reference")
+    groups = [group for kind in kinds for group in page.all("g", kind)]
+    points = {group.one("title").text for group in groups if group.all("title")}
+    assert points == said
+    left = " ".join(line.text for line in page.all("p", "outside")) if points else ""
+    missing = {entry.method for entry in own(board) if entry not in known} if points else set()
+    assert set(re.findall(r"Planner\d+x", left)) == missing
+
+
+def check_ahead_in(text: str, board: Board, pair: PairedComparison | None) -> None:
+    """`Ahead in` a family is who is better in the whole paired interval there, and nobody else."""
+    said = {
+        (name, family)
+        for name, families in re.findall(r"(Planner\d+x) is ahead in ([^;.]*) scenes", text)
+        for family in re.split(r", | and (?=[a-z])", families)
+    }
+    if pair is None:
+        assert said == set()
+        assert "tell them apart" not in text
+        return
+    by_id = {entry.submission_id: entry.method for entry in board.entries}
+    true, n_open = set(), 0
+    for head in board.families:
+        interval = pair.families[head.id].interval
+        low, high = interval or (0, 0)
+        if low > 0 or high < 0:
+            sooner = by_id[pair.a if low > 0 else pair.b]
+            true |= {(sooner, part) for part in re.split(" and ", short_title(head.title).lower())}
+        else:
+            n_open += 1
+    assert {(name, part) for name, family in said for part in family.split(" and ")} == true
+    if 0 < n_open < len(board.families):
+        assert re.search(rf"in {n_open} famil(y|ies) the split does not tell them apart", text)
+
+
+def check_the_verdict(text: str, board: Board, a: BoardEntry, b: BoardEntry) -> None:
+    """Who is better by how much, whether that is sure, and every flag of the two."""
+    first = challenge_of(board).metrics[0]
+    x, y = a.metrics[first.key] or 0.0, b.metrics[first.key] or 0.0
+    if percent(x) == percent(y):
+        assert f"Both stand at {percent(x)}" in text
+        return
+    ahead, behind = (a, b) if (x > y) == (first.better == "higher") else (b, a)
+    gap = percent(abs(x - y))
+    assert f"{ahead.method} is {gap} points better than {behind.method}" in text
+    for entry in (a, b):
+        if entry.flags:
+            assert f"{entry.method} is flagged: {', '.join(labels(entry))}." in text
+
+
+def check_the_csv(text: str, board: Board) -> None:
+    leader = leader_of(board)
+    rows = list(csv.DictReader(io.StringIO(text)))
+    by_name = {entry.method: entry for entry in own(board)}
+    assert [row["method"] for row in rows] == [entry.method for entry in own(board)]
+    for row in rows:
+        entry = by_name[row["method"]]
+        assert (row["leads"] == "True") == (entry is leader)
+        assert row["flags"].split() == [flag.code for flag in entry.flags]
+        assert row["rank"] == str(entry.rank or "")
+        assert row["unranked_because"] == (entry.unranked_because or "")
+        for key in challenge_of(board).metric_keys:
+            value = entry.metrics.get(key)
+            assert (float(row[key]) if row[key] else None) == value
+
+
+def check_the_latex(text: str, board: Board) -> None:
+    leader = leader_of(board)
+    assert re.findall(r"\\textbf\{(.*?)\}", text) == ([leader.method] if leader else [])
+    assert f"% leads: {leader.method if leader else 'nobody'}\n" in text
+    lines = {m: line for line in text.splitlines() for m in re.findall(r"& .*?(Planner\d+x)", line)}
+    assert set(lines) == {entry.method for entry in own(board)}
+    for entry in own(board):
+        assert all(label in lines[entry.method] for label in labels(entry))
+        assert lines[entry.method].startswith(f"{entry.rank or '--'} & ")
+
+
+def check_the_card(svg: str, board: Board) -> None:
+    """The social card of the board: its title, and the first rows with their flags."""
+    picture = read(svg)
+    title = " ".join(line.text for line in picture.all("text", "h", x="62"))
+    check_the_title(title, board)
+    rows, flags = (picture.all("text", x=x) for x in ("116", "117"))
+    first = sorted(ranked(board), key=lambda entry: entry.rank or 0)[:5]
+    assert [row.text for row in rows] == [entry.method for entry in first]
+    assert [line.text for line in flags] == [", ".join(labels(e)) for e in first if e.flags]
+    for row, entry in zip(rows, first, strict=True):
+        assert ("b" in row.classes) == (entry is leader_of(board) or not entry.flags)
+
+
+def check_the_entry(page: Node, board: Board, entry: BoardEntry) -> None:
+    head = page.one("section", "ehead")
+    assert {flag.text for flag in head.all("span", "flag")} == set(labels(entry))
+    wide = [svg for svg in head.all("svg", "wideb")]
+    check_the_bar(wide, entry.metrics, challenge_of(board))
+    if entry.rank is None:
+        assert entry.unranked_because is None or entry.unranked_because in head.text.replace(
+            "Flagged", "flagged"
+        )
+    table = page.one("table", "tasks-table")
+    families = [row for row in table.all("tr") if "fam" in row.classes]
+    for row, head_ in zip(families, board.families, strict=True):
+        values = entry.families[head_.id].metrics
+        check_the_bar(row.all("svg", "ob"), values, challenge_of(board))
+    both = {row.one("th").text: [cell.text for cell in row.all("td")] for row in page.one("table", "both").one("tbody").all("tr")}  # fmt: skip
+    for metric in challenge_of(board).metrics[:2]:
+        said = next(cells for name, cells in both.items() if name.startswith(f"{metric.label} "))
+        assert (said[0], said[2]) == (
+            percent(entry.macro_family[metric.key]),
+            percent(entry.micro[metric.key]),
+        )
+    check_the_curve(page, entry)
+
+
+def check_the_curve(page: Node, entry: BoardEntry) -> None:
+    """It starts at 100 - UR, and stands at the share that keeps the whole clearance at 1."""
+    lines = [line for line in page.all("polyline") if "cv" in line.classes]
+    if not lines:
+        return
+    svg = next(svg for svg in page.all("svg", "wide") if svg.all("polyline"))
+    zero, top = (
+        float(tick["y1"]) for tick in (svg.all("line", "gr")[0], svg.all("line", "gr")[-1])
+    )
+    _, y = (float(at) for at in lines[0]["points"].split()[0].split(","))
+    assert (y - zero) / (top - zero) == pytest.approx(1 - (entry.metrics["ur"] or 0), abs=0.002)
+    said = re.search(rf"{entry.method}: (\S+) % keep all of it", page.text)
+    assert said is not None
+    assert said[1] == percent(entry.metrics["clear"])
+
+
+# One site for all boards: each is published on top of the last.
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Iterator[Site]:
+    site = open_site(tmp_path_factory.mktemp("claims"), migrated_sqlite)
+    for challenge, phase in PHASES.items():
+        site.create_phase(phase, challenge, shows_reported=True)
+    yield site
+    site.database.dispose()
+
+
+def publish(site: Site, board: Board) -> None:
+    site.publish(board)
+    for entry in board.entries:
+        if entry.source == "scored" and board.challenge == PLANNING.id:
+            site.keep_submission(entry, board.phase, with_curve(sheet_of(entry), entry))
+
+
+def get(site: Site, path: str) -> str:
+    answer = asyncio.run(site.get(path))
+    assert answer.status_code == 200, path
+    return answer.text
+
+
+def svg_of(site: Site, draw: Any, read_it: Any, *asked: Any) -> str:
+    with site.database.read() as session:
+        return str(draw(read_it(session, *asked)))
+
+
+@pytest.mark.parametrize("challenge", CHALLENGES.values(), ids=lambda one: one.id)
+@settings(
+    max_examples=12,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    phases=(
+        Phase.reuse,
+        Phase.generate,
+    ),  # a board is read as it is: to make it smaller takes minutes
+)
+@given(data=st.data())
+def test_every_claim_is_true_of_the_board(site: Site, challenge: Challenge, data: Any) -> None:
+    phase = PHASES[challenge.id]
+    board = data.draw(made_boards(challenge.id, phase))
+    publish(site, board)
+    printed = [entry.method for entry in board.entries if entry.source == "reported"]
+    everything = []
+    for average in ("macro_family", "micro"):
+        text = get(site, f"/?phase={phase}&average={average}")
+        everything.append(text)
+        page = read(text)
+        check_the_title(page.one("h1").text, board)
+        check_the_findings(page.one("p", "lede").text, board)
+        check_the_tiles(page, board)
+        check_the_rows(page, board, average)
+        check_who_could_be_first(page, board)
+        check_the_average(page, average)
+        check_the_chart(page, board, average)
+    for a, b in [*zip(ranked(board), ranked(board)[1:], strict=False)][:2]:
+        for one, other in ((a, b), (b, a)):
+            path = f"/compare?phase={phase}&a={one.submission_id}&b={other.submission_id}"
+            everything.append(get(site, path))
+            lede = read(everything[-1]).one("p", "lede").text
+            pairs = {frozenset((pair.a, pair.b)): pair for pair in board.comparisons}
+            pair = pairs.get(frozenset((a.submission_id or "", b.submission_id or "")))
+            check_ahead_in(lede, board, pair)
+            check_the_verdict(lede, board, one, other)
+    for entry in [entry for entry in board.entries if entry.source == "scored"][:2]:
+        everything.append(get(site, f"/entries/{entry.submission_id}?phase={phase}"))
+        check_the_entry(read(everything[-1]), board, entry)
+        badge = get(site, f"/badges/{entry.submission_id}.svg?phase={phase}")
+        rank = f"rank {entry.rank}" if entry.rank else "not ranked"
+        flags = f", flagged: {', '.join(labels(entry))}" if entry.flags else ""
+        first = challenge.metrics[0]
+        words = f"{rank}, {first.label} {percent(entry.metrics[first.key])} %{flags}"
+        assert read(badge).one("title").text == f"ExceptionDrive: {words}"
+        card = svg_of(site, entry_picture, read_entry, entry.submission_id, BoardQuery(phase=phase))
+        assert ("Flagged: " + ", ".join(labels(entry)) in read(card).text) == bool(entry.flags)
+        everything += [badge, card]
+    everything.append(svg_of(site, board_picture, read_board, BoardQuery(phase=phase)))
+    check_the_card(everything[-1], board)
+    for form, check in (("csv", check_the_csv), ("tex", check_the_latex)):
+        everything.append(get(site, f"/export/board.{form}?phase={phase}"))
+        check(everything[-1], board)
+    everything.append(get(site, f"/feed.atom?phase={phase}"))
+    newest = Xml.fromstring(everything[-1]).find("a:entry", ATOM)
+    assert newest is not None
+    check_the_findings(newest.findtext("a:summary", "", ATOM), board)
+    for text in everything:
+        assert not any(f">{name}<" in text or f"{name} (reported)" in text for name in printed)
