@@ -43,9 +43,7 @@ def plausibility(
         "edited_behind": _share(
             (m.edited_motion_m >= reach_m) & (m.edited_end_x_m < 0), all_samples
         ),
-        "source_behind": _share(
-            (m.source_motion_m >= reach_m) & (m.source_end_x_m < 0), all_samples
-        ),
+        "source_behind": _share((m.source_motion_m >= reach_m) & m.source_behind, all_samples),
         "blind": _share(m.shift_m < section.blind_shift_below_m, both),
         "impossible": _share(impossible, m.edited_given),
         "first_step": _share(steps_wrong, both),
@@ -130,6 +128,8 @@ def _flags_of_shares(
 
 def _off_course(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
     """By the median, which a few wild samples do not move."""
+    if m.source_l2_m is None:
+        return
     known = m.source_l2_m[~np.isnan(m.source_l2_m)]
     if len(known) and np.median(known) > section.flag_off_course_m:
         yield raised(
