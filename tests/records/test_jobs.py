@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from sqlalchemy import insert, update
+from sqlalchemy import update
 from sqlalchemy.exc import IntegrityError
 from tests.support.work import claim_this
 
@@ -205,4 +205,4 @@ def test_an_item_without_what_its_kind_needs_is_refused(
         pytest.raises(IntegrityError, match=f"needed_for_{kind}"),
         database.write() as session,
     ):
-        session.execute(insert(WorkItem.__table__).values(values))
+        session.execute(WorkItem.metadata.tables["work"].insert().values(values))

@@ -42,8 +42,8 @@ class Measurements:
         source_motion_m: The same of the source trajectory.
         peak_acceleration_mps2: Of the edited trajectory; NaN where missing.
         tightest_turn_m: Of the edited trajectory; infinite where straight or missing.
-        edited_behind: Whether the edited trajectory ends at x < 0; False where missing.
-        source_behind: The same of the source trajectory.
+        edited_end_x_m: Where the edited trajectory ends, along x; NaN where missing.
+        source_behind: Whether the source trajectory ends at x < 0; False where missing.
         edited_first_step_m: Length of the first step of the edited trajectory; NaN where missing.
         source_first_step_m: The same of the source trajectory.
         source_path_m: Length of the source path; NaN where missing.
@@ -66,7 +66,7 @@ class Measurements:
     source_motion_m: FloatArray
     peak_acceleration_mps2: FloatArray
     tightest_turn_m: FloatArray
-    edited_behind: BoolArray
+    edited_end_x_m: FloatArray
     source_behind: BoolArray
     edited_first_step_m: FloatArray
     source_first_step_m: FloatArray
@@ -126,7 +126,7 @@ def measure(
         source_motion_m=net_motion_m(source),
         peak_acceleration_mps2=peak_acceleration_mps2(moves, geometry),
         tightest_turn_m=tightest_turn_m(moves, geometry),
-        edited_behind=edited.x_m[-1] < 0,
+        edited_end_x_m=edited.x_m[-1],
         source_behind=source.x_m[-1] < 0,
         edited_first_step_m=moves.length_m[0],
         source_first_step_m=source_moves.length_m[0],

@@ -40,7 +40,9 @@ def plausibility(
     shares = {
         "edited_stationary": _share(~(m.edited_motion_m >= reach_m), all_samples),
         "source_stationary": _share(~(m.source_motion_m >= reach_m), all_samples),
-        "edited_behind": _share((m.edited_motion_m >= reach_m) & m.edited_behind, all_samples),
+        "edited_behind": _share(
+            (m.edited_motion_m >= reach_m) & (m.edited_end_x_m < 0), all_samples
+        ),
         "source_behind": _share((m.source_motion_m >= reach_m) & m.source_behind, all_samples),
         "blind": _share(m.shift_m < section.blind_shift_below_m, both),
         "impossible": _share(impossible, m.edited_given),
