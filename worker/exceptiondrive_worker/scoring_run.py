@@ -127,7 +127,9 @@ def _score(context: WorkerContext, job: Job) -> None:
         _log.info("rejected", **_ids(job), outcome=outcome.value)
         return
     published = Rounding(challenge, protocol.publication).sheet(
-        scored.sheet, with_curve=protocol.publication.shows_curve(is_public_split=is_public)
+        scored.sheet,
+        is_public=is_public,
+        has_public_drives=split.manifest.recorded is not None,
     )
     with context.database.write() as session:
         outcome = finish_scored(
