@@ -19,6 +19,11 @@ from exceptiondrive_schemas.printable import printable
 
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
+    "audit": ("exceptiondrive_build.report_commands", "Plan the inspection of accepted edits."),
+    "report": (
+        "exceptiondrive_build.report_commands",
+        "Count everything: funnel, marks, audit, agreement, time and money.",
+    ),
     "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
     "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
     "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),

@@ -4,11 +4,11 @@ Time and tokens of a call are the means of what was measured so far with the sam
 first call they are guesses, and said to be.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import fmean
 
 from exceptiondrive_build.asking import Answer, Question, Stage, open_candidates, read_answers
-from exceptiondrive_build.candidates import Candidate, walk
+from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Edited, Screened
 from exceptiondrive_schemas.base import Document
@@ -45,15 +45,21 @@ class StagePlan(Document):
     timed_calls: int
 
 
-def dry_run(stage: Stage, limit: int | None = None) -> StagePlan:
-    """Plan the run that `run_stage` with the same arguments would do.
+def dry_run(
+    stage: Stage, candidates: Mapping[str, Candidate], limit: int | None = None
+) -> StagePlan:
+    """Plan the run that `run_stage` would do.
+
+    Args:
+        stage: The stage.
+        candidates: As `walk` gives them.
+        limit: Take so many candidates alone.
 
     Raises:
         BuildError: The workshop cannot be read.
         JournalError: The answers of earlier runs cannot be read.
     """
     workshop, section = stage.workshop, stage.section
-    candidates = walk(workshop)
     waiting = open_candidates(stage, candidates)[:limit]
     answers = read_answers(workshop, stage.kind)
     usable = {answer.key for answer in answers if answer.reason is None}

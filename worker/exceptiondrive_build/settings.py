@@ -158,6 +158,10 @@ class WorkshopSettings(Document):
     verify: VerifySection = VerifySection()
     freeze: FreezeSection = FreezeSection()
     datasheet: DatasheetSection = DatasheetSection()
+    printed_family_shares: dict[str, float] = Field(
+        default_factory=dict,
+        description="per cent by family as a paper prints them; the report says what they fit",
+    )
     currency: str = "USD"
     prices: dict[str, Price] = Field(default_factory=dict, description="by name of the model")
 

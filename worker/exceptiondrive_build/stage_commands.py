@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive_build.asking import Stage, StageReport, run_stage
+from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.chat import ReviewStage, ScreenStage
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.dry_run import StagePlan, dry_run
@@ -84,7 +85,7 @@ def localize_command(
 
 
 def _plan(stage: Stage, limit: int | None, json: bool) -> None:
-    plan = dry_run(stage, limit)
+    plan = dry_run(stage, walk(stage.workshop), limit)
     typer.echo(plan.model_dump_json(indent=2) if json else plan_text(plan))
 
 
