@@ -199,6 +199,13 @@ PROTECTIONS = (
         "tests/phases/test_gaming.py::test_every_board_of_planners_shows_references_and_flags",
     ),
     Protection(
+        "unranked",
+        "exceptiondrive_worker.board_entries:_Rows.unranked_flags",
+        _always(()),
+        "tests/worker/test_unranked.py::"
+        "test_under_1_1_flagged_entries_are_listed_below_in_the_order_that_they_would_have",
+    ),
+    Protection(
         "similarity",
         "exceptiondrive_scoring.similarity:AlikeRule.is_alike",
         _always(False),
