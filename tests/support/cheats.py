@@ -23,7 +23,7 @@ class File:
 
     source: Array
     edited: Array
-    family: NDArray[np.int64]
+    family: NDArray[np.integer[Any]]
 
     def all_edited(self, path: Array) -> "File":
         """The same honest sources, and one path in every edited scene."""
@@ -44,7 +44,8 @@ def slower(paths: Array, times: float) -> Array:
     before = np.floor(at).astype(int)
     share = (at - before)[:, None]
     after = np.minimum(before + 1, 6)
-    return points[:, before] * (1 - share) + points[:, after] * share
+    path: Array = points[:, before] * (1 - share) + points[:, after] * share
+    return path
 
 
 def always_brake(file: File, brake_mps2: float = 8.0) -> File:

@@ -5,6 +5,7 @@ from html.parser import HTMLParser
 from tests.server.pages.invented_board import COUNTS, DATASHEET, MANIFEST, N
 from tests.server.pages.page_site import Site
 
+from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import SplitRef
@@ -81,3 +82,17 @@ async def test_a_split_without_a_datasheet_has_its_families(lively_site: Site) -
 async def test_a_split_that_nobody_uses_is_not_found(lively_site: Site) -> None:
     for path in ("/splits/other", "/splits/other?revision=x", "/api/v1/splits/other/datasheet"):
         assert (await lively_site.get(path)).status_code == 404
+
+
+async def test_a_phase_on_a_part_leads_to_the_whole(lively_site: Site) -> None:
+    """The datasheet is of the whole; that a part of it counts is the phase's business."""
+    part = MANIFEST.model_copy(update={"revision": "sha256:" + "7" * 64})
+    with lively_site.database.write() as session:
+        register_split(
+            session, part, COUNTS, "test", part="public", whole_revision=MANIFEST.revision
+        )
+        for phase in list_phases(session):
+            phase.split_revision = part.revision
+    assert MANIFEST.revision in (await lively_site.get("/splits/sample")).text
+    answer = await lively_site.get("/api/v1/splits/sample/datasheet")
+    assert Datasheet.model_validate_json(answer.content) == DATASHEET
