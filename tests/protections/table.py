@@ -194,7 +194,7 @@ PROTECTIONS = (
     ),
     Protection(
         "flags",
-        "exceptiondrive_scoring.plausibility:_flags",
+        "exceptiondrive_scoring.plausibility:_flags_of_shares",
         _always(()),
         "tests/phases/test_gaming.py::test_every_board_of_planners_shows_references_and_flags",
     ),
