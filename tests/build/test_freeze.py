@@ -330,6 +330,22 @@ def test_the_workshop_is_linted_and_so_is_a_file(shop: Path) -> None:
     assert RECORDS in {each.name for each in shop.iterdir()}
 
 
+def test_a_file_that_cannot_be_scored_is_refused(shop: Path) -> None:
+    split = split_of(frozen(shop, "1"))
+    crossed = ((10.0, -1.0), (12.0, 1.0), (12.0, -1.0), (10.0, 1.0))
+    broken = split.samples[0].model_copy(update={"region": crossed})
+    path = shop / "broken.json"
+    samples = (broken, *split.samples[1:])
+    path.write_text(split.model_copy(update={"samples": samples}).model_dump_json(by_alias=True))
+    told = run("lint", "--workshop", shop, "--file", path)
+    assert told.exit_code == 2
+    assert f"cross or touch themselves (1): {broken.sample_id}" in told.output
+    report = run("lint", "--workshop", shop, "--file", path, "--json")
+    assert report.exit_code == 2
+    (fault,) = json.loads(report.output)["faults"]
+    assert fault["sample_ids"] == [broken.sample_id]
+
+
 def test_a_jury_is_a_gate(shop: Path) -> None:
     """Who stands still beside a hazard fares as expected; who drives on unharmed does not."""
     split = split_of(frozen(shop, "1"))

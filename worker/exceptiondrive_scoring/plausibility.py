@@ -48,14 +48,23 @@ def plausibility(
         "impossible": _share(impossible, m.edited_given),
         "first_step": _share(steps_wrong, both),
     }
+    return Plausibility(shares=shares, flags=_flags(m, shares, split, section))
+
+
+def _flags(
+    m: Measurements,
+    shares: dict[str, float | None],
+    split: SplitArrays,
+    section: PlausibilitySection,
+) -> tuple[Flag, ...]:
     known = {key: share or 0.0 for key, share in shares.items()}
-    flags = (
-        *_flags_of_shares(known, section, is_any_missing=not both.all()),
+    is_any_missing = not (m.edited_given & m.source_given).all()
+    return (
+        *_flags_of_shares(known, section, is_any_missing=is_any_missing),
         *_off_course(m, section),
         *_hardly_moves(m, split, section),
         *_same_answer(m, section),
     )
-    return Plausibility(shares=shares, flags=flags)
 
 
 def impossible_first_step(m: Measurements, protocol: ProtocolDocument) -> BoolArray:

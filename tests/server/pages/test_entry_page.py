@@ -5,11 +5,14 @@ import re
 from typing import Any
 from xml.etree import ElementTree as Xml
 
+from tests.server.pages.invented_board import PROTOCOL
 from tests.server.pages.page_site import publish_late_view
 
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.score_sheet import Flag, Plausibility
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_server.entries.view import plausibility_lines
 
 
 async def test_an_entry_shows_all_tasks_both_averages_and_its_receipt(lively_site: Any) -> None:
@@ -162,3 +165,22 @@ async def test_an_entry_that_left_is_compared_on_the_board_that_shows_it(
     for address in found:
         assert (await lively_site.get(html.unescape(address))).status_code == 200
     assert "/api/v1/entries/" not in text  # it stands on no board now: nothing is given out
+
+
+def test_of_two_shares_that_raise_one_flag_the_one_above_its_threshold_is_marked() -> None:
+    shares: dict[str, float | None] = {
+        "impossible": 0.01,
+        "first_step": 0.2,
+        "edited_behind": 0.5,
+        "source_behind": 0.4,
+    }
+    codes = ("impossible_motion", "reverses")
+    flags = tuple(Flag(code=code, label=code, detail="") for code in codes)
+    plausibility = Plausibility(shares=shares, flags=flags)
+    lines = plausibility_lines(plausibility, PROTOCOL.plausibility)
+    assert [(line.share, line.is_raised) for line in lines] == [
+        (0.5, True),
+        (0.4, False),
+        (0.01, False),
+        (0.2, True),
+    ]

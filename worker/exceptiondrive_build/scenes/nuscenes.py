@@ -1,12 +1,13 @@
 """Keyframes from the tables of nuScenes v1.0, read with pandas.
 
-What the tables mean is taken from `docs/schema_nuscenes.md` of nutonomy/nuscenes-devkit:
+What the tables mean is taken from the page "nuScenes schema" of nutonomy/nuscenes-devkit:
 
 - Rotations are quaternions (w, x, y, z), lengths metres, times microseconds. `calibrated_sensor`
   stands in the ego vehicle's frame, `ego_pose` in the map's; the pictures are undistorted.
 - Each `sample_data` has an ego pose of its own, for a camera's shutter opens when the lidar sweeps
   across it. A point of the keyframe goes from its ego frame to the map, from there to the ego frame
-  at the shutter time, then to the camera (`map_pointcloud_to_image` of the devkit; its issue 976).
+  at the shutter time, then to the camera (`map_pointcloud_to_image` of the devkit, and the thread
+  on it there).
 - The ego pose of a keyframe is that of `LIDAR_TOP`, whose time is the sample's: so do planners that
   are trained on nuScenes. The recorded path is where the next six samples stand.
 """
