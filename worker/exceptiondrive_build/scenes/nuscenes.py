@@ -6,7 +6,8 @@ What the tables mean is taken from the page "nuScenes schema" of nutonomy/nuscen
   stands in the ego vehicle's frame, `ego_pose` in the map's; the pictures are undistorted.
 - Each `sample_data` has an ego pose of its own, for a camera's shutter opens when the lidar sweeps
   across it. A point of the keyframe goes from its ego frame to the map, from there to the ego frame
-  at the shutter time, then to the camera (`map_pointcloud_to_image` of the devkit, and the thread on it there).
+  at the shutter time, then to the camera (`map_pointcloud_to_image` of the devkit, and the thread
+  on it there).
 - The ego pose of a keyframe is that of `LIDAR_TOP`, whose time is the sample's: so do planners that
   are trained on nuScenes. The recorded path is where the next six samples stand.
 """
