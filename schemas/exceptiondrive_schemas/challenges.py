@@ -232,6 +232,9 @@ class Metric(Document):
     shown: Literal["column", "extra column", "details"] = "column"
     """Where: a column of the board; one that is off until it is chosen; or only with the details of
     an entry, in comparisons and exports. What is a column, on or off, has intervals."""
+    cells: Literal["always", "of public regions", "of public drives"] = "always"
+    """On which splits families and tasks are told it: what it asks of regions or of recorded paths,
+    beside what is told already, must be public (docs/leakage.md). Totals are always told."""
 
     @model_validator(mode="after")
     def _a_quantile_has_a_level(self) -> Self:
@@ -407,6 +410,7 @@ PLANNING = Challenge(
             role="diagnostic",
             aggregation="share",
             shown="details",
+            cells="of public regions",
             meaning="Share of samples whose clearance is the required one or more.",
         ),
         Metric(
@@ -418,6 +422,7 @@ PLANNING = Challenge(
             role="diagnostic",
             aggregation="share",
             shown="details",
+            cells="of public regions",
             meaning="Share of samples clear of the hazard whose clearance is below the required one.",
         ),
         Metric(
@@ -429,6 +434,7 @@ PLANNING = Challenge(
             role="diagnostic",
             aggregation="share",
             shown="details",
+            cells="of public regions",
             meaning="Share of samples in the hazard whose trajectory moved once the hazard appeared, "
             "but not enough or the wrong way.",
         ),
@@ -441,6 +447,7 @@ PLANNING = Challenge(
             role="diagnostic",
             aggregation="share",
             shown="details",
+            cells="of public regions",
             meaning="Share of samples in the hazard whose trajectory hardly moved, or is missing.",
         ),
         *(
@@ -452,6 +459,7 @@ PLANNING = Challenge(
                 better="lower",
                 role="diagnostic",
                 shown="details",
+                cells="of public drives",
                 meaning=meaning,
                 part_of="source_l2_m" if span else "",
             )

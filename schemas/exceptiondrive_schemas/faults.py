@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
+from typing import Self
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
@@ -88,7 +89,7 @@ class FaultGroup(Document):
     n_samples: int = 0
     """In how many samples they are; 0 where they are in none."""
     sample_ids: tuple[str, ...] = ()
-    """These samples, in the order of the file."""
+    """These samples: all of them where a file is checked, the first where a report is kept."""
     examples: tuple[Fault, ...]
     """At most one of a sample."""
 
@@ -122,6 +123,14 @@ class CheckReport(Document):
     def is_valid(self) -> bool:
         """Whether the file can be scored."""
         return not self.faults
+
+    def to_keep(self) -> Self:
+        """Return the report with as many sample ids as examples: a kept one is bounded in size."""
+        groups = tuple(
+            group.model_copy(update={"sample_ids": group.sample_ids[: len(group.examples)]})
+            for group in self.faults
+        )
+        return self.model_copy(update={"faults": groups})
 
 
 MESSAGES: Mapping[FaultCode, str] = MappingProxyType(

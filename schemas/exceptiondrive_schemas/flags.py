@@ -65,7 +65,7 @@ _KINDS = (
     FlagKind(
         code="same_answer",
         label="Same answer",
-        meaning="Nearly all answers are the same strategy.",
+        meaning="Nearly all answers are the same, whatever the scene: one strategy, or one path.",
     ),
 )
 

@@ -169,12 +169,18 @@ class PublicationSection(Document):
     min_samples_per_cell: Annotated[int, Field(ge=1)]
     compared_entries: Annotated[int, Field(ge=0, le=50)] = 0
     clearance_curve: Literal["public_splits", "all_splits", "never"] = "public_splits"
+    outcome_cells: Literal["public_splits", "all_splits"] = "public_splits"
+    """Whose sheets carry the outcome shares by family and task; the totals always do."""
 
     def shows_curve(self, *, is_public_split: bool) -> bool:
         """Whether the sheets of a split are published with their clearance curve."""
         return self.clearance_curve == "all_splits" or (
             is_public_split and self.clearance_curve == "public_splits"
         )
+
+    def shows_outcome_cells(self, *, is_public_split: bool) -> bool:
+        """Whether the sheets of a split are published with outcome shares by family and task."""
+        return is_public_split or self.outcome_cells == "all_splits"
 
 
 class ProtocolDocument(Document):

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.datasheet import SplitChange
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -51,6 +52,8 @@ _NAMES = {
     "caution": "strategies from least to most cautious",
     "acceptable": "acceptable strategies",
     "under_warning": "under-warning strategies",
+    "unranked_flags": "flags with which an entry is listed without a rank",
+    "min_scenes": "fewest scenes that an interval takes",
 }
 """Where the words of a name are not the name's own."""
 _STRATEGY_SETS = ("acceptable", "under_warning")
@@ -227,6 +230,11 @@ def _suffix(name: str) -> str | None:
 def _value_sentence(label: str, name: str, old: Any, new: Any) -> str:
     if name == "caution":
         return _caution_sentence(label, old, new)
+    if name == "unranked_flags":
+        before, after = (
+            [FLAGS[code].label if code in FLAGS else code for code in side] for side in (old, new)
+        )
+        return f"{label}: {_letters(before)} -> {_letters(after)}"
     if name in _STRATEGY_SETS:
         return f"{label}: {_letters(old)} -> {_letters(new)}"
     suffix = _suffix(name)

@@ -74,6 +74,43 @@ def test_no_module_imports_in_a_circle() -> None:
     ).prepare()
 
 
+def test_private_names_are_used_in_their_own_module_alone() -> None:
+    used = []
+    for root in ("schemas", "worker", "server", "client"):
+        for path in (ROOT / root).rglob("*.py"):
+            tree = ast.parse(path.read_text("utf-8"))
+            modules = {
+                alias.asname or alias.name.rpartition(".")[2]
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Import | ast.ImportFrom)
+                for alias in node.names
+            }
+            used += [
+                f"{path.relative_to(ROOT)}:{node.lineno} {ast.unparse(node)}"
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Attribute | ast.ImportFrom)
+                and is_private_of_another(node, modules)
+            ]
+    assert used == []
+
+
+PRIVATE = re.compile(r"_(?!_|fields$|asdict$|replace$)")
+"""All but the public names of a `NamedTuple`."""
+OF_PYTHON = {"os._exit": "ends a process that was forked, without what its parent would do"}
+
+
+def is_private_of_another(node: ast.Attribute | ast.ImportFrom, modules: set[str]) -> bool:
+    if isinstance(node, ast.ImportFrom):
+        names = [*(node.module or "").split("."), *(alias.name for alias in node.names)]
+        return any(PRIVATE.match(name) for name in names)
+    return (
+        PRIVATE.match(node.attr) is not None
+        and isinstance(node.value, ast.Name)
+        and node.value.id in modules
+        and ast.unparse(node) not in OF_PYTHON
+    )
+
+
 def test_the_client_names_the_reminder_agent_only_in_its_table_of_commands() -> None:
     client = ROOT / "client" / "exceptiondrive"
     naming = {

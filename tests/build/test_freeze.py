@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from tests.build.deciding import PEOPLE, decisions, record
 from tests.build.shop import make_shop
+from tests.support.documents import planning_file
 from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
@@ -327,3 +328,39 @@ def test_the_workshop_is_linted_and_so_is_a_file(shop: Path) -> None:
     of_file = json.loads(run("lint", "--workshop", shop, "--file", path, "--json").output)
     assert of_file == report
     assert RECORDS in {each.name for each in shop.iterdir()}
+
+
+def test_a_file_that_cannot_be_scored_is_refused(shop: Path) -> None:
+    split = split_of(frozen(shop, "1"))
+    crossed = ((10.0, -1.0), (12.0, 1.0), (12.0, -1.0), (10.0, 1.0))
+    broken = split.samples[0].model_copy(update={"region": crossed})
+    path = shop / "broken.json"
+    samples = (broken, *split.samples[1:])
+    path.write_text(split.model_copy(update={"samples": samples}).model_dump_json(by_alias=True))
+    told = run("lint", "--workshop", shop, "--file", path)
+    assert told.exit_code == 2
+    assert f"cross or touch themselves (1): {broken.sample_id}" in told.output
+    report = run("lint", "--workshop", shop, "--file", path, "--json")
+    assert report.exit_code == 2
+    (fault,) = json.loads(report.output)["faults"]
+    assert fault["sample_ids"] == [broken.sample_id]
+
+
+def test_a_jury_is_a_gate(shop: Path) -> None:
+    """Who stands still beside a hazard fares as expected; who drives on unharmed does not."""
+    split = split_of(frozen(shop, "1"))
+    jury = shop / "jury"
+    jury.mkdir()
+    slow = planning_file({it.sample_id: 0.2 for it in split.samples}, split=split.name)
+    fast = planning_file({it.sample_id: 12.0 for it in split.samples}, split=split.name)
+    (jury / "fast.json").write_bytes(fast)
+    command = ("lint", "--workshop", shop, "--jury", jury, "--json")
+    passed = run(*command)
+    assert passed.exit_code == 0, passed.output
+    found = {each["method"]: each for each in json.loads(passed.output)["jury"]}
+    assert set(found) == {"FREEZE", "CONSTANT VELOCITY", "SOURCE AS EDITED", "fast"}
+    assert found["FREEZE"]["ur"] == 0
+    (jury / "slow.json").write_bytes(slow)
+    refused = run(*command[:-1])
+    assert refused.exit_code == 2
+    assert "jury slow: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output

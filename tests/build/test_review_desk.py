@@ -77,8 +77,8 @@ def take(desk: Desk, holder: Holder, sample_id: str) -> None:
 
 def test_no_card_is_given_to_two_and_none_is_left(desk: Desk) -> None:
     given: list[str] = []
-    while got := [*desk.claim("inspect", ADA, 2), *desk.claim("inspect", GRACE, 3)]:
-        given += got
+    for _ in range(6):
+        given += [*desk.claim("inspect", ADA, 2), *desk.claim("inspect", GRACE, 3)]
     assert len(given) == len(set(given)) == 21
     assert set(given) == set(desk.cards("inspect"))
     assert desk.claim("inspect", LIN, 1) == []
@@ -267,10 +267,7 @@ def test_on_a_full_disk_the_decision_is_refused_and_the_card_stays(desk: Desk) -
     assert desk.standing("inspect", card_)[0].value == long.model_dump(mode="json")
 
 
-def test_a_candidate_withdrawn_meanwhile_leaves_the_queue(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(desk_module, "WALK_AT_MOST_EVERY_S", -1.0)
+def test_a_candidate_withdrawn_meanwhile_leaves_the_queue(desk: Desk) -> None:
     card_ = desk.cards("verify")[0]
     desk.workshop.append(
         Record(
@@ -281,5 +278,19 @@ def test_a_candidate_withdrawn_meanwhile_leaves_the_queue(
             value={"reason": "the scene was closed to the public"},
         )
     )
-    desk.refresh()
+    desk.refresh(walk_after_s=0)
     assert card_ not in desk.cards("verify")
+
+
+def test_what_a_stage_did_meanwhile_comes_to_a_reviewer_who_has_nothing(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(desk_module, "WALK_WHEN_IDLE_S", 0.0)
+    card_ = desk.cards("verify")[0]
+    record = desk.candidates[card_].current[Kind.LOCALIZE]
+    taken_back = record.model_copy(update={"value": None, "supersedes": record.id, "id": None})
+    desk.workshop.append(taken_back)
+    desk.refresh(walk_after_s=0)
+    assert card_ not in desk.claim("verify", ADA, 99)
+    desk.workshop.append(record.model_copy(update={"id": None}))
+    assert desk.claim("verify", ADA, 99) == [card_]

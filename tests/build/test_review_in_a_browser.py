@@ -18,8 +18,10 @@ from exceptiondrive_build.agreement import outcome
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.records import Kind, Record
 from exceptiondrive_build.review_page.app import review_app
+from exceptiondrive_build.review_page.desk import Desk
+from exceptiondrive_build.review_page.leases import Holder
 from exceptiondrive_build.scenes.cameras import ground_polygon
-from exceptiondrive_build.values import Corners
+from exceptiondrive_build.values import Corners, Verified
 from exceptiondrive_build.workshop import Workshop
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -332,6 +334,32 @@ def test_two_blind_readers_a_third_one_and_undo(site: Site, browser: Browser) ->
     assert values.count(None) == 1
     lin.goto(site.address)
     expect(lin.locator("text=Read by two")).to_be_visible()
+
+
+def test_two_who_never_agree_are_told_what_the_cards_wait_for(
+    small: Path, tmp_path: Path, browser: Browser
+) -> None:
+    shop = shutil.copytree(small, tmp_path / "shop")
+    with Workshop(shop) as workshop:
+        desk = Desk(workshop, lease_s=60)
+        for holder, accepted in ((Holder("1", "ada"), True), (Holder("2", "grace"), False)):
+            for card in desk.claim("verify", holder, 99):
+                localized = desk.candidates[card].localized
+                assert localized is not None
+                corners = localized.corners if accepted else None
+                desk.decide("verify", card, holder, Verified(accepted=accepted, corners=corners))
+        desk.close()
+    with site_of(shop) as site:
+        for name in ("ada", "grace"):
+            page = site.reviewer(browser, name)
+            expect(page.locator("text=On 21 two readers differ: a third decides.")).to_be_visible()
+            page.goto(f"{site.address}/verify")
+            expect(page.locator("#empty-words")).to_have_text(
+                "21 cards are waiting for another reader: you have read them. "
+                "On 21 two readers differ: a third decides, who must be somebody else."
+            )
+            assert axe_violations(page) == []
+        begin(site.reviewer(browser, "lin"), "verify")
 
 
 def test_the_cards_of_a_killed_browser_come_to_another(

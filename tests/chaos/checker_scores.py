@@ -70,7 +70,10 @@ class Rescorer:
         assert checked.document is not None, "a file that is no submission was scored"
         exact = score(checked.document, self.split, self._protocol)
         challenge = CHALLENGES[exact.challenge]
-        return Rounding(challenge, self._protocol.publication).sheet(exact)
+        drives = self._manifest.recorded is not None
+        return Rounding(challenge, self._protocol.publication).sheet(
+            exact, has_public_drives=drives
+        )
 
 
 def differences(published: ScoreSheet, due: ScoreSheet) -> list[str]:

@@ -65,11 +65,15 @@ def flush(run: Run) -> str:
     run.clients.stream(10, every_s=0.02)
     run.topology.wait_until(lambda: run.count(WorkState.QUEUED) >= 3, "jobs that wait")
     with run.topology.broker.client() as client:
+        n_keys = int(client.dbsize())
         client.flushall()
+        n_flushed = int(client.info("commandstats").get("cmdstat_flushall", {}).get("calls", 0))
     waiting = run.waiting()
     run.at_full_speed()
     took_s = run.settle()
     assert waiting.jobs, "nothing waited"
+    assert n_keys, "the broker held nothing that could be lost"
+    assert n_flushed, "the broker was not flushed"
     longest_s = run.longest_wait_s(waiting)
     assert longest_s <= _BEGUN_WITHIN_S, f"one was begun {longest_s:.1f} s after"
     begun = f"the {len(waiting.jobs)} that waited were begun within {longest_s:.1f} s"
@@ -78,11 +82,17 @@ def flush(run: Run) -> str:
 
 def flap(run: Run) -> str:
     run.clients.stream(8)
+    pids = {run.topology.broker.process.pid}
+    was_down = []
     for _ in range(4):
         run.topology.broker.kill()
         time.sleep(0.8)
+        was_down.append(not run.topology.broker.answers())
         run.topology.broker.start()
+        pids.add(run.topology.broker.process.pid)
         time.sleep(0.8)
+    assert was_down == [True] * 4, "the broker was not down"
+    assert len(pids) == 5, "the broker did not come back as another process"
     return f"settled {run.settle():.1f} s after the stream; worker exits {_exits(run)}"
 
 
@@ -90,11 +100,14 @@ def freeze(run: Run) -> str:
     """The broker stops answering for 15 s; uploads go on all the while."""
     start_s, began = run.history.now_s(), time.monotonic()
     run.topology.broker.process.send_signal(signal.SIGSTOP)
+    answered = run.topology.broker.answers()
     while time.monotonic() < began + _FROZEN_S:
         run.clients.stream(4, every_s=0)
         run.clients.join()
         time.sleep(0.5)
+    answered |= run.topology.broker.answers()
     run.topology.broker.process.send_signal(signal.SIGCONT)
+    assert not answered, "the broker answered while it was frozen"
     calls = run.calls_since(start_s)
     assert all(call.status == 202 for call in calls), "an upload was not taken"
     p99_s = percentile([call.took_s for call in calls], 0.99)
@@ -237,16 +250,19 @@ def deliver_again(run: Run) -> str:
 
 def silence(run: Run) -> str:
     """Connections stay open and say nothing more, as behind a firewall that forgot them."""
+    swallowed_bytes = run.topology.proxy.n_swallowed_bytes
     run.clients.stream(4)
     run.topology.proxy.is_silent = True
     time.sleep(4)
     run.topology.proxy.heal()
+    swallowed_bytes = run.topology.proxy.n_swallowed_bytes - swallowed_bytes
+    assert swallowed_bytes, "no byte was swallowed"
     began = time.monotonic()
     run.clients.stream(4)
     run.settle()
     took_s = time.monotonic() - began
     assert took_s <= _CONSUMING_WITHIN_S, f"working again after {took_s:.1f} s"
-    return f"working again after {took_s:.1f} s"
+    return f"{swallowed_bytes} bytes swallowed, working again after {took_s:.1f} s"
 
 
 def bad_network(run: Run) -> str:

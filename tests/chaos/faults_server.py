@@ -56,10 +56,18 @@ def _require_receipt(run: Run, call: Call) -> None:
 
 
 def kill_api(run: Run) -> str:
-    run.clients.stream(8)
+    server, start_s = run.topology.server, run.history.now_s()
+    pid = server.pid
+    run.clients.stream(8, every_s=0.2)
     time.sleep(0.5)
-    run.topology.server.kill_group()
-    return f"settled {run.settle():.1f} s after the stream"
+    server.kill_group()
+    took_s = run.settle()
+    calls = run.calls_since(start_s)
+    before = [call for call in calls if call.started_s < start_s + 0.5]
+    assert server.pid != pid, "the server was not killed"
+    assert 0 < len(before) < len(calls), "it was not killed in the middle of the stream"
+    run.require_scored(calls)
+    return f"another process serves; settled {took_s:.1f} s after the stream"
 
 
 def kill_leader(run: Run) -> str:

@@ -22,6 +22,7 @@ class Proxy:
         self.delay_s = 0.0
         self.reset_share = 0.0
         self.n_resets = 0
+        self.n_swallowed_bytes = 0
         self.is_silent = False
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -63,6 +64,7 @@ class Proxy:
             while data := source.recv(_CHUNK_BYTES):
                 if self.is_silent or doomed.is_set():
                     doomed.set()
+                    self.n_swallowed_bytes += len(data)
                     continue
                 if self.reset_share and self._random.random() < self.reset_share:
                     self.n_resets += 1

@@ -21,6 +21,7 @@ from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations.invariants import unfinished
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.quotas import quota_of
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
@@ -88,6 +89,13 @@ class Run:
     def n_sheets(self) -> int:
         with self.topology.database.read() as session:
             return session.scalar(select(func.count()).select_from(ScoreSheetRow)) or 0
+
+    def n_sheets_under(self, run_id: str) -> int:
+        """How many sheets there are under the protocol that a rescoring run leads to."""
+        with self.topology.database.read() as session:
+            wanted = find_run(session, run_id).to_protocol_digest
+            query = select(func.count()).where(ScoreSheetRow.protocol_digest == wanted)
+            return session.scalar(query) or 0
 
     def lines(self, action: str) -> int:
         with self.topology.database.read() as session:

@@ -83,6 +83,15 @@ class Broker:
     def client(self) -> redis.Redis:
         return redis.Redis(unix_socket_path=str(socket_path(self.folder)), socket_timeout=20)
 
+    def answers(self, within_s: float = 0.5) -> bool:
+        """Whether it answers a ping in time."""
+        path = str(socket_path(self.folder))
+        try:
+            with redis.Redis(unix_socket_path=path, socket_timeout=within_s) as client:
+                return bool(client.ping())
+        except redis.exceptions.RedisError:
+            return False
+
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()

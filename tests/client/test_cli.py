@@ -96,7 +96,7 @@ def test_a_valid_file_is_0(planning_file: MakeFile, split_file: Path) -> None:
     first, *profile = done.stdout.splitlines()
     assert first == "planner.json is valid: planning, 4 predictions, split tiny"
     assert [" ".join(line.split()) for line in profile] == [
-        "median source speed 8.00 m/s",
+        "source speed median 8.00 m/s",
         "standing still sources 0.0%, edited 0.0%",
         "equal pairs source and edited alike 100.0%",
         "longer source the source is the longer one 0.0%",

@@ -55,6 +55,9 @@ def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_fi
     assert done.exit_code == 0, done.stderr
     view = json.loads(done.stdout)
     assert (view["status"], view["rank"], view["team"]) == ("scored", 1, "Alpha")
+    told = json.loads(run(working, "check", path, "--phase", "dev", "--json").stdout)
+    assert view["report"]["profile"] == told["profile"], "the worker says what the client says"
+    assert told["profile"]["source_speed_mps"] == pytest.approx(8.0)
     exact = evaluate_file(path, split=split_file)
     for key, value in view["sheet"]["macro_family"].items():
         assert value == pytest.approx(exact.macro_family[key], abs=0.005)

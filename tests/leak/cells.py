@@ -72,8 +72,16 @@ class PublishedCells:
 
         Weighing many samples at once comes nearer to it than differencing one sample does.
         """
+        return self.bits_of_more_means(3)
+
+    def bits_of_more_means(self, n_means: int) -> float:
+        """Most bits of a submission by so many means in every task."""
         n_cells = sum(1 for n in self.task_sizes.values() if n)
-        return 3 * n_cells * math.log2(1 / self.step + 1)
+        return n_cells * self.bits_of_means(n_means)
+
+    def bits_of_means(self, n_means: int) -> float:
+        """Most bits of a submission by so many means of one cell."""
+        return n_means * math.log2(1 / self.step + 1)
 
     def clearance_error_m(self, clearance_m: float, d_safe_m: float, n: int) -> float:
         """Typical error (mean of the rounding's) of a clearance that is read from HPR.

@@ -33,7 +33,8 @@ class Oracle:
         self.n_asked += 1
         exact = self.exact(edited)
         rounding = Rounding(PLANNING, self.protocol.publication)
-        return rounding.sheet(exact) if self.is_rounded else exact
+        drives = self.split.manifest.recorded is not None
+        return rounding.sheet(exact, has_public_drives=drives) if self.is_rounded else exact
 
     def exact(self, edited: FloatArray) -> ScoreSheet:
         """Score as the worker does; nothing is rounded."""

@@ -4,7 +4,7 @@ The figures are printed (`pytest tests/leak -s`) and stand in docs/leakage.md.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from tests.leak.cells import BITS_OF_FLIP, least_width_m
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
+from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_worker.rounding import Rounding
 
 if TYPE_CHECKING:
     from tests.leak.conftest import Oracle
@@ -206,3 +209,116 @@ def test_coarser_publication_leaks_less(oracle: "Oracle") -> None:
         100 * fine.clearance_error_m(10, 1, 20)
     )
     assert fine.bits_per_submission() < fine.bits_of_any_submission()
+
+
+# What protocol 1.1 adds, weighed by the same measure.
+
+
+def test_outcome_cells_would_tell_two_flips_a_cell_and_are_off(oracle: "Oracle") -> None:
+    """Two samples of each task are probed at once, told apart by whether they seem to react."""
+    index = index_of(oracle, "task")
+    pairs = [np.flatnonzero(index == task)[:2] for task in range(index.max() + 1)]
+    reacting, unmoved = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
+    edited = frozen(oracle)
+    edited[reacting] = 40.0 * STRAIGHT  # it certainly moves
+    hits = np.asarray(oracle.measured(edited)["intrusion"])
+    shares = [
+        column(rows_of(oracle, oracle.exact(edited), "task"), key)
+        for key in ("hit_reacting", "hit_unmoved")
+    ]
+    sizes = np.bincount(index)
+    assert np.array_equal(np.round(shares[0] * sizes), hits[reacting])
+    assert np.array_equal(np.round(shares[1] * sizes), hits[unmoved])
+    print(  # noqa: T201
+        f"\noutcome shares by task: 2 flips a cell and submission where UR tells 1, "
+        f"{oracle.cells.bits_of_more_means(2):.0f} bits more by any means (cells: "
+        f"{oracle.cells.bits_of_any_submission():.0f})"
+    )
+    shown = oracle.ask(edited)
+    for row in (*shown.tasks.values(), *shown.families.values()):
+        assert {row.metrics[key] for key in OUTCOMES} == {None}
+    assert None not in {shown.micro[key] for key in OUTCOMES}
+
+
+OUTCOMES = ("clear", "close", "hit_reacting", "hit_unmoved")
+
+
+def test_a_clearance_curve_would_tell_more_than_the_totals_do(oracle: "Oracle") -> None:
+    edited = near(oracle)
+    curve = oracle.exact(edited).clearance_curve
+    assert curve is not None
+    places = set()
+    for sample in range(0, oracle.split.arrays.n_samples, 5):
+        changed = edited.copy()
+        changed[sample] = np.nan
+        without = oracle.exact(changed).clearance_curve
+        assert without is not None
+        lost = np.array(curve.micro) - np.array(without.micro)
+        places.add(int(np.count_nonzero(np.round(lost * oracle.split.arrays.n_samples))))
+    steps = len(curve.micro)
+    n = oracle.split.arrays.n_samples
+    any_means = steps * math.log2(n + 1)
+    print(  # noqa: T201
+        f"\nclearance curve, overall: up to {math.log2(steps + 1):.1f} bits of one sample (UR overall "
+        f"1, HCC overall at most {oracle.cells.bits_of_sample(n):.1f}), {any_means:.0f} bits a "
+        f"submission by any means (three means overall: {oracle.cells.bits_of_means(3):.0f})"
+    )
+    assert len(places) > 1, "where on the curve a sample lies is seen"
+    assert any_means > oracle.cells.bits_of_means(3)
+    assert oracle.ask(edited).clearance_curve is None
+
+
+def test_progress_and_flags_tell_nothing_of_regions(oracle: "Oracle") -> None:
+    """Other regions leave them as they are: they are made of the upload, labels and drives."""
+    arrays = oracle.split.arrays
+    drives = oracle.split.recorded_m
+    assert drives is not None
+    counted = drives[oracle.split.rows]
+    elsewhere = arrays.regions_m + np.array([7.0, -3.0])
+    moved = replace(
+        oracle, split=replace(oracle.split, arrays=replace(arrays, regions_m=elsewhere))
+    )
+    for edited in (0.1 * counted, counted, -counted):
+        here, there = oracle.exact(edited), moved.exact(edited)
+        assert here.plausibility == there.plausibility
+        assert here.coverage == there.coverage
+        for key in ("progress", "cts", "source_l2_m"):
+            for rows in ("families", "tasks"):
+                a, b = getattr(here, rows), getattr(there, rows)
+                assert all(a[name].metrics[key] == b[name].metrics[key] for name in a), key
+
+
+def test_distances_from_withheld_drives_are_told_in_the_totals_alone(oracle: "Oracle") -> None:
+    sheet = oracle.exact(frozen(oracle))
+    rounding = Rounding(PLANNING, oracle.protocol.publication)
+    shown = rounding.sheet(sheet)
+    keys = [key for key in shown.micro if key.startswith("source_l2")]
+    assert len(keys) == 4
+    for row in (*shown.tasks.values(), *shown.families.values()):
+        assert {row.metrics[key] for key in keys} == {None}
+    step_m = 10.0**-oracle.protocol.publication.metre_decimals
+    error_m = oracle.split.arrays.n_samples * step_m
+    print(f"\nSource L2, overall: the distance of one sample to {error_m:.1f} m")  # noqa: T201
+    assert error_m > 2.2, "no finer than what real planners differ by"
+
+
+def test_over_caution_tells_which_samples_are_controls(oracle: "Oracle") -> None:
+    """What cannot be helped is known: whoever changes one sample sees whether it is a control."""
+    split, protocol = oracle.split, oracle.protocol
+    drives = split.recorded_m
+    assert drives is not None
+    scoring = SCORING[PLANNING.id]
+
+    def over_caution(edited: FloatArray) -> float | None:
+        answers = {"source": drives[split.control_rows], "edited": edited[split.control_rows]}
+        return scoring.of_controls(answers, protocol)["over_caution"]
+
+    found = []
+    for sample in range(len(drives)):
+        edited = drives.copy()
+        edited[sample] = 0.0
+        if over_caution(edited) != 0.0:
+            found.append(sample)
+    assert found == list(split.control_rows)
+    bits = math.log2(len(found) + 1)
+    print(f"\nover-caution: at most {bits:.1f} bits of marks a submission")  # noqa: T201

@@ -91,6 +91,12 @@ def _compared_each_time(_: Any) -> Callable[..., Any]:
     return lru_cache(maxsize=0)(compared._compared.__wrapped__)
 
 
+def _every_revision(_: Any) -> Callable[..., Any]:
+    from exceptiondrive_records.splits.splits import list_splits
+
+    return lambda session, name: [row for row in list_splits(session) if row.name == name]
+
+
 def _was_always_shown(_: Any) -> Callable[..., Any]:
     from sqlalchemy import true
 
@@ -202,6 +208,13 @@ RESCORING = (
         _was_always_shown,
         f"{HERE}/test_runs.py::"
         "test_every_board_that_was_public_keeps_its_address_and_drafts_have_none",
+    ),
+    Protection(
+        "draft-split",
+        f"{RECORDS}.splits.shown:shown_revisions",
+        _every_revision,
+        "tests/server/pages/test_split_page.py::"
+        "test_a_revision_that_waits_for_its_run_is_nobodys_business",
     ),
     Protection(
         "both-at-once",

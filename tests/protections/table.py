@@ -46,7 +46,22 @@ def _plain_text(_: Any) -> Callable[[str], str]:
     return lambda text: text
 
 
+def _key_for_ever(open_: Any) -> Callable[..., Any]:
+    return lambda doors, key: open_(doors, doors.new_key())
+
+
+def _held_by_nobody(claim: Any) -> Callable[..., Any]:
+    return lambda leases, queue, holder, count, offered: claim(
+        leases, queue, holder, count, lambda held: offered({})
+    )
+
+
+def _open_to_all(_: Any) -> Callable[..., Any]:
+    return lambda request, proceed: proceed(request)
+
+
 SERVER, RECORDS = "exceptiondrive_server", "exceptiondrive_records"
+REVIEW, DESK = "exceptiondrive_build.review_page", "tests/build/test_review_desk.py::test_"
 INJECTION = "tests/server/test_injection.py::test_"
 PROTECTIONS = (
     Protection(
@@ -54,6 +69,24 @@ PROTECTIONS = (
         "exceptiondrive_worker.rounding:_rounded",
         _same,
         "tests/leak/test_over_http.py::test_the_api_publishes_what_the_oracle_says_and_not_a_digit_more",
+    ),
+    Protection(
+        "outcome-cells",
+        "exceptiondrive_schemas.protocol:PublicationSection.shows_outcome_cells",
+        _always(True),
+        "tests/leak/test_audit.py::test_outcome_cells_would_tell_two_flips_a_cell_and_are_off",
+    ),
+    Protection(
+        "clearance-curve",
+        "exceptiondrive_schemas.protocol:PublicationSection.shows_curve",
+        _always(True),
+        "tests/leak/test_audit.py::test_a_clearance_curve_would_tell_more_than_the_totals_do",
+    ),
+    Protection(
+        "unranked-flags",
+        "exceptiondrive_worker.board_entries:_Rows.unranked_flags",
+        _always(()),
+        "tests/rescoring/test_to_1_1.py::test_a_parked_car_leaves_rank_1_by_a_run_that_says_so",
     ),
     Protection(
         "scope",
@@ -179,9 +212,16 @@ PROTECTIONS = (
     ),
     Protection(
         "flags",
-        "exceptiondrive_scoring.plausibility:_flags",
+        "exceptiondrive_scoring.plausibility:_flags_of_shares",
         _always(()),
         "tests/phases/test_gaming.py::test_every_board_of_planners_shows_references_and_flags",
+    ),
+    Protection(
+        "unranked",
+        "exceptiondrive_worker.board_entries:_Rows.unranked_flags",
+        _always(()),
+        "tests/worker/test_unranked.py::"
+        "test_under_1_1_flagged_entries_are_listed_below_in_the_order_that_they_would_have",
     ),
     Protection(
         "similarity",
@@ -261,6 +301,32 @@ PROTECTIONS = (
         _plain_text,
         "tests/client/test_terminal_safety.py",
         is_short=True,
+    ),
+    Protection(
+        "review-address",
+        f"{REVIEW}.doors:Doors.open",
+        _key_for_ever,
+        "tests/build/test_review_access.py"
+        "::test_an_address_works_once_and_the_terminal_is_told_the_next",
+    ),
+    Protection(
+        "review-origin",
+        f"{REVIEW}.app:_guard",
+        _open_to_all,
+        "tests/build/test_review_access.py"
+        "::test_a_page_of_another_site_and_another_name_of_this_machine_get_nothing",
+    ),
+    Protection(
+        "review-leases",
+        f"{REVIEW}.leases:Leases.claim",
+        _held_by_nobody,
+        DESK + "no_card_is_given_to_two_and_none_is_left",
+    ),
+    Protection(
+        "review-blind",
+        f"{REVIEW}.desk:Desk.is_third",
+        _always(value=True),
+        DESK + "a_reader_who_differs_is_not_told_and_a_third_decides",
     ),
     *RESCORING,
 )

@@ -1,15 +1,19 @@
 """The status machine: fenced compare-and-set steps, on both databases."""
 
+from datetime import UTC, datetime
 from typing import Any
 
+import pytest
 from sqlalchemy import update
+from sqlalchemy.exc import IntegrityError
 from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
-from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import NEEDED, BoardRequest, Job, WorkItem, WorkState
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -184,3 +188,21 @@ def test_a_rescoring_job_leaves_the_status_of_the_submission_alone(world: World)
     assert fail(world, claim, retry=False) is Finish.RECORDED
     with world.database.read() as session:
         assert session.get(Submission, claim.submission_id).status is SubmissionStatus.SCORED
+
+
+@pytest.mark.parametrize(
+    ("kind", "column"), [(kind, column) for kind, columns in NEEDED.items() for column in columns]
+)
+def test_an_item_without_what_its_kind_needs_is_refused(
+    database: Database, kind: str, column: str
+) -> None:
+    given: dict[str, object] = {"team_id": 1, "is_first": True}
+    now = datetime.now(UTC)
+    values = {name: given.get(name, "x") for name in NEEDED[kind] if name != column}
+    values |= {"id": "w", "kind": kind, "key": "k", "state": WorkState.QUEUED}
+    values |= {"asked": 1, "attempts": 0, "fence": 0, "created_at": now, "available_at": now}
+    with (
+        pytest.raises(IntegrityError, match=f"needed_for_{kind}"),
+        database.write() as session,
+    ):
+        session.execute(WorkItem.metadata.tables["work"].insert().values(values))

@@ -113,7 +113,7 @@ def test_an_honest_file_is_not_suspected(
     assert profile.mend is None
     assert profile.warnings == ()
     assert [label for label, _ in profile.lines] == [
-        "median source speed",
+        "source speed",
         "source L2",
         "standing still",
         "equal pairs",
@@ -152,7 +152,7 @@ def test_a_slow_file_that_no_transformation_explains_is_called_slow(
     profile = profile_of(pairs_of(creeping), protocol, recorded)
     assert profile.mend is None
     (sentence,) = profile.warnings
-    assert sentence.startswith("The sources look too slow: 0.40 m/s, recorded ")
+    assert sentence.startswith("The sources look too slow: median 0.40 m/s, recorded ")
 
 
 def test_ten_wild_samples_do_not_matter(
@@ -200,7 +200,7 @@ def test_without_recorded_drives_the_rest_is_told(
     assert profile.source_l2_m is None
     assert profile.recorded_speed_mps is None
     assert [label for label, _ in profile.lines] == [
-        "median source speed",
+        "source speed",
         "standing still",
         "equal pairs",
         "longer source",

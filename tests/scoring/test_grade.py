@@ -116,8 +116,7 @@ def test_source_fit_is_read_at_the_waypoints_of_its_times(
     source = np.arange(20.0).reshape(1, 10, 2)
     recorded = source - np.stack([np.arange(1.0, 11.0), np.zeros(10)], axis=-1)
     fit = path_fit(source, recorded, geometry.model_copy(update={"time_step_s": time_step_s}))
-    assert fit.mean_m[0] == 5.5
-    found = [fit.at_1s_m[0], fit.at_2s_m[0], fit.at_3s_m[0]]
+    assert fit.source_l2_m[0] == 5.5
+    found = [fit.source_l2_1s_m[0], fit.source_l2_2s_m[0], fit.source_l2_3s_m[0]]
     expected = [np.nan if place is None else place + 1.0 for place in places]
     np.testing.assert_array_equal(found, expected)
-    assert np.isnan(path_fit(source, None, geometry).mean_m).all()

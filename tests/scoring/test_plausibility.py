@@ -152,11 +152,18 @@ def test_a_source_that_may_have_been_standing_forbids_no_stop(protocol: Protocol
 
 
 def test_a_few_zeros_in_place_of_missing_answers_are_flagged(protocol: ProtocolDocument) -> None:
-    drive = 0.8 * CRUISE
-    assert _codes(_judge([CRUISE] * 100, [STILL] * 1 + [drive] * 99, protocol)) == []
-    assert _codes(_judge([CRUISE] * 100, [STILL] * 2 + [drive] * 98, protocol)) == [
+    drives = [(0.8 + i / 1000) * CRUISE for i in range(100)]
+    assert _codes(_judge([CRUISE] * 100, [STILL] * 1 + drives[1:], protocol)) == []
+    assert _codes(_judge([CRUISE] * 100, [STILL] * 2 + drives[2:], protocol)) == [
         "impossible_motion"
     ]
+
+
+def test_one_path_in_every_edited_scene_is_flagged(protocol: ProtocolDocument) -> None:
+    others = [(0.5 + i / 20) * CRUISE for i in range(6)]
+    same = _judge([CRUISE] * 100, [0.8 * CRUISE] * 96 + others[:4], protocol)
+    assert _codes(same) == ["same_answer"]
+    assert _codes(_judge([CRUISE] * 100, [0.8 * CRUISE] * 94 + others, protocol)) == []
 
 
 def test_sources_far_from_the_recorded_drive_are_off_course(protocol: ProtocolDocument) -> None:

@@ -1,6 +1,8 @@
 """Splits that can be scored and make a bad benchmark: each is found, sound ones pass."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -175,6 +177,17 @@ def test_the_synthetic_split_has_one_warning_that_is_meant(
 ) -> None:
     """Nothing but that standing still suffices, which no split without controls escapes."""
     assert set(found_in(sound.samples, protocol)) == {"standing_still_suffices"}
+
+
+def test_every_warning_is_explained_in_the_documentation() -> None:
+    root = Path(__file__).parents[2]
+    source = (root / "worker/exceptiondrive_scoring/split_lint.py").read_text()
+    codes = set(re.findall(r'(?:found|everything|LintWarning)\(\s*"([a-z_]+)"', source))
+    page = (root / "docs/building-a-split.md").read_text()
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    explained = {code for cell in rows for code in re.findall(r"`([a-z_]+)`", cell)}
+    assert len(codes) == 17
+    assert codes <= explained
 
 
 # With recorded paths.

@@ -32,6 +32,7 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import SplitRef
@@ -133,7 +134,9 @@ class Api:
         with self.database.write() as session:
             add_phase(session, phase_id, **more)
 
-    def score(self, submission_id: str, hcc: float = 0.5) -> None:
+    def score(
+        self, submission_id: str, hcc: float = 0.5, report: "CheckReport | None" = None
+    ) -> None:
         """Do what a worker does when it has scored."""
         with self.database.write() as session:
             job = session.query(Job).filter_by(submission_id=submission_id).one()
@@ -147,6 +150,7 @@ class Api:
                 exact_digest="sha256:exact",
                 measurement_key="m",
                 scorer_version="1",
+                report=report,
             )
 
     def publish(self, *entries: BoardEntry, phase: str = "dev") -> BoardRow:

@@ -17,6 +17,7 @@ from sqlalchemy import select
 from tests.server.nasty_strings import ALL, BAD_LINKS, NASTY, UNSHOWABLE, steering_in
 
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.db.identifiers import checked_name
 from exceptiondrive_records.notifications.channels import text_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
@@ -82,9 +83,8 @@ def nasty(api: "Api", make_entry: Make) -> "Api":
         links = Links(paper=link, code=link)
         made.append(row.model_copy(update={"description": text, "links": links}))
     with api.database.write() as session:
-        for number, (key, text) in enumerate(ALL.items()):
-            name = text if key in NASTY else f"Team {number}"
-            create_team(session, f"t{number}", name, actor="test").name = text
+        for number, text in enumerate(ALL.values()):
+            create_team(session, f"t{number}", f"Team {number}", actor="test").name = text
         for number, row in enumerate(session.scalars(select(Submission)).all()):
             row.method = row.description = list(UNSHOWABLE.values())[number]
             row.paper_url = row.code_url = BAD_LINKS[number]
@@ -102,6 +102,7 @@ def roomy(api: "Api") -> "Api":
 
 def test_intake_takes_what_can_be_shown_and_gives_it_back_as_it_was(roomy: "Api") -> None:
     for key, text in NASTY.items():
+        assert checked_name("team name", text) == text
         taken = roomy.submit(key, phase="many", method=text, description=text)
         assert taken.status_code == 202, taken.text
         shown = roomy.get(f"/submissions/{taken.json()['id']}", "alpha").json()

@@ -10,6 +10,7 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
+from exceptiondrive_schemas.file_profile import FileProfile
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -93,6 +94,55 @@ def test_an_upload_leads_to_its_page_and_is_the_one_that_the_api_shows(
     assert page.status_code == 200
     assert page.headers["cache-control"] == "no-store"
     assert shown["file_digest"] in page.text
+
+
+SLOW = FileProfile(
+    source_speed_mps=1.0,
+    recorded_speed_mps=8.0,
+    standing_sources=0.25,
+    standing_edited=0.5,
+    equal_pairs=0.125,
+    longer_sources=0.75,
+    source_l2_m=9.9,
+    source_l2_1s_m=3.0,
+    source_l2_2s_m=8.0,
+    source_l2_3s_m=15.5,
+    median_source_l2_m=9.5,
+)
+
+
+def test_the_page_of_a_scored_file_says_what_it_looks_like(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    place = alpha.submit("a").headers["location"]
+    report = REPORT.model_copy(update={"faults": (), "profile": SLOW})
+    api.score(place.removeprefix("/submissions/"), report=report)
+    page = " ".join(alpha.get(place).text.split())
+    assert "What the file looks like" in page
+    assert "The sources look too slow: median 1.00 m/s, recorded 8.00 m/s." in page
+    for label, words in SLOW.lines:
+        assert f"<dt>{label[0].upper()}{label[1:]}</dt><dd>{words}</dd>" in page
+    assert "Faults" not in page
+
+
+def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    assert "takes the place of the earlier one" not in alpha.get("/submit").text
+    first, second = (alpha.submit(text).headers["location"] for text in ("a", "b"))
+    api.score(first.removeprefix("/submissions/"))
+    form = " ".join(alpha.get("/submit").text.split())
+    assert "A later run of a method takes the place of the earlier one" in form
+    assert f'<a href="{first}">Planner</a> in <code>dev</code>' in form
+    assert "answers fewer than 99% of the samples is scored, but not ranked" in form
+    api.score(second.removeprefix("/submissions/"), hcc=0.1)
+    form = alpha.get("/submit").text
+    assert f'<a href="{second}">' in form
+    assert f'<a href="{first}">' not in form
+    replaced_by = second.removeprefix("/submissions/")
+    assert f"Submission {replaced_by} stands on the board in its place" in alpha.get(first).text
+    shown = api.get(f"/submissions/{first.removeprefix('/submissions/')}", "alpha").json()
+    assert shown["replaced_by"] == replaced_by
 
 
 def test_the_same_bytes_again_lead_to_the_first_page_and_say_so(alpha: "TeamBrowser") -> None:

@@ -99,11 +99,7 @@ class Snapshots:
             for part in folder.iterdir():
                 if part.is_dir():
                     shutil.copytree(part, kept / part.name)
-            is_sqlite = key[1] == "sqlite"
-            rows = (
-                SqliteRows.of(url, kept.with_suffix(".db")) if is_sqlite else PostgresRows.of(url)
-            )
-            self._made[key] = (rows, kept, copy.deepcopy(value))
+            self._made[key] = (_rows_of(url, kept.with_suffix(".db")), kept, copy.deepcopy(value))
             return value
         rows, kept, value = self._made[key]
         rows.put(url)
@@ -115,6 +111,11 @@ class Snapshots:
 def snapshots(tmp_path_factory: pytest.TempPathFactory) -> Snapshots:
     """What this process has made."""
     return Snapshots(tmp_path_factory.mktemp("snapshots"))
+
+
+def _rows_of(url: str, file: Path) -> Rows:
+    is_sqlite = make_url(url).get_backend_name() == "sqlite"
+    return SqliteRows.of(url, file) if is_sqlite else PostgresRows.of(url)
 
 
 def _sqlite_file(url: str) -> Path:

@@ -23,10 +23,9 @@ from sqlalchemy.util import LRUCache
 from exceptiondrive_records.db import database
 
 HEAVIEST = (
-    "tests/rescoring/test_organizer_in_a_browser.py",
-    "tests/launcher/test_launch.py",
-    "tests/server/pages/test_in_a_browser.py",
     "tests/end_to_end/test_on_the_sample.py",
+    "tests/rescoring/test_organizer_in_a_browser.py",
+    "tests/server/pages/test_in_a_browser.py",
     "tests/access/test_real_server.py",
     "tests/operating/test_running_server.py",
     "tests/records/test_lifecycle_machine.py",

@@ -9,6 +9,7 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -136,11 +137,15 @@ class System:
         self.organize("phases", "create", phase, *options)
 
     def organize(self, *arguments: str) -> str:
-        """Run a command of organizers, with a token that an operator issues for it."""
-        token = self.operate("exceptiondrive-server", "create-organizer", "test").split()[-1]
-        done = self.client("organizer", *arguments, token=token)
+        """Run a command of organizers; it has to succeed."""
+        done = self.client("organizer", *arguments, token=self._organizers_token)
         assert done.returncode == 0, done.stderr
         return done.stdout
+
+    @cached_property
+    def _organizers_token(self) -> str:
+        """A token that an operator issues."""
+        return self.operate("exceptiondrive-server", "create-organizer", "test").split()[-1]
 
     def kill_workers(self) -> None:
         """SIGKILL to the worker and to every process that scores; the launcher starts another."""

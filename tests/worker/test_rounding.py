@@ -117,7 +117,7 @@ def test_the_clearance_curve_leaves_only_where_it_may(
     curve = ClearanceCurve(step=0.1, micro=(1.0, 2 / 3), macro_family=(0.5, 1 / 7))
     exact = sheet.model_copy(update={"clearance_curve": curve})
     assert rounding.sheet(exact).clearance_curve is None
-    shown = rounding.sheet(exact, with_curve=True).clearance_curve
+    shown = rounding.sheet(exact, is_public=True).clearance_curve
     assert shown == ClearanceCurve(step=0.1, micro=(1.0, 0.6667), macro_family=(0.5, 0.1429))
 
 

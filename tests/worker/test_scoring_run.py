@@ -15,13 +15,14 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.private_store import Shelf
 from exceptiondrive_worker.scoring_run import score_next
+from exceptiondrive_worker.splits_admin import publish_split_file
 
 World = Any
 MakeFile = Callable[..., bytes]
@@ -296,3 +297,19 @@ def test_both_databases_record_a_score(
     world.add_phase(tiny)
     submission_id = world.score(planning_file(tiny))
     assert world.submission(submission_id).status is SubmissionStatus.SCORED
+
+
+@pytest.mark.publishes_regions
+def test_the_clearance_curve_is_published_of_a_public_split_alone(
+    world: World, tiny: Split, planning_file: MakeFile, protocol: ProtocolDocument
+) -> None:
+    world.add_phase(tiny)
+    (withheld,) = sheets_of(world, world.score(planning_file(tiny)))
+    assert withheld.sheet.clearance_curve is None
+    publish_split_file(world.database, world.files, world.context.splits, "tiny", protocol)
+    (shown,) = sheets_of(world, world.score(planning_file(tiny, edited_mps=2.1)))
+    curve = shown.sheet.clearance_curve
+    assert curve is not None
+    assert len(curve.micro) == 21
+    assert curve.micro[0] == 1 - (shown.sheet.micro["ur"] or 0.0)
+    assert curve.micro[10] == shown.sheet.micro["clear"]

@@ -33,6 +33,25 @@ def test_a_real_split_has_few_warnings(
     assert {warning.code: warning.count for warning in found} == expected
 
 
+def test_recorded_paths_tell_what_was_unavoidable_at_the_true_speed(
+    protocol: ProtocolDocument,
+) -> None:
+    """Every region was placed on or beside the path: none is out of reach, and none is missed."""
+    realdata.require()
+    data = realdata.file_path("nuscenes-real", "recorded-human").read_bytes()
+    rows = json.loads(decompress(data))["predictions"]
+    driven = {row["sample_id"]: tuple(map(tuple, row["edited"])) for row in rows}
+    split = read_split(realdata.split_path("nuscenes-real"))
+    samples = [it.model_copy(update={"recorded": driven[it.sample_id]}) for it in split.samples]
+    recorded = split.model_copy(update={"samples": tuple(samples)})
+    found = {warning.code: warning.count for warning in split_warnings(recorded, protocol)}
+    assert found == {
+        "unavoidable": 309,
+        "within_d_safe_of_the_start": 115,
+        "standing_still_suffices": 3066,
+    }
+
+
 def test_the_made_extract_warns_of_what_it_was_made_with(protocol: ProtocolDocument) -> None:
     """It repeats what real splits hold: regions a hand's breadth ahead, tasks of few samples."""
     split = Split.model_validate_json(json.dumps(make_extract().split))

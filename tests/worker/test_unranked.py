@@ -28,6 +28,24 @@ def wide(make_split: Callable[..., Split]) -> Split:
     )
 
 
+@pytest.fixture(scope="module")
+def planning_file() -> MakeFile:
+    """Everybody drives straight ahead, in no two samples equally fast."""
+
+    def make(
+        split: Split, edited_mps: float = 1.0, source_mps: float = 4.0, changes: Any = None
+    ) -> bytes:
+        speeds_mps = {
+            sample.sample_id: edited_mps * (1 + number / 4000)
+            for number, sample in enumerate(split.samples)
+        }
+        return documents.planning_file(
+            speeds_mps, source_mps=source_mps, changes=changes, split=split.name
+        )
+
+    return make
+
+
 @pytest.fixture
 def open_phase(world: World) -> Callable[..., World]:
     """Open the phase `dev` on a split, under a packaged protocol, changed as told."""

@@ -19,6 +19,7 @@ from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
+from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
 from exceptiondrive_worker.split_store import SplitUnreadableError, load_split, read_split
 from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
 
@@ -45,24 +46,30 @@ def lint_split(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Warn of what makes the split a bad benchmark; with --jury, exit code 2 on an objection."""
+    """Warn of what makes the split a bad benchmark.
+
+    Exit code 2: it cannot be scored, or the jury objects.
+    """
     with Workshop(workshop) as shop:
         protocol = shop.protocol
         split = _read(file) if file else freeze(shop, walk(shop)).split
-    warnings = split_warnings(split, protocol)
+    faults = split_faults(split, protocol)
+    if faults and not json:
+        raise BuildError(str(SplitRefusedError(split.name, faults)))
+    warnings = () if faults else split_warnings(split, protocol)
     verdicts: list[Verdict] = []
-    if jury_folder is not None:
+    if jury_folder is not None and not faults:
         with tempfile.TemporaryDirectory() as folder:
             loaded = load_split(split, protocol)
             verdicts = list(jury(loaded, protocol, files_of_jury(jury_folder), Path(folder)))
     if json:
-        report = check_report(split, (), warnings)
+        report = check_report(split, faults, warnings)
         typer.echo(json_module.dumps(report | {"jury": [asdict(each) for each in verdicts]}))
     else:
         typer.echo(f"{split.name}: {len(split.samples)} samples, {split.revision}")
         for line in [*warning_lines(warnings, with_samples=True), *map(verdict_line, verdicts)]:
             typer.echo(printable(line))
-    if any(verdict.objection for verdict in verdicts):
+    if faults or any(verdict.objection for verdict in verdicts):
         raise typer.Exit(2)
 
 

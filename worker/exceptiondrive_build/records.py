@@ -9,7 +9,6 @@ import json
 import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
+from exceptiondrive_build.database import Database
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_schemas.base import Document, canonical_json, content_digest
 
@@ -102,7 +102,7 @@ class Record(Document):
         return content_digest(self.model_dump(mode="json", exclude={"id", "at", "supersedes"}))
 
 
-class Records:
+class Records(Database):
     """The table in a file; use it as a context manager."""
 
     def __init__(self, path: Path) -> None:
@@ -111,33 +111,7 @@ class Records:
         Raises:
             BuildError: The file cannot be opened, or is no table of records.
         """
-        self._path = path
-        with self._told():
-            self._connection = sqlite3.connect(path, timeout=60, isolation_level=None)
-            self._connection.execute("PRAGMA journal_mode = WAL")
-            self._connection.execute("PRAGMA synchronous = FULL")
-            self._connection.execute("PRAGMA foreign_keys = ON")
-            self._connection.executescript(_TABLE)
-
-    def __enter__(self) -> Self:
-        """Return the table."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._connection.close()
-
-    @contextmanager
-    def _told(self) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.Error as error:
-            advice = "Everything that was appended before is kept; see to the file or the disk."
-            raise BuildError(f"{self._path}: {error}.", advice) from None
+        super().__init__(path, _TABLE)
 
     def append(self, *records: Record) -> tuple[Record, ...]:
         """Append decisions, all or none, and return them with their ids, once they are on the disk.
@@ -145,19 +119,8 @@ class Records:
         Raises:
             BuildError: They cannot be written, or one supersedes what is superseded already.
         """
-        with self._told(), self._transaction() as write:
+        with self._transaction() as write:
             return tuple(self._insert(write, record) for record in records)
-
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
-            yield self._connection
-        except BaseException:
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
-            raise
-        self._connection.execute("COMMIT")
 
     def _insert(self, write: sqlite3.Connection, record: Record) -> Record:
         if record.supersedes is not None:

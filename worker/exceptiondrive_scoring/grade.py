@@ -9,7 +9,7 @@ from exceptiondrive_schemas.challenges import PLANNING, Metric
 from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
-from exceptiondrive_scoring.kinematics import positions_of_waypoints, progress_along, steps
+from exceptiondrive_scoring.kinematics import PathFit, positions_of_waypoints, progress_along, steps
 from exceptiondrive_scoring.measure import Measurements
 
 
@@ -82,6 +82,13 @@ def measured_progress(measurements: Measurements, section: PlausibilitySection) 
     return progress(m.reached_m, m.source_path_m, m.edited_given, section)
 
 
+def source_fit(measurements: Measurements) -> dict[str, FloatArray]:
+    """Return the distances from the recorded paths by metric; NaN where there are none."""
+    unknown = np.full(len(measurements.clearance_m), np.nan)
+    known = {key: getattr(measurements, key) for key in PathFit._fields}
+    return {key: unknown if gaps is None else gaps for key, gaps in known.items()}
+
+
 def progress_of_pairs(pairs: TrajectoryPairs, section: PlausibilitySection) -> FloatArray:
     """Return the progress of trajectories that are measured against no region; (N,)."""
     source, edited = (positions_of_waypoints(each) for each in (pairs.source, pairs.edited))
@@ -112,10 +119,7 @@ def grade(
         "close": ~intrusion & ~is_kept,
         "hit_reacting": intrusion & has_reacted,
         "hit_unmoved": intrusion & ~has_reacted,
-        "source_l2_m": measurements.source_l2_m,
-        "source_l2_1s_m": measurements.source_l2_1s_m,
-        "source_l2_2s_m": measurements.source_l2_2s_m,
-        "source_l2_3s_m": measurements.source_l2_3s_m,
+        **source_fit(measurements),
     }
     return sample_scores(PLANNING.metrics, by_key)
 

@@ -124,25 +124,20 @@ def progress_along(
 class PathFit(NamedTuple):
     """Distance of a source trajectory from the recorded one; each (N,) metres, NaN where undefined."""
 
-    mean_m: FloatArray
-    at_1s_m: FloatArray
-    at_2s_m: FloatArray
-    at_3s_m: FloatArray
+    source_l2_m: FloatArray
+    source_l2_1s_m: FloatArray
+    source_l2_2s_m: FloatArray
+    source_l2_3s_m: FloatArray
 
 
-def path_fit(
-    source_m: FloatArray, recorded_m: FloatArray | None, geometry: GeometrySection
-) -> PathFit:
+def path_fit(source_m: FloatArray, recorded_m: FloatArray, geometry: GeometrySection) -> PathFit:
     """Mean over the T waypoints, and at 1, 2 and 3 s (docs/protocol.md section 9).
 
     Args:
         source_m: (N, T, 2) submitted waypoints, NaN where missing.
-        recorded_m: (N, T, 2) recorded ones, NaN where that is not told; None without any.
+        recorded_m: (N, T, 2) recorded ones, NaN where that is not told.
         geometry: Time step: which waypoint stands at a time.
     """
-    undefined = np.full(len(source_m), np.nan)
-    if recorded_m is None:
-        return PathFit(*[undefined] * 4)
     x, y = np.moveaxis(source_m - recorded_m, -1, 0)
     gaps = np.sqrt(x * x + y * y)
     found = [gaps.mean(axis=1)]
@@ -151,7 +146,7 @@ def path_fit(
         is_there = 0 <= index < gaps.shape[1] and math.isclose(
             (index + 1) * geometry.time_step_s, time_s
         )
-        found.append(gaps[:, index] if is_there else undefined)
+        found.append(gaps[:, index].copy() if is_there else np.full(len(gaps), np.nan))
     return PathFit(*found)
 
 

@@ -43,12 +43,13 @@ class Measurements:
         peak_acceleration_mps2: Of the edited trajectory; NaN where missing.
         tightest_turn_m: Of the edited trajectory; infinite where straight or missing.
         edited_end_x_m: Where the edited trajectory ends, along x; NaN where missing.
-        source_end_x_m: The same of the source trajectory.
+        source_behind: Whether the source trajectory ends at x < 0; False where missing.
         edited_first_step_m: Length of the first step of the edited trajectory; NaN where missing.
         source_first_step_m: The same of the source trajectory.
         source_path_m: Length of the source path; NaN where missing.
         reached_m: Arc length at which the edited end lies on it; NaN where either is missing.
         source_l2_m: Mean distance of source and recorded waypoints; NaN where either is missing.
+            This and the next three: None where the split tells no recorded path.
         source_l2_1s_m: Their distance at 1 s; NaN also where no waypoint has that time.
         source_l2_2s_m: The same at 2 s.
         source_l2_3s_m: The same at 3 s.
@@ -66,24 +67,27 @@ class Measurements:
     peak_acceleration_mps2: FloatArray
     tightest_turn_m: FloatArray
     edited_end_x_m: FloatArray
-    source_end_x_m: FloatArray
+    source_behind: BoolArray
     edited_first_step_m: FloatArray
     source_first_step_m: FloatArray
     source_path_m: FloatArray
     reached_m: FloatArray
-    source_l2_m: FloatArray
-    source_l2_1s_m: FloatArray
-    source_l2_2s_m: FloatArray
-    source_l2_3s_m: FloatArray
+    source_l2_m: FloatArray | None = None
+    source_l2_1s_m: FloatArray | None = None
+    source_l2_2s_m: FloatArray | None = None
+    source_l2_3s_m: FloatArray | None = None
 
     @classmethod
     def from_columns(cls, columns: Columns) -> "Measurements":
         """Read what `columns` wrote."""
-        return cls(**{field.name: columns[field.name] for field in fields(cls)})
+        return cls(
+            **{each.name: columns[each.name] for each in fields(cls) if each.name in columns}
+        )
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """What a store keeps, one array per attribute."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """What a store keeps, one array per attribute that is not None."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 def measure(
@@ -109,7 +113,7 @@ def measure(
     clearance = _clearance_m(edited, moves, pairs.edited_given, regions, geometry)
     moved = shift(source, edited)
     progress = progress_along(source, source_moves, edited.x_m[-1], edited.y_m[-1])
-    fit = path_fit(pairs.source, recorded_m, geometry)
+    fit = None if recorded_m is None else path_fit(pairs.source, recorded_m, geometry)
     return Measurements(
         clearance_m=clearance,
         intrusion=~(clearance > geometry.contact_tolerance_m),
@@ -123,15 +127,12 @@ def measure(
         peak_acceleration_mps2=peak_acceleration_mps2(moves, geometry),
         tightest_turn_m=tightest_turn_m(moves, geometry),
         edited_end_x_m=edited.x_m[-1],
-        source_end_x_m=source.x_m[-1],
+        source_behind=source.x_m[-1] < 0,
         edited_first_step_m=moves.length_m[0],
         source_first_step_m=source_moves.length_m[0],
         source_path_m=progress.path_m,
         reached_m=progress.reached_m,
-        source_l2_m=fit.mean_m,
-        source_l2_1s_m=fit.at_1s_m,
-        source_l2_2s_m=fit.at_2s_m,
-        source_l2_3s_m=fit.at_3s_m,
+        **({} if fit is None else fit._asdict()),
     )
 
 

@@ -43,20 +43,28 @@ def plausibility(
         "edited_behind": _share(
             (m.edited_motion_m >= reach_m) & (m.edited_end_x_m < 0), all_samples
         ),
-        "source_behind": _share(
-            (m.source_motion_m >= reach_m) & (m.source_end_x_m < 0), all_samples
-        ),
+        "source_behind": _share((m.source_motion_m >= reach_m) & m.source_behind, all_samples),
         "blind": _share(m.shift_m < section.blind_shift_below_m, both),
         "impossible": _share(impossible, m.edited_given),
         "first_step": _share(steps_wrong, both),
     }
+    return Plausibility(shares=shares, flags=_flags(m, shares, split, section))
+
+
+def _flags(
+    m: Measurements,
+    shares: dict[str, float | None],
+    split: SplitArrays,
+    section: PlausibilitySection,
+) -> tuple[Flag, ...]:
     known = {key: share or 0.0 for key, share in shares.items()}
-    flags = (
-        *_flags_of_shares(known, section, is_any_missing=not both.all()),
+    is_any_missing = not (m.edited_given & m.source_given).all()
+    return (
+        *_flags_of_shares(known, section, is_any_missing=is_any_missing),
         *_off_course(m, section),
         *_hardly_moves(m, split, section),
+        *_same_answer(m, section),
     )
-    return Plausibility(shares=shares, flags=flags)
 
 
 def impossible_first_step(m: Measurements, protocol: ProtocolDocument) -> BoolArray:
@@ -129,6 +137,8 @@ def _flags_of_shares(
 
 def _off_course(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
     """By the median, which a few wild samples do not move."""
+    if m.source_l2_m is None:
+        return
     known = m.source_l2_m[~np.isnan(m.source_l2_m)]
     if len(known) and np.median(known) > section.flag_off_course_m:
         yield raised(
@@ -162,4 +172,21 @@ def _hardly_moves(
             "hardly_moves",
             f"In {n_stuck} of {np.count_nonzero(n)} families the edited trajectories end less than "
             f"{section.flag_family_progress:.0%} along the source trajectories.",
+        )
+
+
+def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
+    """One path in nearly all edited scenes, by its length, its end ahead and its first step.
+
+    A file that stands or creeps has flags of its own.
+    """
+    measured = np.stack([m.edited_motion_m, m.edited_end_x_m, m.edited_first_step_m])
+    measured = measured[:, m.edited_given]
+    if measured.shape[1] < section.flag_family_min_samples:
+        return
+    middle = np.median(measured, axis=1, keepdims=True)
+    is_same = (np.abs(measured - middle) < section.blind_shift_below_m).all(axis=0)
+    if middle[0, 0] >= section.progress_min_path_m and is_same.mean() > section.flag_same_answer:
+        yield raised(
+            "same_answer", f"{is_same.mean():.0%} of the edited trajectories are the same."
         )

@@ -6,6 +6,7 @@ board makes its own, from the private store where they are kept, and an old boar
 
 import hashlib
 
+from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES
@@ -41,7 +42,14 @@ def scored_references(
         [(target, each.measurement_key) for target, each in zip(targets, scored, strict=True)],
     )
     rounding = Rounding(challenge, protocol.publication)
+    with context.database.read() as session:
+        is_public = find_public_split(session, split.manifest.ref) is not None
+    drives = split.manifest.recorded
     return [
-        ScoredReference(reference, rounding.sheet(each.sheet), sure)
+        ScoredReference(
+            reference,
+            rounding.sheet(each.sheet, is_public=is_public, has_public_drives=drives is not None),
+            sure,
+        )
         for reference, each, sure in zip(made, scored, uncertainties, strict=True)
     ]

@@ -5,6 +5,7 @@ is shown, ranked or sorted is made from the rounded one.
 """
 
 import math
+from collections.abc import Collection
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import PublicationSection
@@ -21,6 +22,7 @@ class Rounding:
     """Rounds values of one challenge by the protocol's publication section."""
 
     def __init__(self, challenge: Challenge, publication: PublicationSection) -> None:
+        self._publication = publication
         self._fraction_decimals = publication.percent_decimals + 2
         self._metre_decimals = publication.metre_decimals
         self._least_samples = publication.min_samples_per_cell
@@ -62,19 +64,34 @@ class Rounding:
         low, high = (round(end * 100, 9) for end in interval)
         return (math.floor(low) / 100 + 0.0, math.ceil(high) / 100 + 0.0)
 
-    def cell(self, row: BreakdownRow) -> BreakdownRow:
-        """Round a family or task; below the least number of samples its metrics are withheld."""
-        is_withheld = row.n is not None and row.n < self._least_samples
-        metrics = dict.fromkeys(row.metrics) if is_withheld else self.row(row.metrics)
-        return row.model_copy(update=metrics)
+    def cell(self, row: BreakdownRow, told: Collection[str]) -> BreakdownRow:
+        """Round a family or task; below the least number of samples its metrics are withheld.
 
-    def sheet(self, sheet: ScoreSheet, *, with_curve: bool = False) -> ScoreSheet:
+        Args:
+            row: Exact.
+            told: The kinds of `Metric.cells` that this split tells.
+        """
+        is_withheld = row.n is not None and row.n < self._least_samples
+        hidden = {key for key, metric in self._metrics.items() if metric.cells not in told}
+        metrics = self.row(row.metrics) | dict.fromkeys(row.metrics.keys() & hidden)
+        return row.model_copy(update=dict.fromkeys(metrics) if is_withheld else metrics)
+
+    def sheet(
+        self, sheet: ScoreSheet, *, is_public: bool = False, has_public_drives: bool = False
+    ) -> ScoreSheet:
         """Return the sheet that may be published.
 
         Args:
             sheet: Exact.
-            with_curve: Whether the clearance curve may be published, too.
+            is_public: Whether anybody may read the regions of its split.
+            has_public_drives: Whether anybody may read the recorded paths.
         """
+        publication, told = self._publication, {"always"}
+        if publication.shows_outcome_cells(is_public_split=is_public):
+            told.add("of public regions")
+        if is_public or has_public_drives:
+            told.add("of public drives")
+        with_curve = publication.shows_curve(is_public_split=is_public)
         coverage, plausibility = sheet.coverage, sheet.plausibility
         return sheet.model_copy(
             update={
@@ -86,8 +103,8 @@ class Rounding:
                 ),
                 "micro": self.row(sheet.micro),
                 "macro_family": self.row(sheet.macro_family),
-                "families": {key: self.cell(row) for key, row in sheet.families.items()},
-                "tasks": {key: self.cell(row) for key, row in sheet.tasks.items()},
+                "families": {key: self.cell(row, told) for key, row in sheet.families.items()},
+                "tasks": {key: self.cell(row, told) for key, row in sheet.tasks.items()},
                 "plausibility": plausibility.model_copy(
                     update={"shares": {k: self.fraction(v) for k, v in plausibility.shares.items()}}
                 ),

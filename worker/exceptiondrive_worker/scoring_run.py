@@ -26,6 +26,7 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
 from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.sound_report import sound_report
 from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
@@ -115,17 +116,20 @@ def _score(context: WorkerContext, job: Job) -> None:
         is_public = find_public_split(session, ref) is not None
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, job.split_revision, protocol)
+    target = Target(submission.file_digest, challenge, split, protocol, read_under)
     try:
-        scored = context.stages.score(
-            Target(submission.file_digest, challenge, split, protocol, read_under)
-        )
+        scored = context.stages.score(target)
+        size_bytes = submission.size_bytes
+        report = sound_report(context.stages, target, size_bytes) if job.is_first else None
     except RejectedUpload as rejected:
         with context.database.write() as session:
             outcome = finish_rejected(session, job, rejected.report)
         _log.info("rejected", **_ids(job), outcome=outcome.value)
         return
     published = Rounding(challenge, protocol.publication).sheet(
-        scored.sheet, with_curve=protocol.publication.shows_curve(is_public_split=is_public)
+        scored.sheet,
+        is_public=is_public,
+        has_public_drives=split.manifest.recorded is not None,
     )
     with context.database.write() as session:
         outcome = finish_scored(
@@ -135,6 +139,7 @@ def _score(context: WorkerContext, job: Job) -> None:
             exact_digest=scored.digest,
             measurement_key=scored.measurement_key,
             scorer_version=SCORER_VERSION,
+            report=report,
         )
     _log.info("scored", **_ids(job), outcome=outcome.value)
 

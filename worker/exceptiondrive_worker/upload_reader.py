@@ -77,5 +77,5 @@ def read_upload(
         max_inflated_bytes=max_inflated_bytes,
     )
     if checked.document is None:
-        return checked.report
+        return checked.report.to_keep()
     return document_columns(checked.document, manifest.sample_ids)

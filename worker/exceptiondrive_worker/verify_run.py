@@ -56,9 +56,12 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
         except RejectedUpload:
             _record(context, item, VerifyState.DIFFERS, None, "the file is rejected now")
             return
-    published = Rounding(challenge, protocol.publication).sheet(
-        scored.sheet, with_curve=expected.clearance_curve is not None
+    rounding, drives = Rounding(challenge, protocol.publication), split.manifest.recorded
+    withheld, public = (  # a split may have become public since
+        rounding.sheet(scored.sheet, is_public=each, has_public_drives=drives is not None)
+        for each in (False, True)
     )
+    published = public if public == expected else withheld
     note = _difference(item.expected_digest, expected, scored.digest, published)
     state = VerifyState.EQUAL if note is None else VerifyState.DIFFERS
     _record(context, item, state, scored.digest, note)

@@ -322,6 +322,8 @@ def submission_view(
         yield Text(f"{view.failure.code}: {view.failure.message}")
     if view.report is not None and view.report.faults:
         yield from report_view(view.report)
+    elif view.report is not None:
+        yield from outlook_view(view.report)
     if view.sheet is not None:
         yield from sheet_view(view.sheet, with_tasks=False)
     if view.status is SubmissionStatus.SCORED:

@@ -93,6 +93,7 @@ def finish_scored(
     exact_digest: str,
     measurement_key: str,
     scorer_version: str,
+    report: CheckReport | None = None,
 ) -> Finish:
     """Record a score sheet: job, sheet, status, audit line and board request, or none of them.
 
@@ -103,6 +104,7 @@ def finish_scored(
         exact_digest: Of the unrounded sheet, which stays with the worker.
         measurement_key: Key of the measurements in the worker's private store.
         scorer_version: Which code scored.
+        report: What the file looks like, where its challenge says so; told with the first score.
     """
     if not finish(session, job):
         return Finish.LEASE_LOST
@@ -125,7 +127,7 @@ def finish_scored(
             )
         )
     if job.is_first:
-        _set_status(session, job.submission_id, SubmissionStatus.SCORED)
+        _set_status(session, job.submission_id, SubmissionStatus.SCORED, report=report)
     phase = session.get_one(Phase, session.get_one(Submission, job.submission_id).phase_id)
     is_shown = key[1:] == (phase.protocol_digest, phase.split_revision)
     if job.is_first or is_shown:  # a draft's board is asked for once, at its end

@@ -3,7 +3,7 @@
 from datetime import datetime
 from enum import StrEnum
 
-from sqlalchemy import ForeignKey, Index, UniqueConstraint
+from sqlalchemy import CheckConstraint, ForeignKey, Index, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -35,6 +35,16 @@ WAITING_STATES = (WorkState.QUEUED, WorkState.HELD)
 OPEN_STATES = (*WAITING_STATES, WorkState.LEASED)
 
 
+NEEDED = {
+    "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
+    "board": ("phase_id", "protocol_digest", "split_revision"),
+    "recheck": ("run_id", "submission_id", "expected_digest"),
+    "lead": ("holder",),
+    "delivery": ("notification_id", "contact_id"),
+}
+"""By kind, the columns that are never empty; other kinds leave them empty."""
+
+
 class WorkItem(Base):
     """Something to do. Each kind is a class of its own; all of them share this lease.
 
@@ -46,6 +56,13 @@ class WorkItem(Base):
         UniqueConstraint("kind", "key"),
         Index("ix_work_queue", "state", "lane", "created_at"),
         Index("ix_work_finished", "kind", "finished_at"),
+        *(
+            CheckConstraint(
+                f"kind <> '{kind}' OR ({' AND '.join(f'{name} IS NOT NULL' for name in names)})",
+                name=f"needed_for_{kind}",
+            )
+            for kind, names in NEEDED.items()
+        ),
     )
     __mapper_args__ = {"polymorphic_on": "kind"}  # noqa: RUF012 - SQLAlchemy reads it once
     id: Mapped[str] = mapped_column(primary_key=True)

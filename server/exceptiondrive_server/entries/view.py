@@ -34,6 +34,9 @@ from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.scales import Scale, nice_scale
 from exceptiondrive_server.web.templating import template_filter
 
+WHOLE = Scale((0.0, 1.0), (0.0, 100.0), ())
+"""The axis on which all entries of a board stand, references too."""
+
 
 class Part(NamedTuple):
     """One family or task of an entry."""
@@ -75,7 +78,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "digits": digits,
         "row": row,
         "position": position_of(row, board),
-        "axis": builder.axes[challenge.metrics[0].key],
+        "axis": WHOLE,
         "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
         "other": entry.micro if is_macro else entry.macro_family,
         "parts": tuple(_parts(reading, challenge.metrics[0])),
@@ -201,33 +204,60 @@ def plausibility_lines(
     """Return a line for every share that the score sheet publishes, known ones first."""
     still = f"end less than {section.stationary_below_m:g} m from the start"
     turning = f"turning tighter than {section.min_turn_radius_m:g} m"
-    known = {  # share to its words, its threshold, the flag that it may raise
+    shares = {key: share or 0.0 for key, share in plausibility.shares.items()}
+    more = "more than {:.0%} above the source share"
+    known = {  # share to its words, its threshold in words and as a number, the flag that it may raise
         "edited_stationary": (
             f"edited trajectories that {still}",
-            f"more than {section.flag_edited_stationary_excess:.0%} above the source share",
+            more.format(section.flag_edited_stationary_excess),
+            shares.get("source_stationary", 0.0) + section.flag_edited_stationary_excess,
             "stands_still",
         ),
         "source_stationary": (
             f"source trajectories that {still}",
             f"above {section.flag_source_stationary:.0%}",
+            section.flag_source_stationary,
             "source_stands_still",
         ),
+        "edited_behind": (
+            "edited trajectories that end behind the start",
+            more.format(section.flag_reverses_excess),
+            shares.get("source_behind", 0.0) + section.flag_reverses_excess,
+            "reverses",
+        ),
+        "source_behind": ("source trajectories that end behind the start", "", 1.0, ""),
         "blind": (
             f"pairs that differ by less than {section.blind_shift_below_m:g} m",
             f"above {section.flag_blind:.0%}",
+            section.flag_blind,
             "blind_to_the_edit",
         ),
         "impossible": (
             f"edited trajectories above {section.max_acceleration_mps2:g} m/s\u00b2 or {turning}",
             f"above {section.flag_impossible:.0%}",
+            section.flag_impossible,
             "impossible_motion",
+        ),
+        "first_step": (
+            "edited trajectories whose first step the speed of the source does not allow",
+            f"above {section.flag_first_step:.0%}",
+            section.flag_first_step,
+            "impossible_motion",
+        ),
+        "same_answer": (
+            "answers that are the most frequent one",
+            f"above {section.flag_same_answer:.0%}",
+            section.flag_same_answer,
+            "same_answer",
         ),
     }
     raised = {flag.code for flag in plausibility.flags}
     lines = []
     for key in sorted(plausibility.shares, key=lambda key: [*known, key].index(key)):
-        words, threshold, flag = known.get(key, (key.replace("_", " "), "", ""))
-        lines.append(PlausibilityLine(words, plausibility.shares[key], threshold, flag in raised))
+        share = plausibility.shares[key]
+        words, threshold, limit, flag = known.get(key, (key.replace("_", " "), "", 1.0, ""))
+        is_raised = flag in raised and share is not None and share > limit
+        lines.append(PlausibilityLine(words, share, threshold, is_raised))
     return lines
 
 

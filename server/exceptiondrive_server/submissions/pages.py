@@ -29,7 +29,7 @@ from exceptiondrive_records.submissions.submissions import (
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
-from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus
+from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
@@ -117,6 +117,7 @@ def _submit_page(
         links = tuple(phase_link(session, phase) for phase in list_phases(session))
         protocol = latest_protocol(session)
         phases = _phases(session, services, None if browser is None else browser.principal)
+        standing = () if browser is None else _standing(session, browser.principal)
     phase = _chosen(links, wanted)
     challenge = phase.challenge if phase else next(iter(CHALLENGES.values()))
     code = challenge.words.code
@@ -126,6 +127,7 @@ def _submit_page(
         upload = {
             "team": team,
             "phases": _to_submit_to(phases),
+            "standing": standing,
             "wanted": wanted,
             "form_token": browser.form_token,
             "typed": typed,
@@ -156,6 +158,16 @@ def _submit_page(
     if refusal is not None and refusal.retry_after_s is not None:
         answer.headers["Retry-After"] = str(refusal.retry_after_s)
     return answer
+
+
+def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
+    """Return the team's entries that stand now, as far as it may see them: a later run replaces one."""
+    if who.team_id is None or Scope.READ_OWN not in who.scopes:
+        return ()
+    scored = list_submissions(
+        session, team_id=who.team_id, status=SubmissionStatus.SCORED, limit=SHOWN
+    )
+    return tuple(each for each in views(session, scored) if each.replaced_by is None)
 
 
 def _chosen(phases: tuple[PhaseLink, ...], wanted: str | None) -> PhaseLink | None:

@@ -35,13 +35,29 @@ _numbers = count()
 shares = st.integers(0, 100).map(lambda points: points / 100)
 
 
-def _values(draw: Any, challenge: Challenge, n: int) -> MetricRow:
-    """The metrics of one family: its n scenes fall into the parts of the outcome bar."""
-    parts = [part.metric for part in challenge.words.outcome]
-    cuts = sorted(
-        draw(st.lists(st.integers(0, n), min_size=len(parts) - 1, max_size=len(parts) - 1))
-    )
-    counts = [b - a for a, b in zip([0, *cuts], [*cuts, n], strict=True)]
+def _counts(draw: Any, n_parts: int) -> dict[str, list[int]]:
+    """How the scenes of each family fall into the parts: anyhow, or all but one scene alike."""
+    alike = draw(st.sampled_from([None, None, None, 0, n_parts - 1]))
+    if alike is None:
+        cuts = {
+            family: sorted(draw(st.tuples(*[st.integers(0, n)] * (n_parts - 1))))
+            for family, n in COUNTS.items()
+        }
+        return {
+            family: [b - a for a, b in zip([0, *ends], [*ends, COUNTS[family]], strict=True)]
+            for family, ends in cuts.items()
+        }
+    counts = {
+        family: [n * (part == alike) for part in range(n_parts)] for family, n in COUNTS.items()
+    }
+    one = counts[next(iter(COUNTS))]
+    one[alike], one[n_parts - 1 - alike] = one[alike] - 1, 1
+    return counts
+
+
+def _values(draw: Any, challenge: Challenge, counts: list[int]) -> MetricRow:
+    """The metrics of one family, whose scenes fall into the parts of the outcome bar."""
+    parts, n = [part.metric for part in challenge.words.outcome], sum(counts)
     values: MetricRow = {key: number / n for key, number in zip(parts, counts, strict=True)}
     if "clear" in values:
         clear, close, reacting, unmoved = (number / n for number in counts)
@@ -67,7 +83,8 @@ def _around(draw: Any, value: float | None) -> Interval | None:
 
 def _entry(draw: Any, challenge: Challenge, source: EntrySource, has_intervals: bool) -> BoardEntry:
     number = next(_numbers)
-    rows = {family: _values(draw, challenge, n) for family, n in COUNTS.items()}
+    counts = _counts(draw, len(challenge.words.outcome))
+    rows = {family: _values(draw, challenge, counts[family]) for family in COUNTS}
     micro, macro = _mean(rows, COUNTS), _mean(rows, dict.fromkeys(COUNTS, 1))
     if draw(st.booleans()):  # as an older scorer gives it, or without a source to go along
         drop = draw(st.sampled_from(["clear", "progress"])) if "clear" in micro else ""

@@ -421,6 +421,7 @@ def test_every_claim_is_true_of_the_board(site: Site, challenge: Challenge, data
         check_who_could_be_first(page, board)
         check_the_average(page, average)
         check_the_chart(page, board, average)
+    check_the_rows(read(get(site, f"/?phase={phase}&sort={challenge.metrics[1].key}")), board, "")
     for a, b in [*zip(ranked(board), ranked(board)[1:], strict=False)][:2]:
         for one, other in ((a, b), (b, a)):
             path = f"/compare?phase={phase}&a={one.submission_id}&b={other.submission_id}"

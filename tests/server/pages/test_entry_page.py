@@ -5,11 +5,14 @@ import re
 from typing import Any
 from xml.etree import ElementTree as Xml
 
+from tests.server.pages.invented_board import PROTOCOL
 from tests.server.pages.page_site import publish_late_view
 
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.score_sheet import Flag, Plausibility
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_server.entries.view import plausibility_lines
 
 
 async def test_an_entry_shows_all_tasks_both_averages_and_its_receipt(lively_site: Any) -> None:
@@ -43,6 +46,20 @@ async def test_what_the_paper_reports_has_a_page_of_its_own_and_no_other(
     board = (await lively_site.get("/")).text
     assert 'href="/reported/planning"' in board
     assert "ST-P3" not in board
+
+
+async def test_a_reference_has_a_page_and_is_compared_though_nobody_submitted_it(
+    lively_site: Any,
+) -> None:
+    key = "reference-freeze"
+    assert f'href="/entries/{key}?phase=sample"' in (await lively_site.get("/?phase=sample")).text
+    page = await lively_site.get(f"/entries/{key}?phase=sample")
+    assert page.status_code == 200
+    assert "97.20" in page.text
+    assert "Stands still" in page.text
+    compared = await lively_site.get(f"/compare?phase=sample&a=s0000000kq&b={key}")
+    assert compared.status_code == 200
+    assert "FREEZE" in compared.text
 
 
 async def test_a_phase_that_does_not_show_the_paper_does_not_lead_to_it(
@@ -148,3 +165,22 @@ async def test_an_entry_that_left_is_compared_on_the_board_that_shows_it(
     for address in found:
         assert (await lively_site.get(html.unescape(address))).status_code == 200
     assert "/api/v1/entries/" not in text  # it stands on no board now: nothing is given out
+
+
+def test_of_two_shares_that_raise_one_flag_the_one_above_its_threshold_is_marked() -> None:
+    shares: dict[str, float | None] = {
+        "impossible": 0.01,
+        "first_step": 0.2,
+        "edited_behind": 0.5,
+        "source_behind": 0.4,
+    }
+    codes = ("impossible_motion", "reverses")
+    flags = tuple(Flag(code=code, label=code, detail="") for code in codes)
+    plausibility = Plausibility(shares=shares, flags=flags)
+    lines = plausibility_lines(plausibility, PROTOCOL.plausibility)
+    assert [(line.share, line.is_raised) for line in lines] == [
+        (0.5, True),
+        (0.4, False),
+        (0.01, False),
+        (0.2, True),
+    ]

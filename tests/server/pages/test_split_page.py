@@ -5,6 +5,7 @@ from html.parser import HTMLParser
 from tests.server.pages.invented_board import COUNTS, DATASHEET, MANIFEST, N
 from tests.server.pages.page_site import Site
 
+from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import SplitRef
@@ -30,9 +31,10 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
     assert answer.status_code == 200
     for words in (
         f"Samples that count {N} N",
-        "The task suits the scene 17,850 3,446 19.31 %",
-        "Accepted by review and people 3,446 3,181 92.31 %",
-        "Region verified by two people 0 0 –",
+        "on the road. Hazard regions",
+        "The task suits the scene 3,446 19.31 % 17,850",
+        "Accepted by review and people 3,181 92.31 % 3,446",
+        "Region verified by two people 0 – 0",
         "168 were drawn at random and looked at by people; 163 passed, 97.02 %",
         "93.22 to 98.72 % (Wilson)",
         "Krippendorff's alpha over accepted and rejected: 0.714.",
@@ -80,3 +82,17 @@ async def test_a_split_without_a_datasheet_has_its_families(lively_site: Site) -
 async def test_a_split_that_nobody_uses_is_not_found(lively_site: Site) -> None:
     for path in ("/splits/other", "/splits/other?revision=x", "/api/v1/splits/other/datasheet"):
         assert (await lively_site.get(path)).status_code == 404
+
+
+async def test_a_phase_on_a_part_leads_to_the_whole(lively_site: Site) -> None:
+    """The datasheet is of the whole; that a part of it counts is the phase's business."""
+    part = MANIFEST.model_copy(update={"revision": "sha256:" + "7" * 64})
+    with lively_site.database.write() as session:
+        register_split(
+            session, part, COUNTS, "test", part="public", whole_revision=MANIFEST.revision
+        )
+        for phase in list_phases(session):
+            phase.split_revision = part.revision
+    assert MANIFEST.revision in (await lively_site.get("/splits/sample")).text
+    answer = await lively_site.get("/api/v1/splits/sample/datasheet")
+    assert Datasheet.model_validate_json(answer.content) == DATASHEET

@@ -4,6 +4,7 @@ Two queues. `inspect`: does this edit show what it should; one person a card. `v
 region; two people blind to each other, and a third one who sees both where they differ.
 """
 
+import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +23,8 @@ from exceptiondrive_build.workshop import RECORDS, Workshop
 
 Queue = Literal["inspect", "verify"]
 KINDS: Mapping[Queue, Kind] = {"inspect": Kind.INSPECT, "verify": Kind.VERIFY}
-WALK_AT_MOST_EVERY_S = 5.0
+WALK_EVERY_S, WALK_WHEN_IDLE_S = 60.0, 5.0
+"""How old what stages have done may be: while there are cards, and when a reviewer has none."""
 
 
 class TakenError(Exception):
@@ -70,7 +72,7 @@ class Desk:
         self._of_people: dict[tuple[Kind, str], list[Record]] = defaultdict(list)
         self._standing: dict[tuple[Queue, str], tuple[Record, ...]] = {}
         self._last_id = 0
-        self._walked_at, self._is_stale = 0.0, True
+        self._walked_at, self._is_stale = -math.inf, True
         self.candidates: dict[str, Candidate] = {}
         self.why: dict[str, str] = {}
         self.refresh()
@@ -79,8 +81,12 @@ class Desk:
         """Close the table of leases."""
         self.leases.close()
 
-    def refresh(self) -> None:
-        """Take in what others have appended since; stages may run while people review."""
+    def refresh(self, walk_after_s: float = WALK_EVERY_S) -> None:
+        """Take in what others have appended since; stages may run while people review.
+
+        Args:
+            walk_after_s: How old the walk over all candidates may be, if a stage did something.
+        """
         for record in self.workshop.records.read(after=self._last_id):
             self._last_id = record.id or self._last_id
             if record.kind in KINDS.values():
@@ -89,7 +95,7 @@ class Desk:
                     self._standing.pop((queue, record.candidate), None)
             else:
                 self._is_stale = True
-        if self._is_stale and time.monotonic() - self._walked_at > WALK_AT_MOST_EVERY_S:
+        if self._is_stale and time.monotonic() - self._walked_at > walk_after_s:
             self.candidates = walk(self.workshop)
             self.why = to_inspect(self.candidates, self.workshop.settings.inspect)
             self._walked_at, self._is_stale = time.monotonic(), False
@@ -159,7 +165,11 @@ class Desk:
                 ):
                     yield card
 
-        return self.leases.claim(queue, holder, count, offered)
+        taken = self.leases.claim(queue, holder, count, offered)
+        if not taken and count and self._is_stale:
+            self.refresh(WALK_WHEN_IDLE_S)
+            taken = self.leases.claim(queue, holder, count, offered)
+        return taken
 
     def skip(self, queue: Queue, sample_id: str, holder: Holder) -> None:
         """Give a card back and show it to this browser last."""

@@ -4,15 +4,13 @@ A browser renews its leases while it is open. One that dies stops; when the time
 go to whoever asks next.
 """
 
-import sqlite3
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.database import Database
 
 _TABLE = """
 CREATE TABLE IF NOT EXISTS leases (
@@ -33,8 +31,8 @@ class Holder(NamedTuple):
     reviewer: str
 
 
-class Leases:
-    """The table; several processes may use it at once."""
+class Leases(Database):
+    """The table."""
 
     def __init__(self, path: Path, lease_s: float, clock: Callable[[], float] = time.time) -> None:
         """Open it in the records' file.
@@ -47,16 +45,9 @@ class Leases:
         Raises:
             BuildError: The file cannot be written.
         """
+        super().__init__(path, _TABLE)
         self.lease_s = lease_s
         self._clock = clock
-        self._path = path
-        with self._told():
-            self._connection = sqlite3.connect(path, timeout=60, isolation_level=None)
-            self._connection.execute(_TABLE)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._connection.close()
 
     def claim(
         self,
@@ -127,23 +118,3 @@ class Leases:
                     "DELETE FROM leases WHERE queue = ? AND candidate = ? AND browser = ?",
                     (queue, candidate, holder.browser),
                 )
-
-    @contextmanager
-    def _told(self) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.Error as error:
-            advice = "Everything that was decided before is kept; see to the file or the disk."
-            raise BuildError(f"{self._path}: {error}.", advice) from None
-
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        with self._told():
-            self._connection.execute("BEGIN IMMEDIATE")
-            try:
-                yield self._connection
-            except BaseException:
-                if self._connection.in_transaction:
-                    self._connection.execute("ROLLBACK")
-                raise
-            self._connection.execute("COMMIT")

@@ -1,12 +1,13 @@
 """Keyframes from the tables of nuScenes v1.0, read with pandas.
 
-What the tables mean is taken from `docs/schema_nuscenes.md` of nutonomy/nuscenes-devkit:
+What the tables mean is taken from the page "nuScenes schema" of nutonomy/nuscenes-devkit:
 
 - Rotations are quaternions (w, x, y, z), lengths metres, times microseconds. `calibrated_sensor`
   stands in the ego vehicle's frame, `ego_pose` in the map's; the pictures are undistorted.
 - Each `sample_data` has an ego pose of its own, for a camera's shutter opens when the lidar sweeps
   across it. A point of the keyframe goes from its ego frame to the map, from there to the ego frame
-  at the shutter time, then to the camera (`map_pointcloud_to_image` of the devkit; its issue 976).
+  at the shutter time, then to the camera (`map_pointcloud_to_image` of the devkit, and the thread
+  on it there).
 - The ego pose of a keyframe is that of `LIDAR_TOP`, whose time is the sample's: so do planners that
   are trained on nuScenes. The recorded path is where the next six samples stand.
 """
@@ -50,6 +51,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "sensor": ("token", "channel"),
     "log": ("token", "location"),
 }
+LARGE = ("sample_data", "ego_pose")
+"""Tables of millions of rows, of which keyframes need few: read one after the other."""
 MAX_TIME_ERROR_S = 0.2
 """How far a sample may be from its 0.5 s; a keyframe before a longer gap has no recorded path."""
 Row = Mapping[Hashable, Any]
@@ -67,22 +70,22 @@ def read_nuscenes(folder: Path, version: str | None = None) -> SceneSet:
         BuildError: No tables, or of another version; a row, a camera or a picture is missing.
     """
     tables = folder / (version or _only_version(folder))
-    frames = {name: _read_table(tables, name) for name in COLUMNS}
-    data = frames["sample_data"]
+    frames = {name: _read_table(tables, name) for name in COLUMNS if name not in LARGE}
+    data = _read_table(tables, "sample_data")
     data = data[data["is_key_frame"].astype(bool)]
-    channels = _channels(frames)
-    data = data.assign(channel=data["calibrated_sensor_token"].map(channels))
+    data = data.assign(channel=data["calibrated_sensor_token"].map(_channels(frames)))
     if data["channel"].isna().any():
         token = data.loc[data["channel"].isna(), "calibrated_sensor_token"].iloc[0]
         raise BuildError(f"{tables / 'calibrated_sensor.json'} has no row {token}")
     data = data[data["channel"].isin([*CAMERAS, LIDAR])]
-    poses = frames["ego_pose"]
+    poses = _read_table(tables, "ego_pose")
+    poses = poses[poses["token"].isin(data["ego_pose_token"])]
     reader = _Reader(
         tables,
         {
             "scene": _by_token(frames["scene"]),
             "calibrated_sensor": _by_token(frames["calibrated_sensor"]),
-            "ego_pose": _by_token(poses[poses["token"].isin(data["ego_pose_token"])]),
+            "ego_pose": _by_token(poses),
             "log": _by_token(frames["log"]),
         },
     )

@@ -11,6 +11,14 @@ depends_on = None
 IMMUTABLE = ("audit_lines", "boards", "board_entries", "board_flips", "protocols", "score_sheets")
 """Nothing in these tables is ever overwritten or deleted, by whatever code."""
 
+NEEDED_BY_KIND_OF_WORK = {
+    "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
+    "board": ("phase_id", "protocol_digest", "split_revision"),
+    "recheck": ("run_id", "submission_id", "expected_digest"),
+    "lead": ("holder",),
+    "delivery": ("notification_id", "contact_id"),
+}
+
 TIME = sa.DateTime(timezone=True)
 OF_LIVING = sa.text("status NOT IN ('withdrawn', 'failed')")
 
@@ -439,6 +447,13 @@ def create_work() -> None:
         sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
         sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
         sa.UniqueConstraint("kind", "key"),
+        *(
+            sa.CheckConstraint(
+                f"kind <> '{kind}' OR ({' AND '.join(f'{name} IS NOT NULL' for name in names)})",
+                name=f"needed_for_{kind}",
+            )
+            for kind, names in NEEDED_BY_KIND_OF_WORK.items()
+        ),
     )
     op.create_index("ix_work_finished", "work", ["kind", "finished_at"])
     op.create_index("ix_work_queue", "work", ["state", "lane", "created_at"])

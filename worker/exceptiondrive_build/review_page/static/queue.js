@@ -156,7 +156,7 @@ export class CardQueue {
     const words = [`${progress.decided} of ${progress.cards}`];
     if (this.#paces.length >= 3) {
       const pace = [...this.#paces].sort((a, b) => a - b)[Math.floor(this.#paces.length / 2)];
-      words.push(`${pace.toFixed(1)} s each`, `${lasting(pace * progress.for_me)} left`);
+      words.push(`${pace.toFixed(1)} s each`, `at most ${lasting(pace * progress.for_me)} left`);
     }
     find("pace").textContent = words.join(" · ");
     find("empty").hidden = Boolean(this.card);

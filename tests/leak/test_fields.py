@@ -1,0 +1,100 @@
+"""Everything that a board or a sheet says has been weighed: a new field has to be, too.
+
+Each field names what it is made of. What is made of regions is bounded in docs/leakage.md; what is
+made of answers and labels alone tells no region.
+"""
+
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
+    ClearanceCurve,
+    Coverage,
+    Plausibility,
+    ScoreSheet,
+)
+from exceptiondrive_schemas.split import Manifest
+
+RECORDS = "who, when, under what: nothing of a split"
+ANSWERS = "the upload alone"
+LABELS = "the upload, and which samples are of which task and family, or count"
+CONTROLS = "the upload, and which samples are controls"
+DRIVES = "the upload and recorded paths: by cells only where these are public"
+REGIONS = "regions, by cells of a least size, rounded: the bounds of docs/leakage.md"
+TOTALS = "regions, of withheld splits in the totals alone"
+PUBLIC = "regions of public splits, unless a protocol says otherwise"
+CELLS = "a row of metrics for each, weighed one by one below"
+
+METRICS = {
+    **dict.fromkeys(("hcc", "ur", "hpr"), REGIONS),
+    **dict.fromkeys(("cts", "cts_x", "cts_y", "progress"), LABELS),
+    **dict.fromkeys(("clear", "close", "hit_reacting", "hit_unmoved"), TOTALS),
+    **dict.fromkeys(("source_l2_m", "source_l2_1s_m", "source_l2_2s_m", "source_l2_3s_m"), DRIVES),
+    "over_caution": CONTROLS,
+}
+FLAGGED = {
+    **dict.fromkeys(("stands_still", "source_stands_still", "impossible_motion"), ANSWERS),
+    **dict.fromkeys(("reverses", "blind_to_the_edit", "same_answer"), ANSWERS),
+    "off_course": DRIVES,
+    "hardly_moves": LABELS,
+}
+WEIGHED: dict[type[BaseModel], dict[str, str]] = {
+    Board: {
+        **dict.fromkeys(("challenge", "phase", "split", "protocol", "headline", "board"), RECORDS),
+        **dict.fromkeys(("published_at", "confidence", "view", "part", "min_scenes"), RECORDS),
+        **dict.fromkeys(("n_samples", "families"), LABELS),
+        **dict.fromkeys(("entries", "comparisons"), CELLS),
+    },
+    BoardEntry: {
+        **dict.fromkeys(("source", "submission_id", "method", "team", "description"), RECORDS),
+        **dict.fromkeys(("links", "submitted_at", "cite", "is_late", "previous_rank"), RECORDS),
+        **dict.fromkeys(("rank", "rank_interval", "unranked_because"), REGIONS),
+        **dict.fromkeys(("metrics", "micro", "macro_family", "families", "intervals"), CELLS),
+        "reminder_effect": REGIONS,
+        "coverage": ANSWERS,
+        **dict.fromkeys(("flags", "unranked_flags"), CELLS),
+    },
+    FamilyCell: {"n": LABELS, "intervals": CELLS},
+    BreakdownRow: {"n": LABELS},
+    ScoreSheet: {
+        **dict.fromkeys(("challenge", "protocol", "split", "scorer_version"), RECORDS),
+        "n": LABELS,
+        **dict.fromkeys(("micro", "macro_family", "families", "tasks"), CELLS),
+        **dict.fromkeys(("coverage", "plausibility"), CELLS),
+        "extra": REGIONS,
+        "clearance_curve": PUBLIC,
+    },
+    Coverage: dict.fromkeys(("edited", "source", "n_edited", "n_source"), ANSWERS),
+    Plausibility: {"shares": ANSWERS, "flags": CELLS},
+    ClearanceCurve: dict.fromkeys(("step", "micro", "macro_family"), PUBLIC),
+    Manifest: {
+        **dict.fromkeys(("schema_", "name", "title", "revision"), RECORDS),
+        **dict.fromkeys(("waypoints", "time_step_s", "sample_ids"), RECORDS),
+        "recorded": "recorded paths, where the split says that they are public",
+    },
+}
+
+
+@pytest.mark.parametrize("document", WEIGHED, ids=lambda document: document.__name__)
+def test_every_field_that_is_published_has_been_weighed(document: type[Any]) -> None:
+    assert set(document.model_fields) == set(WEIGHED[document]), (
+        "weigh the new field with tests/leak/test_audit.py, say in docs/leakage.md what it tells of a "
+        "withheld split, and name it here"
+    )
+
+
+def test_every_metric_and_every_flag_has_been_weighed() -> None:
+    assert {metric.key for metric in (*PLANNING.metrics, *PLANNING.of_controls)} == set(METRICS)
+    assert set(FLAGS) == set(FLAGGED)
+
+
+def test_a_metric_is_told_by_cells_as_it_was_weighed() -> None:
+    due = {TOTALS: "of public regions", DRIVES: "of public drives"}
+    for metric in PLANNING.metrics:
+        assert metric.cells == due.get(METRICS[metric.key], "always"), metric.key

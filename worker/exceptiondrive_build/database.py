@@ -1,0 +1,59 @@
+"""The workshop's database file: commits wait for the disk, and failures are told in words."""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Self
+
+from exceptiondrive_build.errors import BuildError
+
+
+class Database:
+    """Some tables in the file; several processes may use it at once. A context manager."""
+
+    def __init__(self, path: Path, tables: str) -> None:
+        """Open or create them.
+
+        Raises:
+            BuildError: The file cannot be opened, or is no database.
+        """
+        self._path = path
+        with self._told():
+            self._connection = sqlite3.connect(path, timeout=60, isolation_level=None)
+            self._connection.execute("PRAGMA journal_mode = WAL")
+            self._connection.execute("PRAGMA synchronous = FULL")
+            self._connection.execute("PRAGMA foreign_keys = ON")
+            self._connection.executescript(tables)
+
+    def __enter__(self) -> Self:
+        """Return the tables."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            advice = "Everything that was appended before is kept; see to the file or the disk."
+            raise BuildError(f"{self._path}: {error}.", advice) from None
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._told():
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._connection
+            except BaseException:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+                raise
+            self._connection.execute("COMMIT")
