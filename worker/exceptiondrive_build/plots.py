@@ -1,6 +1,7 @@
 """The report as one picture: funnel, families, marks, audit."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -11,6 +12,7 @@ from exceptiondrive_build.report import Report
 
 FUNNEL = ("combinations", "suitable", "edited", "accepted", "kept", "localized", "verified")
 COLOUR, FAINT = "#2f5d8a", "#c8d5e3"
+BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.08), "frameon": False}
 MARK_COLOURS = ("#a33b2e", "#d98a5b", "#d8cfa8", "#8fb08c", "#3f7d4e")
 
 
@@ -44,8 +46,8 @@ def _funnel(axes: Axes, report: Report) -> None:
     ]
     axes.bar_label(bars, labels)
     axes.invert_yaxis()
-    axes.margins(x=0.3)
-    axes.set_title("From scenes to regions (share of the stage before)")
+    axes.margins(x=0.5)
+    axes.set_title("From scenes to regions, and shares as in the table")
 
 
 def _families(axes: Axes, report: Report) -> None:
@@ -53,7 +55,7 @@ def _families(axes: Axes, report: Report) -> None:
     axes.barh(titles, [cell.suitable for cell in report.families], color=FAINT, label="suitable")
     axes.barh(titles, [cell.accepted for cell in report.families], color=COLOUR, label="accepted")
     axes.invert_yaxis()
-    axes.legend()
+    axes.legend(ncols=2, **BELOW)
     axes.set_title("Families")
 
 
@@ -65,8 +67,8 @@ def _marks(axes: Axes, report: Report) -> None:
         axes.barh(titles, counts, left=left, color=colour, label=str(value))
         left = [start + count for start, count in zip(left, counts, strict=True)]
     axes.invert_yaxis()
-    axes.legend(title="mark", ncols=5)
-    axes.set_title("Marks of the review")
+    axes.legend(ncols=5, **BELOW)
+    axes.set_title("Marks of the review, 1 (bad) to 5 (good)")
 
 
 def _audit(axes: Axes, report: Report) -> None:
