@@ -1,8 +1,12 @@
 """Who the review page answers: this machine, browsers that were let in, people with a name."""
 
+import shutil
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import httpx
@@ -12,7 +16,9 @@ from tests.support.serving import served
 from typer.testing import CliRunner
 
 from exceptiondrive_build.cli import app as command_line
+from exceptiondrive_build.records import Kind
 from exceptiondrive_build.review_page.app import review_app
+from exceptiondrive_build.workshop import Workshop
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +154,40 @@ def test_without_a_workshop_or_a_port_the_command_says_so(tmp_path: Path, shop: 
         port = str(taken.getsockname()[1])
         said = CliRunner().invoke(command_line, ["review", "-w", str(shop), "--port", port])
     assert (said.exit_code, f"Port {port}" in said.output) == (2, True)
+
+
+@contextmanager
+def command(shop: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """The real command in a process of its own, and the address that it shows."""
+    call = "from exceptiondrive_build.cli import main; main()"
+    line = [sys.executable, "-c", call, "review", "-w", str(shop), "--port", "0"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process, process.stdout.readline().split()[-1]
+        finally:
+            process.kill()
+
+
+def test_a_server_killed_between_two_decisions_has_kept_the_first(
+    shop: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(shop, tmp_path / "shop")
+    decided: list[str] = []
+    for name in ("ada", "grace"):
+        with command(folder) as (process, address):
+            host = address.rpartition("/open/")[0]
+            with httpx.Client(base_url=host, headers={"Origin": host}) as client:
+                assert client.get(address).status_code == 303
+                assert client.post("/sign-in", data={"name": name}).status_code == 303
+                answer = client.post("/api/inspect/claim", json={"have": 3}).json()
+                assert answer["progress"]["decided"] == len(decided)
+                card = answer["cards"][0]["id"]
+                word = {"card": card, "value": {"passed": True}}
+                assert client.post("/api/inspect/decide", json=word).status_code == 200
+                decided.append(card)
+            process.send_signal(signal.SIGKILL)
+    with Workshop(folder) as workshop:
+        records = list(workshop.records.read(Kind.INSPECT))
+    assert [record.candidate for record in records] == decided
+    assert [record.by.person for record in records] == ["ada", "grace"]

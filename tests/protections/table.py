@@ -71,6 +71,24 @@ PROTECTIONS = (
         "tests/leak/test_over_http.py::test_the_api_publishes_what_the_oracle_says_and_not_a_digit_more",
     ),
     Protection(
+        "outcome-cells",
+        "exceptiondrive_schemas.protocol:PublicationSection.shows_outcome_cells",
+        _always(True),
+        "tests/leak/test_audit.py::test_outcome_cells_would_tell_two_flips_a_cell_and_are_off",
+    ),
+    Protection(
+        "clearance-curve",
+        "exceptiondrive_schemas.protocol:PublicationSection.shows_curve",
+        _always(True),
+        "tests/leak/test_audit.py::test_a_clearance_curve_would_tell_more_than_the_totals_do",
+    ),
+    Protection(
+        "unranked-flags",
+        "exceptiondrive_worker.board_entries:_Rows.unranked_flags",
+        _always(()),
+        "tests/rescoring/test_to_1_1.py::test_a_parked_car_leaves_rank_1_by_a_run_that_says_so",
+    ),
+    Protection(
         "scope",
         f"{RECORDS}.accounts.tokens:_principal",
         _every_scope,

@@ -14,6 +14,7 @@ from exceptiondrive_records.protocols.protocols import (
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.shown import splits_under
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
@@ -54,6 +55,7 @@ def show_protocol(request: Request, services: ServicesOf, version: str) -> Respo
         challenges=CHALLENGES.values(),
         scene=scene_drawing(drawing, protocol),
         strategies=sorted(Strategy, key=lambda strategy: caution[strategy.value]),
+        flags=FLAGS,
         previous=previous,
         splits=splits,
         changes=protocol_changes(previous, protocol) if previous else (),

@@ -48,6 +48,20 @@ async def test_what_the_paper_reports_has_a_page_of_its_own_and_no_other(
     assert "ST-P3" not in board
 
 
+async def test_a_reference_has_a_page_and_is_compared_though_nobody_submitted_it(
+    lively_site: Any,
+) -> None:
+    key = "reference-freeze"
+    assert f'href="/entries/{key}?phase=sample"' in (await lively_site.get("/?phase=sample")).text
+    page = await lively_site.get(f"/entries/{key}?phase=sample")
+    assert page.status_code == 200
+    assert "97.20" in page.text
+    assert "Stands still" in page.text
+    compared = await lively_site.get(f"/compare?phase=sample&a=s0000000kq&b={key}")
+    assert compared.status_code == 200
+    assert "FREEZE" in compared.text
+
+
 async def test_a_phase_that_does_not_show_the_paper_does_not_lead_to_it(
     site: Any, lively_board: Board
 ) -> None:

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from exceptiondrive import check_file, recorder
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_server.protocols.pages import protocol_changes
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
@@ -29,7 +30,7 @@ MANIFEST_OF_TWO = Manifest(
 
 async def test_protocols_lead_to_the_newest_version(site: Any) -> None:
     answer = await site.get("/protocols")
-    assert (answer.status_code, answer.headers["location"]) == (307, "/protocols/1.0")
+    assert (answer.status_code, answer.headers["location"]) == (307, f"/protocols/{NEWEST}")
 
 
 async def test_the_protocol_page_says_every_task_and_the_values_of_the_document(
@@ -42,6 +43,22 @@ async def test_the_protocol_page_says_every_task_and_the_values_of_the_document(
     for value in ("4.084 m by 1.85 m", "1.486 m", "1,000 bootstrap draws", "seed 20261120"):
         assert value in text
     assert protocol.digest in text
+
+
+async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_raised(
+    site: Any,
+) -> None:
+    with site.database.write() as session:
+        add_protocol(session, packaged_protocol_toml("1.1"), "test")
+    text = " ".join((await site.get("/protocols/1.1")).text.split())
+    assert (
+        "listed with its numbers, and takes no rank: Stands still, Source stands still, "
+        "Impossible motion, Reverses, Off course, Hardly moves, Same answer."
+    ) in text
+    assert "A mean over fewer than 5 scenes has no interval." in text
+    assert "more than 5 m from the drive that was recorded" in text
+    assert "less than 10 % in a family of at least 20 samples" in text
+    assert "takes no rank" not in (await site.get("/protocols/1.0")).text
 
 
 async def test_an_unknown_protocol_is_not_found(lively_site: Any) -> None:
