@@ -114,7 +114,6 @@ class Whisker:
     point: float
     low: float | None
     width: float | None
-    is_outside: bool
     words: str
 
 
@@ -252,17 +251,17 @@ class RowBuilder:
         is_best = entry.may_lead and text is not None and text == self.best.get(metric.key)
         axis = self.axes.get(metric.key)
         whisker = None
-        if axis is not None and value is not None:
+        if axis is not None and value is not None and axis.holds(value):
             whisker = self._whisker(entry, metric, value, axis)
         return Cell(metric.key, metric.label, metric.role, text, is_best, whisker)
 
     def _whisker(self, entry: BoardEntry, metric: Metric, value: float, axis: Scale) -> Whisker:
         interval = interval_of(entry, self.board, self.average, metric.key)
         if interval is None:
-            return Whisker(axis.clamped(value), None, None, not axis.holds(value), "")
+            return Whisker(axis.at(value), None, None, "")
         low, high = axis.clamped(interval[0]), axis.clamped(interval[1])
         words = f"{self.board.confidence:.0%} interval {self._span(metric, interval)}"
-        return Whisker(axis.clamped(value), low, high - low, not axis.holds(value), words)
+        return Whisker(axis.at(value), low, high - low, words)
 
     def _span(self, metric: Metric, interval: tuple[float, float]) -> str:
         return f"{self.digits.text(metric, interval[0])} to {self.digits.text(metric, interval[1])}"

@@ -13,7 +13,7 @@ from exceptiondrive_server.boards.pictures import (
 )
 from exceptiondrive_server.boards.table import RowBuilder
 from exceptiondrive_server.entries.queries import EntryData
-from exceptiondrive_server.entries.view import position_of
+from exceptiondrive_server.entries.view import WHOLE, position_of
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.templating import render
@@ -38,7 +38,7 @@ def entry_picture(reading: EntryData) -> str:
         value = shown.metrics.get(first.key)
         if value is None:
             return None
-        return px(LEFT + builder.axes[first.key].clamped(value) / 100 * (RIGHT - LEFT))
+        return px(LEFT + WHOLE.clamped(value) / 100 * (RIGHT - LEFT))
 
     return render(
         "entries/picture.svg",
@@ -56,7 +56,7 @@ def entry_picture(reading: EntryData) -> str:
             if other is not entry and (x := place(other)) is not None
         ],
         this=place(entry),
-        metric=f"{first.label}, %",
+        metric=f"{first.label}, 0 to 100 %",
     )  # fmt: skip
 
 

@@ -34,6 +34,9 @@ from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.scales import Scale, nice_scale
 from exceptiondrive_server.web.templating import template_filter
 
+WHOLE = Scale((0.0, 1.0), (0.0, 100.0), ())
+"""The axis on which all entries of a board stand, references too."""
+
 
 class Part(NamedTuple):
     """One family or task of an entry."""
@@ -75,7 +78,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "digits": digits,
         "row": row,
         "position": position_of(row, board),
-        "axis": builder.axes[challenge.metrics[0].key],
+        "axis": WHOLE,
         "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
         "other": entry.micro if is_macro else entry.macro_family,
         "parts": tuple(_parts(reading, challenge.metrics[0])),

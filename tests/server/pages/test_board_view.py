@@ -155,3 +155,12 @@ def test_small_families_are_marked_with_their_size(
     tiles = view(lively_board, protocol).blocks[0].rows[0].tiles
     assert [tile.is_small for tile in tiles] == [False, False, False, True, True, False]
     assert "n = 14" in tiles[3].words
+
+
+def test_a_reference_off_the_axis_is_not_drawn_at_its_end(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    low = [e for e in lively_board.entries if e.method in ("nerve", "FREEZE")]
+    rows = view(lively_board.model_copy(update={"entries": tuple(low)}), protocol).rows
+    drawn = {row.entry.method: row.cells[0].whisker is not None for row in rows}
+    assert drawn == {"nerve": True, "FREEZE": False}
