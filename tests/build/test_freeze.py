@@ -1,4 +1,4 @@
-"""Freezing: the same decisions give the same bytes, revisions keep their samples, regions stay in."""
+"""Freezing: same decisions, same bytes; revisions keep their samples; regions stay in."""
 
 import gzip
 import json
@@ -244,7 +244,7 @@ def test_restored_samples_count_again(shop: Path) -> None:
 
 
 def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
-    """Rejected since, and not withdrawn: the files of teams answer it, so somebody has to say so."""
+    """Rejected since, and not withdrawn: files of teams answer it, so somebody has to say so."""
     first = split_of(frozen(shop, "1"))
     sample_id = first.samples[3].sample_id
     with Workshop(shop) as workshop:

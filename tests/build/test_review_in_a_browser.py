@@ -22,7 +22,7 @@ from exceptiondrive_build.review_page.desk import Desk
 from exceptiondrive_build.review_page.leases import Holder
 from exceptiondrive_build.scenes.cameras import ground_polygon
 from exceptiondrive_build.values import Corners, Verified
-from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_build.workshop import Workshop, new_workshop
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 WIDE: ViewportSize = {"width": 1440, "height": 900}
@@ -360,6 +360,14 @@ def test_two_who_never_agree_are_told_what_the_cards_wait_for(
             )
             assert axe_violations(page) == []
         begin(site.reviewer(browser, "lin"), "verify")
+
+
+def test_a_queue_that_nothing_has_reached_says_so(tmp_path: Path, browser: Browser) -> None:
+    new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
+    with site_of(tmp_path / "shop") as site:
+        page = site.reviewer(browser, "ada")
+        page.goto(f"{site.address}/verify")
+        expect(page.locator("#empty-words")).to_contain_text("No candidate has come this far yet")
 
 
 def test_the_cards_of_a_killed_browser_come_to_another(

@@ -441,3 +441,24 @@ def test_the_auxiliary_draw_is_edited_and_in_nothing_else(shop: Path, stand_in: 
     assert [k for k, c in walked(shop).items() if c.is_accepted] == [
         k for k, c in before.items() if c.is_accepted
     ]
+
+
+@pytest.mark.parametrize(
+    ("views", "faults"),
+    [(("CAM_FRONT", "CAM_BACK"), ()), (("CAM_BACK",), ("target_not_in_view",))],
+)
+def test_a_view_that_does_not_see_the_target_is_measured_as_a_whole(
+    shop: Path, stand_in: StandIn, views: tuple[str, ...], faults: tuple[str, ...]
+) -> None:
+    where = "with its foot at 12.0 m ahead and 0.0 m to the left"
+    edits = [{"view": view, "instruction": f"in {view}: {where}"} for view in views]
+    stand_in.repainted, stand_in.low = 0.0, 0.0
+    stand_in.fault = once(
+        stand_in.says(json.dumps(screen_answer(True, target=(12.0, 0.0), edits=edits)))
+    )
+    report(shop, "screen", "--limit", "1")
+    for stage in ("edit", "review"):
+        report(shop, stage)
+    (found,) = [c for c in walked(shop).values() if c.is_suitable]
+    assert found.reviewed.changes["CAM_BACK"].inside is None  # type: ignore[union-attr]
+    assert found.review_faults == faults

@@ -26,6 +26,9 @@ def test_a_team_chooses_in_its_list_until_the_deadline(life: "Life") -> None:
     page = alpha.get("/my").text
     assert buttons(page) == {(second, "choose")}
     assert "<b>Chosen</b>" in page
+    stands = "stands on the board in its place"
+    assert f"Submission {first} {stands}" in alpha.get(f"/submissions/{second}").text
+    assert stands not in alpha.get(f"/submissions/{first}").text
     life.work()
     assert life.entry_ids() == [first]
     life.move(closes_at=life.now())
@@ -40,6 +43,10 @@ def test_a_team_publishes_in_its_list_and_takes_back(life: "Life") -> None:
     alpha = visitor(life, "alpha")
     assert "<b>Private</b>" in alpha.get("/my").text
     assert buttons(alpha.get("/my").text) == {(mine, "publish")}
+    newer = life.submit("alpha", 9.0, "Net", "plain")
+    life.work()
+    assert "stands on the board" not in alpha.get(f"/submissions/{mine}").text
+    assert "stands on the board" not in alpha.get(f"/submissions/{newer}").text
     send(alpha, f"/submissions/{mine}/publish", BACK, page="/my")
     life.work()
     assert life.entry_ids() == [mine]

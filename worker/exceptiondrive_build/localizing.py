@@ -26,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.scenes.nuscenes import rigid
 from exceptiondrive_build.values import Corners, Localized, Screened
@@ -79,7 +80,7 @@ _RESULTS = TypeAdapter(dict[str, list[_Result]])
 
 
 def localize(workshop: Workshop, file: Path) -> LocalizeReport:
-    """Propose a detector's boxes for every accepted candidate.
+    """Propose a detector's boxes for every candidate that is accepted or may yet be.
 
     Raises:
         BuildError: The file cannot be read, or its boxes are in another frame.
@@ -90,8 +91,8 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
     found: dict[str, Box] = {}
     without: Counter[str] = Counter()
     distances: list[tuple[Candidate, Sequence[Box]]] = []
-    accepted = [c for c in walk(workshop).values() if c.is_accepted]
-    for candidate in accepted:
+    eligible = _eligible(workshop)
+    for candidate in eligible:
         boxes = [box for box in boxes_of(candidate) if _score(box) >= limits.min_score]
         if not boxes:
             without["no box in the file"] += 1
@@ -110,14 +111,14 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
         key: Localized(corners=_corners(box.corners_m), source="detector", score=box.score)
         for key, box in found.items()
     }
-    return _propose(workshop, accepted, values, author, without)
+    return _propose(workshop, eligible, values, author, without)
 
 
 def localize_by_hand(workshop: Workshop) -> LocalizeReport:
     """Propose a rectangle of the task's size at the target, where nothing has been proposed."""
-    accepted = [c for c in walk(workshop).values() if c.is_accepted]
+    eligible = _eligible(workshop)
     values = {}
-    for candidate in accepted:
+    for candidate in eligible:
         if candidate.localized is None:
             length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
             x, y = _target_m(candidate)
@@ -125,12 +126,23 @@ def localize_by_hand(workshop: Workshop) -> LocalizeReport:
             values[candidate.sample_id] = Localized(
                 corners=_corners(half + np.array([x, y])), source="by_hand"
             )
-    return _propose(workshop, accepted, values, Author(model="target of the screening"), Counter())
+    return _propose(workshop, eligible, values, Author(model="target of the screening"), Counter())
+
+
+def _eligible(workshop: Workshop) -> list[Candidate]:
+    """What is accepted, and what waits for a person who may accept it."""
+    candidates = walk(workshop)
+    waiting = to_inspect(candidates, workshop.settings.inspect)
+    return [
+        candidate
+        for sample_id, candidate in candidates.items()
+        if candidate.is_accepted or (sample_id in waiting and candidate.inspected is None)
+    ]
 
 
 def _propose(
     workshop: Workshop,
-    accepted: Sequence[Candidate],
+    eligible: Sequence[Candidate],
     values: Mapping[str, Localized],
     author: Author,
     without: Counter[str],
@@ -143,7 +155,7 @@ def _propose(
             inputs=candidate.pictures,
             value=values[candidate.sample_id].model_dump(mode="json", exclude_none=True),
         )
-        for candidate in accepted
+        for candidate in eligible
         if candidate.sample_id in values and candidate.localized != values[candidate.sample_id]
     ]
     workshop.append(*records)

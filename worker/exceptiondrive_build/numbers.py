@@ -86,7 +86,7 @@ def cells(
 
 
 def audit(candidates: Mapping[str, Candidate], settings: InspectSection) -> Audit | None:
-    """What people said of the random draw of accepted edits; None before they have said anything."""
+    """What people said of the random draw of accepted edits; None before they said anything."""
     words = [
         candidates[sample_id].inspected
         for sample_id in draw(candidates, settings)
@@ -121,7 +121,7 @@ def wilson(share: float, n: float, confidence: float = CONFIDENCE) -> Interval:
 def finite_population(
     share: float, n: int, population: int, confidence: float = CONFIDENCE
 ) -> Interval:
-    """The same for a draw without replacement: n grows by (N - 1) / (N - n), as variance shrinks."""
+    """The same for a draw without replacement: n grows by (N - 1) / (N - n)."""
     if n >= population:
         return share, share
     return wilson(share, n * (population - 1) / (population - n), confidence)

@@ -71,7 +71,7 @@ def localize_command(
     workshop: WorkshopFolder = Path(),
     json: Json = False,
 ) -> None:
-    """Propose a region for every accepted candidate."""
+    """Propose a region for every edit that is accepted, or waits for a person who may accept it."""
     if (detections is None) != by_hand:
         raise typer.BadParameter("give either --detections FILE or --by-hand")
     with Workshop(workshop) as opened:

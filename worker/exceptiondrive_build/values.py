@@ -68,7 +68,7 @@ class Change(Document):
         outside: Everywhere else.
     """
 
-    inside: float | None
+    inside: float | None = None
     outside: float
 
 

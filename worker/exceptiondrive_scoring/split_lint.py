@@ -1,7 +1,7 @@
 """Lint: what makes a split that can be scored a bad benchmark (docs/building-a-split.md).
 
-Warnings, not refusals: each may be meant. They are withheld, like what they are found in: sample ids
-stay with the worker and the workshop, readers elsewhere get code, sentence and count.
+Warnings, not refusals: each may be meant. They are withheld, like what they are found in: sample
+ids stay with the worker and the workshop, readers elsewhere get code, sentence and count.
 
 A control is a region that no good driver would heed; it is judged the other way round. What a car
 can do is asked with its speed at t = 0 on the recorded path; a sample without one is given the

@@ -7,10 +7,8 @@ from datetime import UTC, datetime
 from sqlalchemy import ColumnElement, exists, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.policy import (
-    has_closed,
     is_anonymous,
     is_late,
     is_split_revealed,
@@ -139,52 +137,36 @@ def replaced_by(session: Session, submission: Submission) -> str | None:
     """Return what stands on the board in place of a scored submission of the same team.
 
     A later run of the same method, or the one that stands for the team where the phase shows one of
-    each; None where it stands itself, or is no entry at all.
+    each; None where it stands itself, or is no entry at all. Late ones stand apart.
     """
     phase = session.get_one(Phase, submission.phase_id)
     if submission.status is not SubmissionStatus.SCORED or not _is_public(phase, submission):
         return None
-    standing = standing_of(session, phase, submission.team_id, submission.method, submission)
-    return None if standing is None or standing.id == submission.id else standing.id
-
-
-def standing_of(
-    session: Session, phase: Phase, team_id: int, method: str, beside: Submission | None = None
-) -> Submission | None:
-    """Return the submission that a scored one of this team and method stands beside or replaces.
-
-    Args:
-        session: To read with.
-        phase: Where it competes.
-        team_id: Whose it is.
-        method: Name of the method.
-        beside: The submission itself, where there is one: late ones stand apart.
-    """
-    team = session.get_one(Team, team_id)
+    team = session.get_one(Team, submission.team_id)
+    is_late_one = is_late(phase, submission)
+    shows_one = phase.policy.entries_shown == "chosen" and not is_late_one and not team.is_reference
     query = (
         select(Submission)
         .where(
             Submission.phase_id == phase.id,
-            Submission.team_id == team_id,
+            Submission.team_id == team.id,
             stood_at_deadline(phase),
+            *([] if shows_one else [Submission.method == submission.method]),
         )
         .order_by(Submission.received_at, Submission.id)
-    )
-    is_late_one = (
-        is_late(phase, beside) if beside is not None else has_closed(phase, database_now(session))
     )
     stood = [
         _Scored(each, team, "")
         for each in session.scalars(query)
         if _is_public(phase, each) and is_late(phase, each) == is_late_one
     ]
-    is_one_of_team = phase.policy.entries_shown == "chosen" and not is_late_one
-    if is_one_of_team and not team.is_reference:
-        due = _of_teams(stood)
-    else:
-        due = _of_methods(each for each in stood if each.submission.method == method)
-    is_there = SubmissionStatus.SCORED
-    return next((each.submission for each in due if each.submission.status is is_there), None)
+    due = _of_teams(stood) if shows_one else _of_methods(stood)
+    standing = [each.submission for each in due]
+    return next((each.id for each in standing if each is not submission and _is_scored(each)), None)
+
+
+def _is_scored(submission: Submission) -> bool:
+    return submission.status is SubmissionStatus.SCORED
 
 
 def _scored_under(

@@ -1,4 +1,4 @@
-"""Which revisions of a split readers know of: those that a phase stands at, or a board was shown of.
+"""Which revisions of a split readers know of: a phase stands at them, or a board was shown.
 
 A revision that is registered for a run in preparation is not among them.
 """

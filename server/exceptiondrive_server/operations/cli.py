@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import uvicorn
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
@@ -98,6 +97,8 @@ def roles() -> None:
 @app.command()
 def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     """Serve API and pages, in one process."""
+    import uvicorn
+
     from exceptiondrive_server.app import app_from_environment
 
     application = app_from_environment()

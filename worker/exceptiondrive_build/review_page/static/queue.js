@@ -169,7 +169,9 @@ export class CardQueue {
     if (progress.third) {
       waiting.push(`On ${progress.third} two readers differ: a third decides, who must be somebody else.`);
     }
-    find("empty-words").textContent = waiting.join(" ") || "Every card of this queue is decided.";
+    const nothing = progress.cards ? "Every card of this queue is decided."
+      : "No candidate has come this far yet: the stages before have to be run first.";
+    find("empty-words").textContent = waiting.join(" ") || nothing;
   }
 
   #choose(isOpen) {
