@@ -3,12 +3,13 @@
 from pathlib import Path
 
 import pytest
-from tests.support import reference
+from tests.support import realdata, reference
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.private_store import PrivateStore
-from exceptiondrive_worker.split_store import load_split, read_split
+from exceptiondrive_worker.split_store import load_split
 from exceptiondrive_worker.stages import Stages, Target
 from exceptiondrive_worker.upload_reader import read_upload
 
@@ -18,7 +19,8 @@ def test_the_exact_sheet_equals_the_reference(
     name: str, tmp_path: Path, protocol: ProtocolDocument
 ) -> None:
     case = reference.reference(name, tmp_path)
-    split = load_split(read_split(case.split), protocol)
+    document = realdata.split_document(case.split, case.recorded)
+    split = load_split(Split.model_validate_json(document), protocol)
     stages = Stages(
         PrivateStore(tmp_path / "private"),
         lambda digest: case.file.read_bytes(),

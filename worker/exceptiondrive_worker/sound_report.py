@@ -9,6 +9,8 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import TrajectoryPair
 from exceptiondrive_schemas.check.source_fit import file_profile
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.file_profile import FileProfile, Mend
+from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_worker.stages import Stages, Target
@@ -42,8 +44,25 @@ def sound_report(stages: Stages, target: Target, size_bytes: int) -> CheckReport
         n_predictions=len(manifest.sample_ids),
         digest=target.file_digest,
         size_bytes=size_bytes,
-        profile=profile,
+        profile=None if profile is None else _rounded(profile, protocol.publication),
     )
+
+
+def _rounded(profile: FileProfile, publication: PublicationSection) -> FileProfile:
+    """Round metres and shares to the digits that the protocol publishes."""
+    mend = profile.mend
+
+    def digits(name: str) -> int:
+        is_metres = name.endswith(("_m", "_mps"))
+        return publication.metre_decimals if is_metres else publication.percent_decimals + 2
+
+    def of(document: FileProfile | Mend) -> dict[str, float]:
+        return {
+            name: round(value, digits(name)) for name, value in document if isinstance(value, float)
+        }
+
+    mended = None if mend is None else mend.model_copy(update=of(mend))
+    return profile.model_copy(update={**of(profile), "mend": mended})
 
 
 def _flat(waypoints_m: FloatArray) -> array[float] | None:
