@@ -6,7 +6,7 @@ SIGKILL; what both freeze has to be the same, byte for byte.
 """
 
 import argparse
-import os
+import re
 import signal
 import socket
 import subprocess
@@ -96,19 +96,33 @@ def _stage(shop: Path, stage: str, kills: int) -> Measured:
         began = time.monotonic()
         while _n_lines(shop, stage) < n_calls * number / (kills + 1):
             time.sleep(0.05)
+        peak_mib = max(peak_mib, _peak_mib(process))
         process.send_signal(signal.SIGKILL)
-        _, _, usage = os.wait4(process.pid, 0)
-        wall_s, peak_mib = wall_s + time.monotonic() - began, max(peak_mib, usage.ru_maxrss / 1024)
+        process.wait()
+        wall_s += time.monotonic() - began
     last = _command(stage, shop, "run", stage)
     return Measured(stage, wall_s + last.wall_s, max(peak_mib, last.peak_mib), kills)
 
 
 def _command(name: str, shop: Path, *arguments: str) -> Measured:
     process, began = _start(shop, *arguments), time.monotonic()
-    _, status, usage = os.wait4(process.pid, 0)
-    if status:
-        raise SystemExit(f"{name} ended with {os.waitstatus_to_exitcode(status)}")
-    return Measured(name, time.monotonic() - began, usage.ru_maxrss / 1024)
+    peak_mib = 0.0
+    while process.poll() is None:
+        peak_mib = max(peak_mib, _peak_mib(process))
+        time.sleep(0.05)
+    if process.returncode:
+        raise SystemExit(f"{name} ended with {process.returncode}")
+    return Measured(name, time.monotonic() - began, peak_mib)
+
+
+def _peak_mib(process: subprocess.Popen[bytes]) -> float:
+    """Largest resident memory since the process began its program; 0 once it has ended."""
+    try:
+        status = Path(f"/proc/{process.pid}/status").read_text("utf-8")
+    except OSError:
+        return 0.0
+    found = re.search(r"VmHWM:\s+(\d+) kB", status)
+    return int(found[1]) / 1024 if found else 0.0
 
 
 def _start(shop: Path, *arguments: str) -> subprocess.Popen[bytes]:

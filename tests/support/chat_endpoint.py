@@ -128,7 +128,10 @@ class ChatEndpoint:
             protocol_version = "HTTP/1.1"
 
             def do_POST(self) -> None:
-                body = self.rfile.read(int(self.headers["Content-Length"]))
+                length = int(self.headers["Content-Length"])
+                body = self.rfile.read(length)
+                if len(body) < length:
+                    raise ConnectionError("the client was killed in mid-request")
                 head = f"{self.requestline}\n{self.headers}".encode()
                 reply = endpoint.reply(Seen(head, body))
                 self.send_response(reply.status)
