@@ -189,11 +189,12 @@ def test_silent_and_slow_connections_are_ended_and_others_are_served(hasty_site:
 
 @pytest.mark.row("I16")
 def test_a_body_that_stops_coming_reaches_no_server(hasty_site: Nginx) -> None:
+    """But an upload, which the server itself ends: tests/hostile/test_connections.py."""
     plain = socket.create_connection(("127.0.0.1", hasty_site.port), timeout=30)
     trust = ssl.create_default_context(cafile=str(hasty_site.certificate))
     with trust.wrap_socket(plain, server_hostname="127.0.0.1") as connection:
         connection.sendall(
-            b"POST /api/v1/submissions HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\n0"
+            b"POST /api/v1/registrations HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\n0"
         )
         assert not until_closed(connection).startswith(b"HTTP/1.1 5"), "it was passed on"
 

@@ -14,6 +14,7 @@ from sqlalchemy import delete, select
 from tests.support.fair_share import TeamQueue, served, team_to_serve
 
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
@@ -97,6 +98,7 @@ def test_the_query_orders_all_that_waits_as_the_model_does(
     world: World, teams: list[tuple[int, int, int, int | None]]
 ) -> None:
     """What waits is also told its place by this query, so that each gets the place it is told."""
+    world.submit("of all jobs", "of all jobs")
     with world.database.write() as session:
         session.execute(delete(Job))
         ids = [team_of(session, number) for number in range(len(teams))]
@@ -154,7 +156,17 @@ def add_job(
     leased_at: datetime | None = None,
     state: WorkState | None = None,
 ) -> None:
-    job = new_item(Job, str(number), created_at, lane=Lane.LIVE, team_id=team_id, is_first=True)
+    job = new_item(
+        Job,
+        str(number),
+        created_at,
+        lane=Lane.LIVE,
+        submission_id=session.scalars(select(Submission.id)).first(),
+        team_id=team_id,
+        protocol_digest=session.scalars(select(Phase.protocol_digest)).first(),
+        split_revision="sha256:split",
+        is_first=True,
+    )
     if leased_at is not None:
         job.leased_at = leased_at
         job.state = state or WorkState.LEASED
