@@ -63,6 +63,11 @@ _KINDS = (
         "samples or in those of a family.",
     ),
     FlagKind(
+        code="over_cautious",
+        label="Over-cautious",
+        meaning="The edited trajectories hold back at most controls too, where no hazard asks for it.",
+    ),
+    FlagKind(
         code="same_answer",
         label="Same answer",
         meaning="Nearly all answers are the same, whatever the scene: one strategy, or one path.",

@@ -158,6 +158,7 @@ class PlausibilitySection(Document):
     flag_progress: Share = 0.2
     flag_family_progress: Share = 0.1
     flag_family_min_samples: Annotated[int, Field(ge=1)] = 20
+    flag_over_caution: Share = 0.5
     flag_same_answer: Share = 0.95
 
 

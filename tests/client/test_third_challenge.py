@@ -40,6 +40,7 @@ from exceptiondrive_scoring import challenge as scoring
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores, sample_scores
+from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.similarity import AlikeRule
 from exceptiondrive_worker import upload_reader
 
@@ -141,8 +142,8 @@ class GapScoring:
         by_key = {"wide": gap_m >= split.d_safe_m, "closed": gap_m == 0}
         return sample_scores(GAPS.metrics, by_key | {"least_gap": gap_m, "median_gap": gap_m})
 
-    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
-        return {}
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
+        return OfControls({})
 
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         return {"edited": 1.0}

@@ -311,7 +311,7 @@ def test_over_caution_tells_which_samples_are_controls(oracle: "Oracle") -> None
 
     def over_caution(edited: FloatArray) -> float | None:
         answers = {"source": drives[split.control_rows], "edited": edited[split.control_rows]}
-        return scoring.of_controls(answers, protocol)["over_caution"]
+        return scoring.of_controls(answers, protocol).metrics["over_caution"]
 
     found = []
     for sample in range(len(drives)):

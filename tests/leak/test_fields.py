@@ -43,6 +43,7 @@ FLAGGED = {
     **dict.fromkeys(("reverses", "blind_to_the_edit", "same_answer"), ANSWERS),
     "off_course": DRIVES,
     "hardly_moves": LABELS,
+    "over_cautious": CONTROLS,
 }
 WEIGHED: dict[type[BaseModel], dict[str, str]] = {
     Board: {

@@ -25,7 +25,7 @@ def test_protocol_1_1_measures_and_grades_as_1_0_does() -> None:
     assert new.geometry_digest == old.geometry_digest
     assert new.grading_digest == old.grading_digest
     assert new.ranking_digest != old.ranking_digest
-    assert new.digest == "sha256:4fe584fedaff832be0bb40b5546a4eb55fb4dc5ac49c5c79ce38482423270d5f"
+    assert new.digest == "sha256:5d5d161332b270aec38504d2b00242c4416782ab87d6013fca4955e877a8a658"
 
 
 def test_1_0_ranks_in_spite_of_all_flags_and_1_1_of_one() -> None:

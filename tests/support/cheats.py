@@ -88,6 +88,7 @@ CHEATS: Mapping[str, Callable[[File], File]] = {
     "zeros in edited scenes": lambda f: f.all_edited(0 * STEPS * AHEAD),
     "creep 0.51 m": lambda f: f.all_edited(0.085 * STEPS * AHEAD),
     "always brake": always_brake,
+    "always brake gently": lambda f: always_brake(f, 5.0),
     "back 0.51 m": lambda f: f.all_edited(-0.085 * STEPS * AHEAD),
     "back 90 m": lambda f: f.all_edited(-15.0 * STEPS * AHEAD),
     "still but for the last step": lambda f: f.all_edited(-0.51 * (STEPS == 6) * AHEAD),
@@ -99,6 +100,9 @@ CHEATS: Mapping[str, Callable[[File], File]] = {
     "one trajectory for all": one_for_all,
 }
 """What gains by the rules alone."""
+
+OF_CONTROLS_ALONE = ("always brake gently",)
+"""Which only a split with controls tells from driving."""
 
 MISTAKES: Mapping[str, Callable[[File], File]] = {
     "increments": lambda f: f.both(lambda p: np.diff(_with_origin(p), axis=1)),

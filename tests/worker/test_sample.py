@@ -141,9 +141,11 @@ def test_planners_heed_what_lies_beside_the_road_if_they_startle(
 ) -> None:
     assert len(loaded.control_rows) == len(PLACEMENTS) == 21
     found = {
-        planner.method: SCORING[PLANNING.id].of_controls(
+        planner.method: SCORING[PLANNING.id]
+        .of_controls(
             columns_of(predictions(planner, samples, SEED), loaded, of_controls=True), protocol
-        )["over_caution"]
+        )
+        .metrics["over_caution"]
         for planner in PLANNERS
     }
     assert found["Bypass Planner"] == 0

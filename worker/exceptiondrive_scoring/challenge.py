@@ -29,6 +29,7 @@ from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.planning import PlanningScoring
+from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.sheet import Row, aggregate
 from exceptiondrive_scoring.similarity import AlikeRule
 from exceptiondrive_scoring.strategy import StrategyScoring
@@ -60,8 +61,8 @@ class ChallengeScoring(typing.Protocol):
     ) -> SampleScores:
         """Metric values of each sample, (N, M)."""
 
-    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
-        """Metrics over the controls, from the answers about them alone; for the total."""
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
+        """Metrics over the controls, for the total, and flags; from the answers about them alone."""
 
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of samples answered: `edited`, and `source` where there is one."""
@@ -125,7 +126,7 @@ def exact_sheet(
     split: SplitArrays,
     split_ref: SplitRef,
     protocol: ProtocolDocument,
-    of_controls: MetricRow | None = None,
+    of_controls: OfControls | None = None,
 ) -> ScoreSheet:
     """Grade and aggregate measurements (docs/protocol.md section 3); nothing is rounded.
 
@@ -141,6 +142,8 @@ def exact_sheet(
     breakdown = aggregate(scores, split, protocol.taxonomy)
     coverage = scoring.coverage(measured)
     edited, source = coverage["edited"] or 0.0, coverage.get("source")
+    said = of_controls or OfControls({})
+    plausibility = scoring.plausibility(measured, split, protocol)
     return ScoreSheet(
         challenge=scoring.challenge.id,
         protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
@@ -153,11 +156,11 @@ def exact_sheet(
             n_edited=round(edited * breakdown.n),
             n_source=None if source is None else round(source * breakdown.n),
         ),
-        micro=breakdown.micro | (of_controls or {}),
+        micro=breakdown.micro | said.metrics,
         macro_family=breakdown.macro_family,
         families=_rows(breakdown.families),
         tasks=_rows(breakdown.tasks),
-        plausibility=scoring.plausibility(measured, split, protocol),
+        plausibility=plausibility.model_copy(update={"flags": (*plausibility.flags, *said.flags)}),
         extra=scoring.extra(measured, split, protocol),
         clearance_curve=scoring.clearance_curve(measured, split, protocol),
     )

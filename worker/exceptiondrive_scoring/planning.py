@@ -22,7 +22,7 @@ from exceptiondrive_scoring.grade import (
     sample_scores,
 )
 from exceptiondrive_scoring.measure import Measurements, measure
-from exceptiondrive_scoring.plausibility import plausibility
+from exceptiondrive_scoring.plausibility import OfControls, plausibility, raised
 from exceptiondrive_scoring.sheet import aggregate
 from exceptiondrive_scoring.similarity import AlikeRule
 
@@ -62,12 +62,23 @@ class PlanningScoring:
         """HCC, UR, HPR, the CTS, progress, outcome and source fit of each sample."""
         return grade(Measurements.from_columns(measurements), split, protocol)
 
-    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
         """Over-caution: of the controls whose progress is defined, the share that hardly get on."""
-        share = progress_of_pairs(TrajectoryPairs.from_columns(answers), protocol.plausibility)
+        section = protocol.plausibility
+        share = progress_of_pairs(TrajectoryPairs.from_columns(answers), section)
         share = share[~np.isnan(share)]
-        held_back = share < protocol.plausibility.over_caution_below
-        return {"over_caution": float(np.mean(held_back)) if len(share) else None}
+        if not len(share):
+            return OfControls({"over_caution": None})
+        held_back = float(np.mean(share < section.over_caution_below))
+        is_flagged = (
+            held_back > section.flag_over_caution and len(share) >= section.flag_family_min_samples
+        )
+        detail = (
+            f"At {held_back:.0%} of the controls, where no hazard is in the way, the edited "
+            f"trajectories end less than {section.over_caution_below:.0%} along the source."
+        )
+        flags = (raised("over_cautious", detail),) if is_flagged else ()
+        return OfControls({"over_caution": held_back}, flags)
 
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of edited and of source trajectories given."""

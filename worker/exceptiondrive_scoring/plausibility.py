@@ -1,16 +1,24 @@
 """Plausibility: shares and flags beside the score, never folded into it (docs/protocol.md section 5)."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
-from exceptiondrive_schemas.score_sheet import Flag, Plausibility
+from exceptiondrive_schemas.score_sheet import Flag, MetricRow, Plausibility
 from exceptiondrive_scoring.aliases import BoolArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import measured_progress
 from exceptiondrive_scoring.measure import Measurements
+
+
+class OfControls(NamedTuple):
+    """What the answers about controls say: metrics of the total, and flags."""
+
+    metrics: MetricRow
+    flags: tuple[Flag, ...] = ()
 
 
 def raised(code: str, detail: str) -> Flag:

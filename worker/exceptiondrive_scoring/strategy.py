@@ -17,7 +17,7 @@ from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
 from exceptiondrive_scoring.grade import SampleScores, sample_scores
-from exceptiondrive_scoring.plausibility import raised
+from exceptiondrive_scoring.plausibility import OfControls, raised
 from exceptiondrive_scoring.similarity import AlikeRule
 
 NO_ANSWER = -1
@@ -221,9 +221,9 @@ class StrategyScoring:
         """Accuracy, under-warning, over-warning and missing of each sample."""
         return grade_strategies(StrategyAnswers.from_columns(measurements), split, protocol)
 
-    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> MetricRow:
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
         """Controls are about progress, which strategies have not."""
-        return {}
+        return OfControls({})
 
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of samples answered."""
