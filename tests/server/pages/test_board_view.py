@@ -19,7 +19,9 @@ def view(board: Board, protocol: ProtocolDocument, **query: Any) -> BoardTable:
 
 def test_the_columns_of_a_planning_board() -> None:
     columns = [column.key for column in metric_columns(PLANNING, BoardQuery())]
-    assert columns == ["hcc", "ur", "hpr", "cts", "cts_x", "cts_y"]
+    assert columns == [metric.key for metric in PLANNING.columns]
+    assert tuple(columns[: len(KEYS)]) == KEYS
+    assert not {"progress", "clear", "source_l2_m"}.intersection(columns)
 
 
 def test_the_outcome_bar_draws_shares_of_samples_one_beside_the_other(
