@@ -131,7 +131,8 @@ def test_a_flow_in_a_cookie_of_ones_own_making_is_refused(small_site: "Api", per
     ada, forger = person(small_site), person(small_site)
     back = ada.provider.visit(ada.begin())
     cookie = ada.browser.client.cookies["__Host-sign-in"]
-    forger.browser.client.cookies.set("__Host-sign-in", cookie[:-1] + chr(ord(cookie[-1]) ^ 1))
+    other = "A" if cookie[-5] != "A" else "B"  # the last letter holds bits that count for nothing
+    forger.browser.client.cookies.set("__Host-sign-in", f"{cookie[:-5]}{other}{cookie[-4:]}")
     assert_refused(forger.come_back(back), forger, 400)
 
 

@@ -20,7 +20,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 Stage = Any
 WHY = (
-    "flagged Stands still and Impossible motion and Hardly moves; protocol 1.1 ranks no such entry"
+    "flagged Stands still, Impossible motion and Hardly moves; protocol 1.1 ranks no such entry"
 )
 REASON = ("--reason", "a parked car is no planner")
 

@@ -117,7 +117,7 @@ def test_under_1_1_flagged_entries_are_listed_below_in_the_order_that_they_would
     rows = {row.method: row for row in teams(board)}
     assert rows["parked"].unranked_flags == ("stands_still", "impossible_motion", "hardly_moves")
     assert rows["parked"].unranked_because == (
-        "flagged Stands still and Impossible motion and Hardly moves; protocol 1.1 ranks no such entry"
+        "flagged Stands still, Impossible motion and Hardly moves; protocol 1.1 ranks no such entry"
     )
     assert rows["parked"].metrics["hcc"] == 1.0, "the numbers stay"
     assert rows["parked"].intervals["hcc"] is not None

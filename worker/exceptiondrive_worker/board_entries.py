@@ -226,7 +226,8 @@ class _Rows:
         )
         reasons = []
         if flags:
-            labels = " and ".join(FLAGS[code].label for code in flags)
+            *first, last = (FLAGS[code].label for code in flags)
+            labels = f"{', '.join(first)} and {last}" if first else last
             reasons.append(
                 f"flagged {labels}; protocol {self._protocol.version} ranks no such entry"
             )

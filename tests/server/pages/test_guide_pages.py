@@ -53,7 +53,7 @@ async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_
     text = " ".join((await site.get("/protocols/1.1")).text.split())
     assert (
         "listed with its numbers, and takes no rank: Stands still, Source stands still, "
-        "Impossible motion, Reverses, Off course, Hardly moves, Same answer."
+        "Impossible motion, Reverses, Off course, Hardly moves, Over-cautious, Same answer."
     ) in text
     assert "A mean over fewer than 5 scenes has no interval." in text
     assert "more than 5 m from the drive that was recorded" in text
