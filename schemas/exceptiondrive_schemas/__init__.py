@@ -2,3 +2,5 @@
 
 Every other package stands on this one; it stands on pydantic alone.
 """
+
+from exceptiondrive_schemas.check import rules as _rules  # noqa: F401  registers all challenges

@@ -1,8 +1,8 @@
 """The challenges as data: which file they take, which metrics they give, what ranks.
 
-A challenge differs from its siblings only in three places, each registered under its identifier:
-here and in how its file is checked (`exceptiondrive_schemas.check.register`), and in how it is
-measured and graded (`exceptiondrive_scoring.challenge.register`, which the server never imports).
+A challenge differs from its siblings in two registrations: its metrics and words, with how its file
+is checked (`exceptiondrive_schemas.check.rules`), and how it is measured and graded
+(`exceptiondrive_scoring.challenge`, which the server never imports).
 Upload, jobs, records, rescoring, boards and pages are the same code.
 """
 
@@ -578,8 +578,7 @@ class Registry(Mapping[ChallengeId, Registered]):
 
 
 CHALLENGES: Registry[Challenge] = Registry()
-for _challenge in (PLANNING, STRATEGY):
-    CHALLENGES.register(_challenge.id, _challenge)
+"""Filled by `exceptiondrive_schemas.check.rules`, which every import of this package runs."""
 
 
 def challenge_of_file(file_schema: str) -> Challenge | None:

@@ -1,5 +1,12 @@
 """What every document keeps: its digests follow its fields."""
 
+import subprocess
+import sys
+
+import pytest
+
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.check.rules import RULES
 from exceptiondrive_schemas.protocol import (
     packaged_protocol,
     packaged_protocol_toml,
@@ -25,3 +32,13 @@ def test_what_was_derived_is_no_part_of_the_document() -> None:
     assert protocol.digest
     assert protocol == fresh
     assert protocol.model_dump(mode="json") == fresh.model_dump(mode="json")
+
+
+@pytest.mark.parametrize(
+    "module", ["exceptiondrive_schemas.challenges", "exceptiondrive.cli.tables"]
+)
+def test_whatever_is_imported_first_every_challenge_is_known(module: str) -> None:
+    script = f"import {module}\nfrom exceptiondrive_schemas.challenges import CHALLENGES as known\n"
+    command = [sys.executable, "-c", f"{script}print(*known)"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == list(CHALLENGES) == list(RULES)

@@ -48,8 +48,6 @@ class PredictionRules(Protocol):
 
 
 RULES: Registry[type[PredictionRules]] = Registry()
-RULES.register(PLANNING.id, PlanningRules)
-RULES.register(STRATEGY.id, StrategyRules)
 
 
 def register(challenge: Challenge, rules: type[PredictionRules]) -> None:
@@ -60,6 +58,10 @@ def register(challenge: Challenge, rules: type[PredictionRules]) -> None:
     """
     CHALLENGES.register(challenge.id, challenge)
     RULES.register(challenge.id, rules)
+
+
+register(PLANNING, PlanningRules)
+register(STRATEGY, StrategyRules)
 
 
 def challenge_by_key(key: str) -> ChallengeId | None:

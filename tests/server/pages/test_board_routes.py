@@ -158,7 +158,7 @@ async def shown_order(site: Any, query: str) -> list[list[str]]:
 async def test_the_default_sort_is_one_constant(
     lively_site: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    by_rank = await shown_order(lively_site, "")
+    by_rank = await shown_order(lively_site, "?sort=rank")
     monkeypatch.setattr(board_query, "DEFAULT_SORT", "-ur")
     by_ur = await shown_order(lively_site, "")
     board = Board.model_validate_json((await lively_site.get("/api/v1/leaderboard")).content)

@@ -9,17 +9,19 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.queries import own_board
-from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.query import BY_RANK, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
 
 
 def view(board: Board, protocol: ProtocolDocument, **query: Any) -> BoardTable:
-    return board_table(own_board(board), protocol, BoardQuery(**query))
+    return board_table(own_board(board), protocol, BoardQuery(**{"sort": BY_RANK, **query}))
 
 
 def test_the_columns_of_a_planning_board() -> None:
     columns = [column.key for column in metric_columns(PLANNING, BoardQuery())]
-    assert columns == ["hcc", "ur", "hpr", "cts", "cts_x", "cts_y"]
+    assert columns == [metric.key for metric in PLANNING.columns]
+    assert tuple(columns[: len(KEYS)]) == KEYS
+    assert not {"progress", "clear", "source_l2_m"}.intersection(columns)
 
 
 def test_the_outcome_bar_draws_shares_of_samples_one_beside_the_other(
