@@ -352,7 +352,9 @@ class Endpoint:
         except openai.APITimeoutError:
             raise NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries") from None
         except openai.APIConnectionError as error:
-            detail = f"no connection, after retries: {self._clean(str(error.__cause__ or error))}"
+            where = self._client.base_url.copy_with(userinfo=b"")
+            said = self._clean(str(error.__cause__ or error))
+            detail = f"no connection to {where}, after retries: {said}"
             raise NoAnswerError(Reason.CONNECTION, detail) from None
         except (openai.BadRequestError, openai.UnprocessableEntityError):
             raise

@@ -249,6 +249,14 @@ def test_what_the_endpoint_is_to_blame_for_stays_open(
     assert report(shop, "screen")["still_open"] == 0
 
 
+def test_an_endpoint_that_is_not_there_is_named(shop: Path, stand_in: StandIn) -> None:
+    change(shop, "workshop.toml", stand_in.base_url, "http://127.0.0.1:1/v1")
+    change(shop, "workshop.toml", "concurrency = 8", "concurrency = 8\nmax_retries = 0")
+    done = run(shop, "screen", "--limit", "1")
+    assert done.exit_code == 5
+    assert "no connection to http://127.0.0.1:1/v1/" in " ".join(done.output.split())
+
+
 @pytest.mark.parametrize(
     ("fault", "exit_code", "said"),
     [

@@ -11,6 +11,7 @@ from exceptiondrive_build.cli import app
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Author, Kind, Record, Records, newest
 from exceptiondrive_build.workshop import Workshop, new_workshop
+from exceptiondrive_schemas.protocol import NEWEST
 
 ADA, GRACE = Author(person="ada"), Author(person="grace")
 KEY = "0" * 64
@@ -36,6 +37,7 @@ def word(candidate: str, by: Author, passed: bool, supersedes: int | None = None
 def test_a_new_workshop_opens_with_words_for_every_task(workshop: Workshop) -> None:
     assert workshop.settings.name == "made-2027"
     assert len(workshop.tasks) == 21
+    assert workshop.protocol.version == NEWEST
     assert set(workshop.task_texts) == {task.id for task in workshop.tasks}
     assert workshop.keyframes == {}
 

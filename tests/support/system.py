@@ -132,7 +132,9 @@ class System:
         return self.organize("teams", "create", slug, slug, "--with-token").strip()
 
     def open_phase(self, phase: str, split: str, *options: str) -> None:
-        """Open a phase on a registered split."""
+        """Open a phase on a registered split, under 1.0 unless the options say otherwise."""
+        if "--protocol" not in options:
+            options = ("--protocol", "1.0", *options)
         options = ("--split", split, "--title", phase, "--quota-per-day", "50", *options)
         self.organize("phases", "create", phase, *options)
 

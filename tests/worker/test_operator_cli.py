@@ -42,6 +42,18 @@ def operate(
 Operate = Callable[..., tuple[int, str, str]]
 
 
+def test_a_database_in_which_nothing_is_set_up_yet_is_said_to_be_one(
+    operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", f"sqlite:///{tmp_path}/empty.sqlite3")
+    assert operate("make-sample")[0] == 0
+    code, _, err = operate("register-splits")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "no such table" in err
+    assert "exceptiondrive-server migrate" in err
+    assert "EXCEPTIONDRIVE_DATABASE_URL" in err
+
+
 def put(tmp_path: Path, split: Split) -> Path:
     path = tmp_path / "splits" / split.name / "split.json"
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -22,6 +22,7 @@ from exceptiondrive_build.records import Kind, Record, Records
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.settings import TaskTexts, WorkshopSettings
 from exceptiondrive_schemas.protocol import (
+    NEWEST,
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
@@ -102,7 +103,7 @@ class Workshop:
             BuildError: Its file cannot be read.
         """
         if not self.settings.protocol:
-            return packaged_protocol()
+            return packaged_protocol(NEWEST)
         try:
             return parse_protocol(self.text(self.settings.protocol))
         except ProtocolError as error:

@@ -47,8 +47,9 @@ def create(
         str, typer.Option("--challenge", metavar="C", help="planning or strategy.")
     ] = "planning",
     protocol: Annotated[
-        str, typer.Option("--protocol", metavar="V", help="Version or digest.")
-    ] = "1.0",
+        str | None,
+        typer.Option("--protocol", metavar="V", help="Version or digest; else the one added last."),
+    ] = None,
     server: options.Server = None,
     json: options.Json = False,
     **settings: Any,
@@ -59,10 +60,10 @@ def create(
         "split": split,
         "split_revision": split_revision,
         "challenge": challenge,
-        "protocol": protocol,
         **_document(settings),
     }
     with open_organizer(server) as organizer:
+        wanted["protocol"] = protocol or organizer.protocols()[-1]["version"]
         phase = organizer.create_phase(wanted)
     show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples")
 

@@ -25,6 +25,8 @@ __all__ = ["Database", "database_now"]
 _WRITES = "exceptiondrive_writes"
 BUSY_TIMEOUT_MS = 15_000
 _INSUFFICIENT_PRIVILEGE = "42501"
+_UNDEFINED_TABLE = "42P01"
+_NO_TABLE = "no such table"  # SQLite has no code of its own for it
 
 
 class Database:
@@ -59,9 +61,14 @@ def sentence_of(error: DBAPIError) -> str:
     """Return what a database said and what an operator does about it, without what was asked.
 
     Raises:
-        DBAPIError: The error itself, where it is neither an outage nor a missing right.
+        DBAPIError: The error itself, where it is neither an outage nor a missing right or table.
     """
     said = str(error.orig).partition("\n")[0]
+    if said.startswith(_NO_TABLE) or getattr(error.orig, "sqlstate", None) == _UNDEFINED_TABLE:
+        return (
+            f"{said}; nothing is set up in this database yet: start the server with it, run "
+            "exceptiondrive-server migrate, or name another in EXCEPTIONDRIVE_DATABASE_URL"
+        )
     if getattr(error.orig, "sqlstate", None) == _INSUFFICIENT_PRIVILEGE:
         return f"{said}; its owner gives the rights: exceptiondrive-server migrate --grant-to FILE"
     if isinstance(error, OperationalError):
