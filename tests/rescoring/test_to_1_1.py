@@ -19,9 +19,7 @@ from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 Stage = Any
-WHY = (
-    "flagged Stands still, Impossible motion and Hardly moves; protocol 1.1 ranks no such entry"
-)
+WHY = "flagged Stands still, Impossible motion and Hardly moves; protocol 1.1 ranks no such entry"
 REASON = ("--reason", "a parked car is no planner")
 
 
