@@ -57,7 +57,7 @@ protections: $(STAMP)  ## take each protection of docs/trust.md away and see its
 load: $(STAMP)  ## a deadline rush: hundreds of uploads within minutes, while the board is read
 	$(BIN)/python -m benchmarks.load
 
-pictures: $(STAMP) $(VENV)/.browser  ## take the pictures of the README anew, of the sample board, in light and dark
+pictures: $(STAMP) $(VENV)/.system  ## take the pictures of the README anew, of the sample board, in light and dark
 	$(BIN)/python docs/pictures/take.py
 
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
