@@ -309,5 +309,5 @@ def test_the_menu_of_columns_stays_on_the_screen(visit: Visit, width: int) -> No
 def test_on_a_phone_the_scores_of_every_task_can_be_seen_without_scrolling(visit: Visit) -> None:
     page = visit.open("/entries/s0000000kq", width=360)
     edges = page.evaluate(RIGHT_EDGES, ".tasks-table tbody tr:nth-child(2)")
-    assert len(edges) == 5  # name, samples, bar, and the two metrics that rank
+    assert len(edges) == 4  # name, samples, and the two metrics that rank; no outcome, so no bar
     assert max(edges) <= 360
