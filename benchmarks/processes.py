@@ -64,7 +64,8 @@ def _write(path: Path, n_samples: int, protocol: ProtocolDocument) -> Path:
     workload = make_workload(protocol, n_samples)
     path.write_bytes(upload_text(workload, make_manifest(n_samples, protocol)))
     split = {field.name: getattr(workload.split, field.name) for field in fields(SplitArrays)}
-    np.savez(path.with_suffix(".npz"), **split)
+    given = {name: value for name, value in split.items() if value is not None}
+    np.savez(path.with_suffix(".npz"), **given)
     return path
 
 

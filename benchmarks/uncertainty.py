@@ -41,7 +41,7 @@ def run(protocol: ProtocolDocument) -> None:
         )
     show(
         f"Bootstrap: {protocol.ranking.bootstrap_draws:,} paired draws of {workload.split.n_scenes} "
-        f"scenes, six metrics, both aggregates and six families, N = {workload.split.n_samples:,}",
+        f"scenes, seven metrics, both aggregates and six families, N = {workload.split.n_samples:,}",
         ("entries", "ms", "ms an entry", "x measuring them", "rank intervals ms", "peak MiB"),
         rows,
     )
@@ -54,7 +54,7 @@ def run(protocol: ProtocolDocument) -> None:
 def _sums(workload: Workload, protocol: ProtocolDocument) -> list[SceneSums]:
     split, rng = workload.split, np.random.default_rng(SEED)
     measured = measure(workload.pairs, split.prepared_regions, protocol.geometry)
-    scores = grade(measured, split, protocol)
+    scores = grade(measured, split, protocol).only(PLANNING.interval_metrics)
     return [
         scene_sums(
             SampleScores(
