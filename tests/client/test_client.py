@@ -25,7 +25,7 @@ from exceptiondrive import (
 )
 from exceptiondrive.checking import manifest_of
 from exceptiondrive.client import TeamTokens
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionView
@@ -70,7 +70,7 @@ PHASE: dict[str, Any] = {
 
 @pytest.fixture
 def phase_dev(canned_server: "CannedServer", split_file: Path) -> "CannedServer":
-    manifest = manifest_of(read_split(split_file), packaged_protocol())
+    manifest = manifest_of(given_split(split_file), packaged_protocol())
     canned_server.answer("GET /phases/dev", 200, PHASE)
     canned_server.answer(
         "GET /phases/dev/manifest", 200, manifest.model_dump(mode="json", by_alias=True)
