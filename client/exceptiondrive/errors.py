@@ -13,7 +13,7 @@ ExceptionDriveError
 └── WaitTimeoutError          exit 7   not scored yet; the submission itself is safe
 """
 
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
@@ -147,4 +147,4 @@ class WaitTimeoutError(_SubmissionError):
 
 def utc_text(moment: datetime) -> str:
     """Return a time as people read it: `2026-11-21 00:00 UTC`."""
-    return f"{moment.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+    return f"{moment.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC"
