@@ -222,8 +222,11 @@ class Client(Connection):
         Raises:
             NotFoundError: There is no such phase; the advice names those that there are.
         """
-        with self._naming(phase, lambda: [view.id for view in self.phases()], "phases"):
+        with self._naming(phase, self._phase_ids, "phases"):
             return self._get(PhaseView, f"/phases/{quoted(phase)}")
+
+    def _phase_ids(self) -> list[str]:
+        return [view.id for view in self.phases()]
 
     def quota(self, phase: str | None = None) -> dict[str, Quota]:
         """Return what the team may still submit, by phase; of one phase or of all.
@@ -242,7 +245,7 @@ class Client(Connection):
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""
-        with self._naming(phase, lambda: [view.id for view in self.phases()], "phases"):
+        with self._naming(phase, self._phase_ids, "phases"):
             return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
 
     def protocol(self, version: str) -> ProtocolDocument:
@@ -279,7 +282,9 @@ class Client(Connection):
         try:
             yield
         except NotFoundError as error:
-            names = known()
+            names = known() if name else [name]
+            if name in names:  # something of it is not there
+                raise
             near = get_close_matches(name, names, n=1)
             meant = f"Did you mean {near[0]!r}? " if near else ""
             listed = ", ".join(names[:MAX_NAMES]) + (" ..." if len(names) > MAX_NAMES else "")
@@ -504,7 +509,8 @@ class Client(Connection):
             view: `late`: with the entries that came after the deadline, ranked among all.
         """
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
-        return self._get(Board, "/leaderboard", query)
+        with self._naming(phase or "", self._phase_ids, "phases"):
+            return self._get(Board, "/leaderboard", query)
 
     def leaderboard_csv(
         self,
@@ -518,7 +524,8 @@ class Client(Connection):
     ) -> str:
         """Return a board as CSV, as the server writes it."""
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
-        return self._transport.get("/leaderboard.csv", query).text
+        with self._naming(phase or "", self._phase_ids, "phases"):
+            return self._transport.get("/leaderboard.csv", query).text
 
     def is_on_board(self, submission_id: str) -> bool:
         """Whether a current board shows a submission, with a rank or without."""

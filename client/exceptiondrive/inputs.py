@@ -30,10 +30,13 @@ from exceptiondrive_schemas.split import Manifest, Split
 class DataFrameLike(Protocol):
     """A data frame, as far as it is looked at."""
 
-    attrs: Any
+    @property
+    def columns(self) -> Any:
+        """Names of its columns."""
 
-    def to_dict(self, orient: str) -> Any:
-        """Return its rows or columns."""
+    @property
+    def attrs(self) -> Any:
+        """What is said of it as a whole; `split` may be named there."""
 
 
 class GivenFile(NamedTuple):

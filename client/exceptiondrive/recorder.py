@@ -43,7 +43,7 @@ Path = Union[str, "os.PathLike[str]"]
 Self = TypeVar("Self", bound="Journal")
 
 try:
-    from exceptiondrive.errors import RecorderError
+    from exceptiondrive.errors import RecorderError as RecorderError
 except ImportError:  # copied into a planner's repository
 
     class RecorderError(ValueError):  # type: ignore[no-redef]

@@ -253,6 +253,18 @@ def test_an_upload_that_is_sent_again_is_whole_again(
     assert submission.id == "abc"
 
 
+def test_a_download_tells_how_much_of_it_has_come(
+    canned_server: "CannedServer", split_file: Path
+) -> None:
+    canned_server.answer("GET /splits/tiny", 200, json.loads(split_file.read_bytes()))
+    told: list[tuple[int, int]] = []
+    with Client(canned_server.url) as client:
+        client.split("tiny", on_progress=lambda *done: told.append(done))
+    come, size = told[-1]
+    assert come == size == len(json.dumps(json.loads(split_file.read_bytes())))
+    assert [first for first, _ in told] == sorted(first for first, _ in told)
+
+
 def test_submissions_are_read_page_by_page(canned_server: "CannedServer") -> None:
     canned_server.answer("GET /submissions", 200, {"submissions": [VIEW, VIEW], "next": "abc"})
     canned_server.answer("GET /submissions", 200, {"submissions": [VIEW], "next": None})

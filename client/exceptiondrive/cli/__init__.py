@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_group
 
+from exceptiondrive import __version__
 from exceptiondrive.errors import ExceptionDriveError
 
 HELP = """Check, score and submit trajectory files of the ExceptionDrive benchmark.
@@ -120,9 +121,7 @@ app = typer.Typer(
 
 def _say_version(value: bool) -> None:
     if value:
-        from importlib.metadata import version
-
-        typer.echo(f"exceptiondrive {version('exceptiondrive')}")
+        typer.echo(f"exceptiondrive {__version__}")
         raise typer.Exit
 
 

@@ -1,7 +1,5 @@
 """Progress on stderr, and only where a person sees it."""
 
-from typing import Self
-
 from rich.progress import (
     BarColumn,
     DownloadColumn,
@@ -15,6 +13,7 @@ from rich.table import Column
 
 from exceptiondrive.cli.output import console, has_terminal
 from exceptiondrive.cli.tables import status_line
+from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.submission import SubmissionView
 
 
