@@ -238,6 +238,8 @@ def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], Sc
     if submission is None:
         return [], None
     phase = find_phase(session, submission.phase_id)
+    if phase.visibility == "hidden":
+        return [], None
     shown = (phase.current_board_id, phase.late_board_id)
     rows = boards_with(session, submission_id, shown)
     return rows, published_sheet(session, submission, phase)
