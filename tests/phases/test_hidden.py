@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from fastapi.routing import APIRoute
 from tests.phases.browsing import visitor
 
 from exceptiondrive_server.routes import ROUTES
@@ -16,8 +15,11 @@ if TYPE_CHECKING:
     from tests.phases.conftest import Life
 
 SECRETS = ("veiled-phase", "Veiled title", "Veiled words", "veiled-split")
-FOR_WHO_OWNS = ("/organize", "/api/v1/organizer", "/my", "/submissions", "/api/v1/submissions")
-"""Addresses that answer to organizers, or to the team alone that sent a submission."""
+FOR_WHO_OWNS = (
+    *("/organize", "/api/v1/organizer", "/my", "/submissions", "/api/v1/submissions"),
+    "/metrics",
+)
+"""Addresses that answer to organizers, to the team alone that sent a submission, or inside alone."""
 QUERIES = (
     "phase={phase}",
     "phase={phase}&board=1",
@@ -28,11 +30,11 @@ QUERIES = (
 )
 
 
-def public_routes() -> Iterator[APIRoute]:
-    for route in ROUTES.routes:
-        is_read = isinstance(route, APIRoute) and "GET" in (route.methods or ())
-        if is_read and not route.path.startswith(FOR_WHO_OWNS):
-            yield route
+def public_paths() -> Iterator[str]:
+    for included in ROUTES.routes:
+        for route in included.effective_route_contexts():  # type: ignore[attr-defined]
+            if "GET" in route.methods and not route.path.startswith(FOR_WHO_OWNS):
+                yield route.path
 
 
 def addresses(names: dict[str, str]) -> Iterator[str]:
@@ -50,8 +52,8 @@ def addresses(names: dict[str, str]) -> Iterator[str]:
         "form": "csv",
         "file": "planner.json",
     }
-    for route in public_routes():
-        path = re.sub(r"{(\w+)[^}]*}", lambda found: values.get(found[1], "planning"), route.path)
+    for template in public_paths():
+        path = re.sub(r"{(\w+)[^}]*}", lambda found: values.get(found[1], "planning"), template)
         yield path
         for query in QUERIES:
             yield f"{path}?{query.format(**names)}"

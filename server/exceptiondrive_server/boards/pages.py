@@ -25,7 +25,7 @@ from exceptiondrive_server.boards.queries import (
 )
 from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.table import sorted_board
-from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
+from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import principal_of_browser
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
 
@@ -40,7 +40,7 @@ def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Res
         return RedirectResponse(query.url(), status_code=303)
     with services.database.read() as session:
         who = principal_of_browser(session, request)
-        board = read_board(session, query, with_hidden=sees_hidden(who))
+        board = read_board(session, query, with_hidden=who is not None and who.is_organizer)
         ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
     return page(request, "boards/board.html", "board", page=board, own=own)
