@@ -1,6 +1,6 @@
 """What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import lru_cache
 from math import inf
@@ -218,7 +218,7 @@ def choose_phase(session: Session, query: BoardQuery, *, with_hidden: bool = Fal
     return min(offered, key=lambda phase: _place(phase, order), default=None)
 
 
-def _place(phase: Phase, challenges: list[str]) -> tuple[bool, float, int]:
+def _place(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
     """Where a phase stands among those that may be the front page."""
     position = inf if phase.position is None else phase.position
     return phase.visibility == "archived", position, challenges.index(phase.challenge)
