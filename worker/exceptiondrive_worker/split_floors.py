@@ -6,12 +6,12 @@ audit log. Without a file the defaults hold. A public split has nothing to hold 
 """
 
 import json
-import tomllib
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import tomllib
 from pydantic import Field, ValidationError, model_validator
 
 from exceptiondrive_schemas.base import Document
