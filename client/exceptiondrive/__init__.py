@@ -11,6 +11,8 @@ light.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from exceptiondrive.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from exceptiondrive.checking import check_file
     from exceptiondrive.client import Client, Submission
@@ -31,8 +33,6 @@ if TYPE_CHECKING:
     )
     from exceptiondrive.evaluation import evaluate_file, evaluate_samples
     from exceptiondrive.recorder import Recorder, StrategyRecorder
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Client",

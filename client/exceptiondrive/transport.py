@@ -13,7 +13,6 @@ import httpx
 import stamina
 from pydantic import TypeAdapter, ValidationError
 
-from exceptiondrive import __version__
 from exceptiondrive.credentials import find_server, find_token
 from exceptiondrive.errors import (
     ExceptionDriveError,
@@ -26,6 +25,7 @@ from exceptiondrive.errors import (
     QuotaError,
     ServerError,
 )
+from exceptiondrive.version import __version__
 from exceptiondrive_schemas.problems import Problem, ProblemCode
 from exceptiondrive_schemas.python310 import UTC, Self
 

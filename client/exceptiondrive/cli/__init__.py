@@ -8,8 +8,8 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_group
 
-from exceptiondrive import __version__
 from exceptiondrive.errors import ExceptionDriveError
+from exceptiondrive.version import __version__
 
 HELP = """Check, score and submit trajectory files of the ExceptionDrive benchmark.
 

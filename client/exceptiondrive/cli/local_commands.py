@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive import __version__
 from exceptiondrive.checking import check_file, csv_text, write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
@@ -21,6 +20,7 @@ from exceptiondrive.evaluation import (
 from exceptiondrive.inputs import GivenFile, given_split
 from exceptiondrive.plot import plot_file
 from exceptiondrive.settings import find_setting
+from exceptiondrive.version import __version__
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import packaged_protocol
