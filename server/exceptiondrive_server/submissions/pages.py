@@ -34,6 +34,7 @@ from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.submissions.events import follow_submission
+from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
 from exceptiondrive_server.submissions.upload import received_upload, take_upload
 from exceptiondrive_server.submissions.view import (
     actions_of,
@@ -56,6 +57,7 @@ from exceptiondrive_server.web.browser_session import (
     require_same_origin,
     require_scope,
 )
+from exceptiondrive_server.web.forms import filled, typed
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
@@ -96,7 +98,7 @@ async def submit(request: Request, services: ServicesOf, browser: Browser) -> Re
         if not wants_page(request):
             raise
         problem = problem_of(error)
-        form = {key: text for key, text in (await request.form()).items() if isinstance(text, str)}
+        form = typed(await request.form())
         return await run_in_threadpool(
             _submit_page, request, services, browser, form.get("phase"), form, problem
         )
@@ -109,7 +111,7 @@ def _submit_page(
     services: Services,
     browser: SignedIn | None,
     wanted: str | None,
-    typed: Mapping[str, str] = NOTHING_TYPED,
+    texts: Mapping[str, str] = NOTHING_TYPED,
     refusal: ApiProblem | None = None,
 ) -> Response:
     """Show the quick start for a phase, and the form again with what was typed before a refusal."""
@@ -130,7 +132,8 @@ def _submit_page(
             "standing": standing,
             "wanted": wanted,
             "form_token": browser.form_token,
-            "typed": typed,
+            "typed": texts,
+            "facts": filled(FACT_FIELDS, texts),
             "refusal": refusal,
             "title": "" if refusal is None else PROBLEMS[refusal.code].title,
         }
