@@ -511,17 +511,6 @@ class Client(Connection):
             return False
         return True
 
-    def unranked_because(self, view: SubmissionView) -> str | None:
-        """Return why the board shows a scored submission without a rank; None if it does not."""
-        if view.status is not SubmissionStatus.SCORED or view.rank is not None:
-            return None
-        try:
-            entries = self.leaderboard(phase=view.phase).entries
-        except NotFoundError:
-            return None
-        reasons = (entry.unranked_because for entry in entries if entry.submission_id == view.id)
-        return next(reasons, None)
-
     def page_url(self, submission_id: str) -> str:
         """Address of the page of a submission, from upload to rank, for members of its team."""
         return f"{self.server}/submissions/{quoted(submission_id)}"

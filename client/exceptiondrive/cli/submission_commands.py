@@ -112,8 +112,7 @@ def submit(
         if json:
             show_document(submission.view)
             return
-        because = client.unranked_because(submission.view)
-        show(*submission_view(submission.view, submission.page_url, because))
+        show(*submission_view(submission.view, submission.page_url))
         show(*_quota_left(client.phase(phase).quota))
 
 
@@ -153,8 +152,7 @@ def status(
         if json:
             show_document(view)
         else:
-            because = client.unranked_because(view)
-            show(*submission_view(view, client.page_url(view.id), because))
+            show(*submission_view(view, client.page_url(view.id)))
 
 
 def submissions(

@@ -309,9 +309,7 @@ def queue_text(queue: QueuePlace) -> str:
     return f"place {queue.position}{wait}{again}"
 
 
-def submission_view(
-    view: SubmissionView, page_url: str, unranked_because: str | None = None
-) -> Iterator[RenderableType]:
+def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableType]:
     """Yield what to print for one submission."""
     style = STYLES.get(view.status, "yellow")
     yield Text.assemble((f"{view.id}  ", "bold"), (status_line(view), f"bold {style}"))
@@ -331,7 +329,9 @@ def submission_view(
         yield from sheet_view(view.sheet, with_tasks=False)
     if view.status is SubmissionStatus.SCORED:
         rank = f"rank {view.rank}" if view.rank else "not ranked"
-        why = f": {unranked_because}" if unranked_because else ""
+        why = f": {view.unranked_because}" if view.unranked_because else ""
+        if view.awaits_board:
+            rank, why = "rank awaited", ": the next board is being built"
         if view.replaced_by is not None:
             rank, why = "not on the board", f": replaced by {view.replaced_by}"
         yield Text(f"{rank} in phase {view.phase}{why}", style="bold")
