@@ -229,7 +229,7 @@ def show_my_submissions(
             phase.id: PhaseRules(
                 phase.policy, find_protocol(session, phase.protocol_digest), has_closed(phase, now)
             )
-            for phase in list_phases(session)
+            for phase in list_phases(session, with_hidden=True)
         }
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
