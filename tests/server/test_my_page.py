@@ -16,7 +16,7 @@ def my_rows(api: "Api", browse: Callable[..., "TeamBrowser"]) -> list[str]:
     page = browser.get("/my")
     assert page.status_code == 200
     body = page.text.split('class="mini subs runs"')[1].split("<tbody>")[1].split("</tbody>")[0]
-    rows = re.sub(r"<svg[^>]*aria-label=\"([^\"]*)\".*?</svg>", r"[\1]", body, flags=re.S)
+    rows = re.sub(r"<svg[^>]*aria-label=\"([^\"]*)\".*?</svg>", r"[\1]", body, flags=re.DOTALL)
     plain = re.sub(r"<[^>]+>", " ", rows.replace("</tr>", "|"))
     return [" ".join(row.split()) for row in plain.split("|") if row.strip()]
 
