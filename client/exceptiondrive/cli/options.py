@@ -68,3 +68,12 @@ SubmissionId = Annotated[
         help="Id of the submission, or the address of its page.",
     ),
 ]
+FactsFile = Annotated[
+    Path | None, typer.Option("--facts", metavar="FILE", help="JSON file of the method's facts.")
+]
+Fact = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fact", metavar="KEY=VALUE", help="One fact, as often as needed: sensors=lidar,radar."
+    ),
+]
