@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 from fastapi import Depends, Request
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
 from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.datetimes import Moment
@@ -92,7 +92,8 @@ class BoardQuery(BaseModel):
         """Read an address.
 
         Raises:
-            InvalidRecord: A value is not understood, or two of them contradict each other.
+            InvalidRecord: A value is not understood.
+            NoSuchBoard: Two of them contradict each other.
         """
         many: dict[str, list[str]] = {}
         for key, value in pairs:
@@ -180,7 +181,14 @@ def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     return {**described, "description": schema["description"], "schema": plain}
 
 
-def _refused(error: ValidationError) -> InvalidRecord:
+class NoSuchBoard(NotFound):
+    """Each part of an address is understood, and no board can be all of them."""
+
+    def __init__(self, sentence: str) -> None:
+        RecordsError.__init__(self, sentence)
+
+
+def _refused(error: ValidationError) -> RecordsError:
     """Name what is wrong and say why; never repeat what was sent."""
     fields: dict[str, str] = {}
     whole: list[str] = []
@@ -190,9 +198,10 @@ def _refused(error: ValidationError) -> InvalidRecord:
             fields.setdefault(str(found["loc"][0]), words)
         else:
             whole.append(words)
-    detail = " ".join(whole)
+    if whole:
+        return NoSuchBoard(" ".join(whole))
     return InvalidRecord(
-        detail or f"These parts of the request are missing or wrong: {', '.join(fields)}.", fields
+        f"These parts of the request are missing or wrong: {', '.join(fields)}.", fields
     )
 
 
