@@ -4,7 +4,7 @@ What follows from a board and a query alone is made once: boards never change.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
 from typing import Generic, NamedTuple, TypeVar
@@ -204,12 +204,15 @@ class BoardPage:
 
     The board holds no reported rows. `current_protocol` is the version in force; `is_current` says whether the phase shows this board
     now, or its late view; `before` is the board that was shown before it.
+
+    Two are equal if their pages are: what is large and compared by a field of its own (`board_digest`,
+    `facts_at`) is left out of that, and of the outline.
     """
 
     query: BoardQuery
     phases: tuple[PhaseLink, ...]
     phase: PhaseLink | None
-    board: Board | None
+    board: Board | None = field(compare=False)
     protocol: ProtocolDocument
     protocol_versions: tuple[str, ...]
     current_protocol: str
@@ -220,10 +223,18 @@ class BoardPage:
     has_late_view: bool = False
     curves: Curves = ()
     """Clearance curves of the best entries."""
-    facts: FactsOfBoard = field(default_factory=dict)
+    facts: FactsOfBoard = field(default_factory=dict, compare=False)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
+    board_digest: str = ""
+    facts_at: datetime | None = None
+    """When a team of the phase changed its facts last."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
+
+    @property
+    def outline(self) -> "BoardPage":
+        """What it is compared by, without the board itself: it keeps no large document alive."""
+        return replace(self, board=None, facts={})
 
     @cached_property
     def shown(self) -> ShownBoard | None:

@@ -76,6 +76,8 @@ def read_board(session: Session, query: BoardQuery) -> BoardPage:
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else {},
+        board_digest=row.body_digest if row else "",
+        facts_at=newest_edit_at(session, phase.id),
     )
 
 

@@ -155,11 +155,16 @@ class BoardQuery(BaseModel):
         return f"{path}{'?' + query if query else ''}{'#' + anchor if anchor else ''}"
 
 
-def _asked(request: Request) -> BoardQuery:
+def asked_board(request: Request) -> BoardQuery:
+    """Read the address of a request.
+
+    Raises:
+        InvalidRecord: A value is not understood, or two of them contradict each other.
+    """
     return BoardQuery.parse(request.query_params.multi_items())
 
 
-AskedBoard = Annotated[BoardQuery, Depends(_asked)]
+AskedBoard = Annotated[BoardQuery, Depends(asked_board)]
 """The board that the address of a request asks for."""
 
 

@@ -53,6 +53,7 @@ from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.routes import PAGES
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
+from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_server.web.static_files import mount_static
@@ -72,6 +73,7 @@ class Services:
         self.database = database
         self.settings = ServerSettings()
         self.provider = None
+        self.kept_pages = KeptPages()
 
 
 class Site:
