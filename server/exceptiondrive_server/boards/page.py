@@ -13,7 +13,7 @@ from urllib.parse import urlencode
 from markupsafe import Markup
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import FactsOfBoard
 from exceptiondrive_schemas.phase_settings import PhaseNow
@@ -370,6 +370,19 @@ class BoardPage:
             return ()
         late = _late(self.board, self.has_late_view)
         return (*late, *_kept_back(self.board, self.now))
+
+    @property
+    def scenes(self) -> str | None:
+        """The query under which scenes in motion stand; None where none can be drawn.
+
+        A phase whose split is withheld shows those of another one.
+        """
+        can_be_drawn = any(
+            link.split_is_public and link.challenge is PLANNING for link in self.phases
+        )
+        if self.board is None or self.challenge is not PLANNING or not can_be_drawn:
+            return None
+        return urlencode(board_fields(self.board, self.is_current))
 
     @property
     def submit_url(self) -> str:
