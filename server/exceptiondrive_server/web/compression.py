@@ -34,11 +34,10 @@ class PublicCompression:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        responder: IdentityResponder
-        if takes_gzip(Headers(scope=scope).get("accept-encoding", "")):
+        packs = takes_gzip(Headers(scope=scope).get("accept-encoding", ""))
+        responder = IdentityResponder(self.app, MINIMUM_BYTES)
+        if packs:
             responder = GZipResponder(self.app, MINIMUM_BYTES, compresslevel=LEVEL)
-        else:
-            responder = IdentityResponder(self.app, MINIMUM_BYTES)
         is_private = False
 
         async def send_as_public(message: Message) -> None:
@@ -47,7 +46,7 @@ class PublicCompression:
                 is_private = _is_for_one_reader(Headers(raw=message["headers"]))
             await (send if is_private else responder.send_with_compression)(message)
 
-        responder.send = _weakening(send)
+        responder.send = _weakening(send) if packs else send
         await self.app(scope, receive, send_as_public)
 
 
@@ -62,9 +61,9 @@ def _weakening(send: Send) -> Send:
     async def send_weakened(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(raw=message["headers"])
-            etag = headers.get("etag", "")
-            if headers.get("content-encoding") == "gzip" and etag.startswith('"'):
-                headers["ETag"] = f"W/{etag}"
+            is_of_packed = headers.get("content-encoding") == "gzip" or message["status"] == 304
+            if is_of_packed and headers.get("etag", "").startswith('"'):
+                headers["ETag"] = f"W/{headers['etag']}"
         await send(message)
 
     return send_weakened
