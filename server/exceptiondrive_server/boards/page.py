@@ -3,20 +3,21 @@
 What follows from a board and a query alone is made once: boards never change.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
 from markupsafe import Markup
 
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import FactsOfBoard
-from exceptiondrive_schemas.phase_settings import PhaseNow
+from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
 from exceptiondrive_server.boards.comparison import Comparison, default_pair
@@ -72,7 +73,17 @@ class ShownBoard(NamedTuple):
     metrics: Markup
 
 
-@lru_cache(maxsize=64)
+_MADE: Memory[Hashable, Any] = Memory(12_000)
+"""What was made of the boards that were shown last; it weighs what it keeps alive: entries."""
+
+
+def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
+    """Return what follows from a board that is read, made once while there is room."""
+    key = Same(board), what
+    found: T | None = _MADE.get(key)
+    return found if found is not None else _MADE.keep(key, make(), 1 + len(board.entries))
+
+
 def _shown(
     same_board: Same[Board],
     same_protocol: Same[ProtocolDocument],
@@ -130,7 +141,7 @@ def _scene(
 
 def forget_shown_boards() -> None:
     """Forget what was made of boards, as after a start of the server."""
-    _shown.cache_clear()
+    _MADE.clear()
     _metrics.cache_clear()
     _scene.cache_clear()
 
@@ -158,6 +169,9 @@ class PhaseLink:
     takes_late: bool
     """Whether it has closed, and what comes now is ranked on its late view."""
     is_current: bool
+    visibility: Visibility
+    description: str
+    """Markdown."""
     opens_at: datetime | None
     closes_at: datetime | None
     quota_per_day: int
@@ -168,6 +182,8 @@ class PhaseLink:
     @property
     def state_words(self) -> str:
         """Say whether it takes submissions, and until or from when."""
+        if self.visibility != "shown":
+            return self.visibility.capitalize()
         if self.is_ahead and self.opens_at:
             return f"Opens {minute(self.opens_at)}"
         if self.is_open:
@@ -181,7 +197,29 @@ class PhaseLink:
         """Say it in a word where it is not open: `closed`, `opens 3 Dec 2026`."""
         if self.is_ahead and self.opens_at:
             return f"opens {day(self.opens_at)}"
-        return "" if self.is_open else "closed"
+        return "" if self.is_open else "closed" if self.is_shown else self.visibility
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it is neither archived nor hidden."""
+        return self.visibility == "shown"
+
+    @property
+    def is_past(self) -> bool:
+        """Whether it has closed, or was put away."""
+        return (
+            self.is_shown and not (self.is_open or self.is_ahead)
+        ) or self.visibility == "archived"
+
+    @property
+    def takes_files(self) -> bool:
+        """Whether it takes submissions now, be it for the late view."""
+        return self.is_open or self.takes_late
+
+    @property
+    def page_url(self) -> str:
+        """Address of the page about it."""
+        return f"/phases/{self.id}"
 
     @property
     def challenge_title(self) -> str:
@@ -246,7 +284,8 @@ class BoardPage:
         if self.board is None:
             return None
         same = Same(self.board), Same(self.protocol), Same(self.curves)
-        return _shown(*same, self.query, self.is_current, self.before)
+        rest = self.query, self.is_current, self.before
+        return of_board(self.board, ("page", *same[1:], *rest), lambda: _shown(*same, *rest))
 
     @property
     def challenge(self) -> Challenge:

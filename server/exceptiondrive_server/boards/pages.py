@@ -4,7 +4,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.boards.boards import late_board, parsed_board
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -26,10 +26,11 @@ from exceptiondrive_server.boards.queries import (
 from exceptiondrive_server.boards.query import AskedBoard, asked_board
 from exceptiondrive_server.boards.table import sorted_board
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import principal_of_browser
+from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
 from exceptiondrive_server.web.responses import (
     SECURITY_HEADERS,
     kept_page,
+    looks_of,
     origin_of,
     page,
     site_of,
@@ -47,20 +48,21 @@ def show_board(request: Request) -> Response:
 
     What visitors see is kept until the records say otherwise.
     """
-    services, site = services_of(request), site_of(request, "board")
-    if site.has_session:
+    services = services_of(request)
+    if holder_of(request) is not Holder.VISITOR:
         return _signed_in_board(request, services)
-    state = services.database.state()
-    kept = services.kept_pages.unchanged(site, state)
+    looks, state = looks_of(request), services.database.state()
+    kept = services.kept_pages.unchanged(looks, state)
     if kept is None:
         if _is_sent_by_form(request):
             return RedirectResponse(asked_board(request).url(), status_code=303)
         with services.database.read() as session:
             board = read_board(session, asked_board(request))
+        site = site_of(request, "board")
         kept = services.kept_pages.made(
-            site,
+            looks,
             state,
-            board.outline,
+            (site, board.outline),
             lambda: render("boards/board.html", site=site, page=board, own=None),
         )
     return kept_page(request, kept)
@@ -71,8 +73,9 @@ def _signed_in_board(request: Request, services: Services) -> Response:
     if _is_sent_by_form(request):
         return RedirectResponse(query.url(), status_code=303)
     with services.database.read() as session:
-        board = read_board(session, query)
-        ids = _own_submissions(session, request, board.phase)
+        who = principal_of_browser(session, request)
+        board = read_board(session, query, with_hidden=who is not None and who.is_organizer)
+        ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
     return page(request, "boards/board.html", "board", page=board, own=own)
 
@@ -82,9 +85,10 @@ def _is_sent_by_form(request: Request) -> bool:
     return "apply" in request.query_params or "order" in request.query_params
 
 
-def _own_submissions(session: Session, request: Request, phase: PhaseLink | None) -> frozenset[str]:
+def _own_submissions(
+    session: Session, who: Principal | None, phase: PhaseLink | None
+) -> frozenset[str]:
     """Return what the team that signed in, and may read its submissions, sent to the phase."""
-    who = principal_of_browser(session, request)
     if who is None or who.team_id is None or phase is None or Scope.READ_OWN not in who.scopes:
         return frozenset()
     return ids_of_team(session, who.team_id, phase.id)

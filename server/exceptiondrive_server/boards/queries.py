@@ -1,8 +1,8 @@
 """What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
-from functools import lru_cache
+from math import inf
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -38,20 +38,20 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve
 from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
-from exceptiondrive_server.boards.exports import BoardNote, History
+from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
 from exceptiondrive_server.boards.headline import BoardBefore, headline
-from exceptiondrive_server.boards.page import BoardPage, PhaseLink, Same
+from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.numbers import Digits, minute
 
 
-def read_board(session: Session, query: BoardQuery) -> BoardPage:
-    """Read the board that a query asks for.
+def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False) -> BoardPage:
+    """Read the board that a query asks for; hidden phases are there for organizers alone.
 
     Raises:
         NotFound: The phase, protocol or board does not exist.
     """
-    phase = choose_phase(session, query)
+    phase = choose_phase(session, query, with_hidden=with_hidden)
     links = _phase_links(session, phase)
     if phase is None:
         protocol = latest_protocol(session)
@@ -81,50 +81,30 @@ def read_board(session: Session, query: BoardQuery) -> BoardPage:
     )
 
 
-_FACTS: dict[tuple[Same[Board], datetime | None, bool], FactsOfBoard] = {}
-"""Of boards that were shown of late, as of the newest edit in their phase."""
-
-
 def facts_on(session: Session, board: Board) -> FactsOfBoard:
     """Return what the teams on a board tell of their methods now, by submission; old boards too.
 
     The same object until a team edits something in the phase.
     """
     phase = session.get_one(Phase, board.phase)
-    key = Same(board), newest_edit_at(session, phase.id), is_anonymous(phase)
-    if key not in _FACTS:
-        if len(_FACTS) >= MAX_KEPT_CURVES:
-            _FACTS.clear()
-        ids = [entry.submission_id for entry in board.entries]
-        _FACTS[key] = facts_of_entries(session, phase.id, ids)
-    return _FACTS[key]
+    what = "facts", newest_edit_at(session, phase.id), is_anonymous(phase)
+    ids = [entry.submission_id for entry in board.entries]
+    return of_board(board, what, lambda: facts_of_entries(session, phase.id, ids))
 
 
 def own_board(board: Board) -> Board:
     """Return a board without what papers report, which is of other samples; made once per board."""
-    return _own_board(Same(board))
+    return of_board(board, "own", lambda: _own_board(board))
 
 
-@lru_cache(maxsize=32)
-def _own_board(same: Same[Board]) -> Board:
-    board = same.value
+def _own_board(board: Board) -> Board:
     own = tuple([entry for entry in board.entries if entry.source != "reported"])
     return board.model_copy(update={"entries": own}) if len(own) < len(board.entries) else board
 
 
-_CURVES: dict[Same[Board], Curves] = {}
-"""Of boards that were shown of late: neither they nor their sheets change."""
-MAX_KEPT_CURVES = 64
-
-
 def _curves_of(session: Session, phase: Phase, board: Board) -> Curves:
     """The clearance curves of the best entries, as far as their sheets carry them."""
-    key = Same(board)
-    if key not in _CURVES:
-        if len(_CURVES) >= MAX_KEPT_CURVES:
-            _CURVES.clear()
-        _CURVES[key] = tuple(_read_curves(session, phase, board))
-    return _CURVES[key]
+    return of_board(board, "curves", lambda: tuple(_read_curves(session, phase, board)))
 
 
 def _read_curves(
@@ -164,7 +144,10 @@ def read_phases(
 
 
 def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...]:
-    return tuple(phase_link(session, each, each is chosen) for each in list_phases(session))
+    phases = list_phases(session)
+    if chosen is not None and chosen not in phases:
+        phases.append(chosen)
+    return tuple(phase_link(session, each, each is chosen) for each in phases)
 
 
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
@@ -181,6 +164,8 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         is_ahead=phase.opens_at is not None and now < phase.opens_at,
         takes_late=takes_late_entries(session, phase, now),
         is_current=is_current,
+        visibility=phase.visibility,
+        description=phase.description,
         opens_at=phase.opens_at,
         closes_at=phase.closes_at,
         quota_per_day=phase.quota_per_day,
@@ -190,8 +175,8 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
     )
 
 
-def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
-    """Return the phase asked for, else the first one in the registry's order of challenges.
+def choose_phase(session: Session, query: BoardQuery, *, with_hidden: bool = False) -> Phase | None:
+    """Return the phase asked for, else the first by position, then in the order of challenges.
 
     Returns:
         None where no phase is named and there is none at all.
@@ -199,7 +184,7 @@ def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
     Raises:
         NotFound: The phase does not exist, or is not of the challenge that is asked for.
     """
-    phases = list_phases(session)
+    phases = list_phases(session, with_hidden=with_hidden and query.phase is not None)
     if query.phase is not None:
         found = next((phase for phase in phases if phase.id == query.phase), None)
         if found is None:
@@ -211,7 +196,13 @@ def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
     offered = [phase for phase in phases if phase.challenge in order]
     if query.challenge is not None and not offered:
         raise NotFound("phase of the challenge", query.challenge)
-    return min(offered, key=lambda phase: order.index(phase.challenge), default=None)
+    return min(offered, key=lambda phase: _place(phase, order), default=None)
+
+
+def _place(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
+    """Where a phase stands among those that may be the front page."""
+    position = inf if phase.position is None else phase.position
+    return phase.visibility == "archived", position, challenges.index(phase.challenge)
 
 
 def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:
@@ -301,7 +292,19 @@ def read_history(session: Session, query: BoardQuery, limit: int = 10) -> Histor
         .limit(limit)
     )
     notes = tuple([_note(session, row) for row in session.scalars(newest)])
-    return History(phase.id, phase.title, notes)
+    return History(phase.id, phase.title, notes, tuple(_dates(phase, database_now(session))))
+
+
+def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
+    """What happened to a phase, newest first: a reader of its feed hears of each when it comes."""
+    if phase.closes_at is not None and phase.closes_at <= now:
+        yield PhaseDate("closed", phase.closes_at, f"{phase.title} has closed")
+    if phase.opens_at is not None:
+        if phase.opens_at <= now:
+            yield PhaseDate("opened", phase.opens_at, f"{phase.title} is open for submissions")
+        if phase.created_at < phase.opens_at:
+            words = f"{phase.title} opens {minute(phase.opens_at)}"
+            yield PhaseDate("announced", phase.created_at, words)
 
 
 def _note(session: Session, row: BoardRow) -> BoardNote:

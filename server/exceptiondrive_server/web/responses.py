@@ -55,16 +55,23 @@ def origin_of(request: Request) -> str:
     return (public_url or str(request.base_url)).rstrip("/")
 
 
+def looks_of(request: Request) -> tuple[Theme, str, str]:
+    """Return theme, path and origin: of a visitor's request, all that the frame of a page takes."""
+    query = request.url.query
+    here = request.url.path + (f"?{query}" if query else "")
+    return theme_of(request.cookies.get(THEME_COOKIE)), here, origin_of(request)
+
+
 def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
-    query, holder = request.url.query, holder_of(request)
-    here = request.url.path + (f"?{query}" if query else "")
+    theme, here, origin = looks_of(request)
+    holder = holder_of(request)
     return Site(
-        theme_of(request.cookies.get(THEME_COOKIE)),
+        theme,
         here,
         current,
         has_session=holder is not Holder.VISITOR,
-        origin=origin_of(request),
+        origin=origin,
         is_organizer=holder is Holder.ORGANIZER,
     )
 
