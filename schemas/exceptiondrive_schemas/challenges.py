@@ -92,7 +92,7 @@ PLANNING_WORDS = ChallengeWords(
     subject="planner",
     subjects="planners",
     answers="trajectories",
-    task="asks the planner to drive it again. What it would have driven is scored here.",
+    task="scores what a planner would drive.",
     withheld="Where the hazards lie, nobody outside can see.",
     scene_caption="A scene with a hazard from above, to scale. **UR** counts the scenes in which "
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
@@ -104,7 +104,7 @@ PLANNING_WORDS = ChallengeWords(
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
             (0.1, "The leading planner still hits {cases}."),
-            (0.0, "The leading planner keeps clear {rest}."),
+            (0.0, "The leading planner stays out of the hazard {rest}."),
         ),
     ),
     chart=ChartWords(
@@ -142,8 +142,7 @@ STRATEGY_WORDS = ChallengeWords(
     subject="agent",
     subjects="agents",
     answers="answers",
-    task="asks an agent what to do about it. Answers are scored here, against what is acceptable "
-    "for each task.",
+    task="scores what an agent says to do about it.",
     withheld="Which scene is which task, nobody outside can see.",
     scene_caption="A scene with a hazard from above, to scale. The agent answers with a strategy: "
     "**A** maintain path, **B** slow down, **C** stop, **D** yield, **E** prepare to bypass. "
@@ -217,6 +216,8 @@ class Metric(Document):
 
     key: str
     label: str
+    plain: str = ""
+    """The label in everyday words, over a column; empty where the label is everyday."""
     title: str
     unit: Literal["fraction", "metre"]
     better: Literal["higher", "lower"] | None
@@ -327,6 +328,7 @@ PLANNING = Challenge(
         Metric(
             key="hcc",
             label="HCC",
+            plain="Stays safely away",
             title="Hazard Clearance Compliance",
             unit="fraction",
             better="higher",
@@ -338,6 +340,7 @@ PLANNING = Challenge(
         Metric(
             key="ur",
             label="UR",
+            plain="Drives into it",
             title="Unsafe Rate",
             unit="fraction",
             better="lower",
@@ -349,6 +352,7 @@ PLANNING = Challenge(
         Metric(
             key="hpr",
             label="HPR",
+            plain="Right distance",
             title="Hazard Proximity Response",
             unit="fraction",
             better=None,
@@ -360,6 +364,7 @@ PLANNING = Challenge(
         Metric(
             key="cts",
             label="CTS",
+            plain="Path moved",
             title="Counterfactual Trajectory Shift",
             unit="metre",
             better=None,
@@ -371,6 +376,7 @@ PLANNING = Challenge(
         Metric(
             key="cts_x",
             label="CTSx",
+            plain="ahead",
             title="CTS, longitudinal",
             unit="metre",
             better=None,
@@ -381,6 +387,7 @@ PLANNING = Challenge(
         Metric(
             key="cts_y",
             label="CTSy",
+            plain="aside",
             title="CTS, lateral",
             unit="metre",
             better=None,
@@ -391,6 +398,7 @@ PLANNING = Challenge(
         Metric(
             key="progress",
             label="Progress",
+            plain="Still drives on",
             title="Progress along the source path",
             unit="fraction",
             better=None,
@@ -503,6 +511,7 @@ STRATEGY = Challenge(
         Metric(
             key="accuracy",
             label="Accuracy",
+            plain="Acceptable answer",
             title="Strategy accuracy",
             unit="fraction",
             better="higher",
@@ -514,6 +523,7 @@ STRATEGY = Challenge(
         Metric(
             key="under_warning",
             label="Under-warning",
+            plain="Too careless",
             title="Under-warning rate",
             unit="fraction",
             better="lower",
@@ -525,6 +535,7 @@ STRATEGY = Challenge(
         Metric(
             key="over_warning",
             label="Over-warning",
+            plain="Wrong otherwise",
             title="Over-warning rate",
             unit="fraction",
             better=None,
@@ -535,6 +546,7 @@ STRATEGY = Challenge(
         Metric(
             key="missing",
             label="Missing",
+            plain="No answer",
             title="Missing answers",
             unit="fraction",
             better="lower",

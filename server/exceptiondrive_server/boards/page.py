@@ -54,8 +54,9 @@ class Same(Generic[T]):
 class ShownBoard(NamedTuple):
     """What follows from a board, its protocol and a query; `rows` are the rows of nobody's own.
 
-    `address` is the query that names this very board. `axes` and `head` belong to the table,
-    `change` tells what is new since the board before.
+    `address` is the query that names this very board, `compared_fields` what names it to the
+    comparison. `axes` and `head` belong to the table, `change` tells what is new since the board
+    before.
     """
 
     name: str
@@ -69,6 +70,7 @@ class ShownBoard(NamedTuple):
     charts: Markup
     families: Markup
     metrics: Markup
+    compared_fields: tuple[tuple[str, str], ...]
 
 
 @lru_cache(maxsize=64)
@@ -108,6 +110,7 @@ def _shown(
         charts=charts,
         families=macro("boards/table.html", "heat_map")(table),
         metrics=_metrics(Same(table.builder.challenge), average),
+        compared_fields=board_fields(board, is_current),
     )
 
 
@@ -134,8 +137,7 @@ def forget_shown_boards() -> None:
     _scene.cache_clear()
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """One option of a select field."""
 
     value: str
@@ -301,7 +303,7 @@ class BoardPage:
     @property
     def kept_fields(self) -> list[tuple[str, str]]:
         """What the filter form carries on unseen."""
-        kept = ("challenge", "phase", "view", "source", "sort")
+        kept = ("challenge", "phase", "view", "source")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
 
     @cached_property

@@ -27,6 +27,9 @@ AVERAGE_TITLES: Mapping[Average, str] = {
     "micro": "mean of scenes",
 }
 BY_RANK = "rank"
+PageRows = Literal["20", "100", "all"]
+PAGE_ROWS: Mapping[PageRows, int] = {"20": 20, "100": 100, "all": 1000}
+"""Scored rows of a page; `all` has an end, so that no address makes a page without one."""
 DEFAULT_SORT = BY_RANK
 """The order in which a board is given where nobody asks for another."""
 MAX_SEARCH = 80
@@ -71,6 +74,7 @@ class BoardQuery(BaseModel):
     average: Average | None = None
     search: str = ""
     page: int = Field(1, ge=1, lt=2**31)
+    rows: PageRows = "20"
     hidden: frozenset[str] = frozenset()
     added: frozenset[str] = frozenset()
 
@@ -143,6 +147,7 @@ class BoardQuery(BaseModel):
             ("q", self.search or None),
             ("sort", self.sort if self.sort != DEFAULT_SORT else None),
             ("page", self.page if self.page > 1 else None),
+            ("rows", self.rows if self.rows != "20" else None),
             ("hide", ",".join(sorted(self.hidden)) or None),
             ("add", ",".join(sorted(self.added)) or None),
         ]
