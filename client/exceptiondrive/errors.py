@@ -145,6 +145,9 @@ class WaitTimeoutError(_SubmissionError):
     exit_code = 7
 
 
-def utc_text(moment: datetime) -> str:
-    """Return a time as people read it: `2026-11-21 00:00 UTC`."""
+def utc_text(moment: datetime | str) -> str:
+    """Return a time, of JSON too, as people read it: `2026-11-21 00:00 UTC`."""
+    if isinstance(moment, str):
+        moment = datetime.fromisoformat(moment.removesuffix("Z"))
+        moment = moment.replace(tzinfo=moment.tzinfo or UTC)
     return f"{moment.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
