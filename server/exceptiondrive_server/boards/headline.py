@@ -52,7 +52,9 @@ def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Di
     note += f", {n_listed} listed" if n_listed else ""
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),
-        Fact("Tasks", str(n_tasks), f"tasks in {counted(len(board.families), 'family', 'families')}"),
+        Fact(
+            "Tasks", str(n_tasks), f"tasks in {counted(len(board.families), 'family', 'families')}"
+        ),
         Fact(words.subjects.capitalize(), grouped(len(ranked)), note),
     )
     return Headline(_title(board, challenge), _findings(board, ranked, challenge, digits), facts)

@@ -3,14 +3,14 @@
 All of it is pure: from a board, a protocol's digits and a query.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
@@ -33,6 +33,12 @@ from exceptiondrive_server.boards.query import (
     Average,
     BoardQuery,
 )
+from exceptiondrive_server.boards.selection import (
+    FactChip,
+    fact_choices,
+    found_entries,
+    sort_entries,
+)
 from exceptiondrive_server.web.numbers import DASH, Digits, grouped, unit_of, with_unit
 from exceptiondrive_server.web.scales import Scale, nice_scale
 
@@ -40,79 +46,6 @@ HEAT_STEPS = 10
 HEAT_ROWS = 12
 SMALL_FAMILY = 30
 WIDE_COLUMNS = 9
-_Value = Callable[[BoardEntry], float | str | None]
-
-
-def sort_entries(
-    board: Board, entries: Sequence[BoardEntry], sort: str, average: Average | None = None
-) -> list[BoardEntry]:
-    """Sort entries of a board within scored, reference, reported; ranks stay as they are.
-
-    Entries that are listed without a rank stand below the others, whatever the sort.
-
-    Args:
-        board: The board they stand on.
-        entries: Some or all of its entries.
-        sort: `rank`, `method`, `date`, `family.ID` or a metric; `-` in front for descending.
-            Entries without the value come last in either direction.
-        average: Which average a metric is taken from; by default the headline.
-
-    Raises:
-        InvalidRecord: This board has nothing of that name to sort by.
-    """
-    descending, key = sort.startswith("-"), sort.removeprefix("-")
-    average = average or board.headline
-    value = _sort_value(board, key, average)
-    keyed = [(value(entry), entry) for entry in entries]
-    known = [(found, entry) for found, entry in keyed if found is not None]
-    unknown = [entry for found, entry in keyed if found is None]
-    known.sort(key=lambda pair: pair[0], reverse=descending)
-    if key == BY_RANK:  # what has no rank stands by the first metric, the best first
-        unknown.sort(key=_by_first_metric(board, average))
-    found = sorted([*(e for _, e in known), *unknown], key=lambda e: bool(e.unranked_flags))
-    return [entry for source in SOURCES for entry in found if entry.source == source]
-
-
-def sorted_board(board: Board, sort: str) -> Board:
-    """Return the board with its entries sorted; by rank is how boards are kept."""
-    if sort == BY_RANK:
-        return board
-    return board.model_copy(update={"entries": tuple(sort_entries(board, board.entries, sort))})
-
-
-def _by_first_metric(board: Board, average: Average) -> Callable[[BoardEntry], tuple[bool, float]]:
-    metric = challenge_of(board).metrics[0]
-    sign = -1 if metric.better == "higher" else 1
-
-    def order(entry: BoardEntry) -> tuple[bool, float]:
-        value = values_of(entry, board, average).get(metric.key)
-        return (True, 0.0) if value is None else (False, sign * value)
-
-    return order
-
-
-def _sort_value(board: Board, key: str, average: Average) -> _Value:
-    challenge = challenge_of(board)
-    if key == BY_RANK:
-        return lambda entry: entry.rank
-    if key == "method":
-        return lambda entry: entry.method.casefold()
-    if key == "date":
-        return lambda entry: entry.submitted_at.timestamp() if entry.submitted_at else None
-    family = key.removeprefix("family.")
-    shown = {head.id for head in board.families}
-    if family != key and (family in shown or not shown):
-        first = challenge.metrics[0].key
-        return lambda entry: (
-            cell.metrics.get(first) if (cell := entry.families.get(family)) else None
-        )
-    if key in challenge.metric_keys:
-        return lambda entry: values_of(entry, board, average).get(key)
-    words = (
-        f"sort by {BY_RANK}, method, date, a family, or one of {', '.join(challenge.metric_keys)}, "
-        "with - in front for descending"
-    )
-    raise InvalidRecord("There is nothing of that name to sort this board by.", {"sort": words})
 
 
 @dataclass(frozen=True)
@@ -186,6 +119,8 @@ class Row:
     could_be_first: bool
     movement: Movement | None
     badge: Badge
+    tag: str
+    """What kind of method its team says it is, in a word."""
     cells: tuple[Cell, ...]
     outcome: OutcomeBar | None
     tiles: tuple[FamilyTile, ...]
@@ -213,6 +148,7 @@ class RowBuilder:
     heat_top: float
     best_by_family: dict[str, float]
     is_current: bool
+    facts: FactsOfBoard
 
     @classmethod
     def of(
@@ -222,6 +158,7 @@ class RowBuilder:
         digits: Digits,
         query: BoardQuery | None = None,
         is_current: bool = True,
+        facts: FactsOfBoard = NO_FACTS,
     ) -> "RowBuilder":
         """Prepare axes and best values from all entries of a board; `query` names the columns."""
         challenge = challenge_of(board)
@@ -236,6 +173,7 @@ class RowBuilder:
             heat_top=_heat_top(board, challenge.metrics[0].key),
             best_by_family=_best_by_family(board, challenge.metrics[0]),
             is_current=is_current,
+            facts=facts,
         )
 
     @property
@@ -245,6 +183,7 @@ class RowBuilder:
 
     def row(self, entry: BoardEntry) -> Row:
         """Build one row."""
+        told = self.facts.get(entry.submission_id or "")
         values = values_of(entry, self.board, self.average)
         return Row(
             key=entry_key(entry),
@@ -256,6 +195,7 @@ class RowBuilder:
             could_be_first=could_be_first(entry),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
+            tag=told.facts.tag if told else "",
             cells=tuple([self._cell(entry, m, values.get(m.key)) for m in self.metrics]),
             outcome=self.outcome(entry),
             tiles=self._tiles(entry),
@@ -279,7 +219,9 @@ class RowBuilder:
             role=metric.role,
             text=text,
             brief=self.digits.brief(metric, value),
-            spread=self.digits.spread(metric, value, interval) if interval and value is not None else "",
+            spread=self.digits.spread(metric, value, interval)
+            if interval and value is not None
+            else "",
             words=words,
             is_best=is_best,
             whisker=self._whisker(metric, value, interval, axis)
@@ -621,6 +563,11 @@ class BoardTable:
         is_shown = "date" in self.query.added
         return date_column(self.builder.challenge, self.query) if is_shown else None
 
+    @cached_property
+    def fact_choices(self) -> list[tuple[str, list[FactChip]]]:
+        """The facts by which these rows may be filtered, by field."""
+        return fact_choices(self.board, self.query, self.builder.facts)
+
     @property
     def row_choices(self) -> list[tuple[str, str, bool]]:
         """How many rows a page may have: value, words, whether it is so now."""
@@ -639,7 +586,9 @@ class BoardTable:
         for column in self.columns:
             for sign, order in (("-", "descending"), ("", "ascending")):
                 words = _DIRECTION_WORDS[self.builder.challenge.metric(column.key).better][order]
-                offered.append((f"{sign}{column.key}", f"{column.label}{column.subscript}, {words}"))
+                offered.append(
+                    (f"{sign}{column.key}", f"{column.label}{column.subscript}, {words}")
+                )
         families = [(f"-family.{id}", short) for id, _, short, *_ in self.family_heads]
         offered += [(key, f"{first.label} in {title.lower()}") for key, title in families]
         if self.query.sort not in dict(offered):
@@ -660,7 +609,7 @@ class BoardTable:
     @property
     def found_sentence(self) -> str:
         """Say how many entries a search finds; nothing where none is asked for."""
-        if not (self.query.search or self.query.source):
+        if not (self.query.search or self.query.source or self.query.facts):
             return ""
         words = self.builder.challenge.words
         count = counted(self.n_found, words.subject, words.subjects)
@@ -748,7 +697,11 @@ def _extra(challenge: Challenge) -> list[tuple[str, str]]:
 
 
 def board_table(
-    board: Board, protocol: ProtocolDocument, query: BoardQuery, is_current: bool = True
+    board: Board,
+    protocol: ProtocolDocument,
+    query: BoardQuery,
+    is_current: bool = True,
+    facts: FactsOfBoard = NO_FACTS,
 ) -> BoardTable:
     """Filter, sort and cut a board, and build the rows that are shown.
 
@@ -764,9 +717,9 @@ def board_table(
     }
     query = query.model_copy(update=columns)
     average = query.average or board.headline
-    builder = RowBuilder.of(board, average, Digits.of(protocol.publication), query, is_current)
-    found = [entry for entry in board.entries if _matches(entry, query)]
-    found = sort_entries(board, found, query.sort, average)
+    digits = Digits.of(protocol.publication)
+    builder = RowBuilder.of(board, average, digits, query, is_current, facts)
+    found = sort_entries(board, found_entries(board, query, facts), query.sort, average)
     by_source = {source: [e for e in found if e.source == source] for source in SOURCES}
     n_rows = PAGE_ROWS[query.rows]
     n_pages = max(1, -(-len(by_source["scored"]) // n_rows))
@@ -779,12 +732,3 @@ def board_table(
             rows = tuple([builder.row(entry) for entry in shown])
             blocks.append(Block(source, rows, len(entries)))
     return BoardTable(board, query, builder, tuple(blocks), number, n_pages, len(found))
-
-
-def _matches(entry: BoardEntry, query: BoardQuery) -> bool:
-    if query.source is not None and entry.source != query.source:
-        return False
-    if not query.search:
-        return True
-    haystack = f"{entry.method} {entry.team} {entry.description}".casefold()
-    return all(word in haystack for word in query.search.casefold().split())

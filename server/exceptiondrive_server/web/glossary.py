@@ -20,7 +20,9 @@ def _of_metrics() -> Iterator[tuple[str, Term]]:
     """The metrics, in the words of their challenge."""
     for challenge in CHALLENGES.values():
         for metric in (*challenge.metrics, *challenge.of_controls):
-            title = metric.label if metric.label == metric.title else f"{metric.label}: {metric.title}"
+            title = (
+                metric.label if metric.label == metric.title else f"{metric.label}: {metric.title}"
+            )
             yield metric.key, Term(title, f"{metric.meaning} {_DIRECTIONS[metric.better]}")
 
 

@@ -173,11 +173,11 @@ def template_filter(function: F) -> F:
 def render(template: str, **values: object) -> str:
     """Fill a template, and clean it of what turns, hides or steers, whatever the records let in.
 
-    The meanings of the words that ask for one (`web/macros/terms.html`) are added once.
+    The meanings of the words that ask for one (`term`, `what`) are added once.
     """
     text = environment().get_template(template).render(**values)
     asked = dict.fromkeys(_ASKED_TERM.findall(text))
     if asked:
         body, end, rest = text.rpartition("</body>")
-        text = f"{body}{macro('web/macros/terms.html', 'meanings')(asked)}{end}{rest}"
+        text = f"{body}{macro('web/macros/icons.html', 'meanings')(asked)}{end}{rest}"
     return printable(text)
