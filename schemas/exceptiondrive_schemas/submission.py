@@ -1,7 +1,6 @@
 """Submissions and their statuses as the API shows them."""
 
 from datetime import datetime
-from enum import StrEnum
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Links
@@ -9,6 +8,7 @@ from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.phase_settings import PhaseNow, PhaseSettings
+from exceptiondrive_schemas.python310 import StrEnum
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 

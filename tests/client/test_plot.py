@@ -90,7 +90,7 @@ def test_the_worst_come_first_and_missing_trajectories_not_at_all(scenes: Scenes
 def test_everything_that_moves_lies_inside_the_panel_in_one_scale(scenes: Scenes) -> None:
     for sample_id in ("s0", "s1", "s2"):
         scene = scenes.scene(sample_id)
-        view = View.of(scene, 430, 240)
+        view = View.of([scene], 430, 240)
         for point in (*scene.edited, *scene.source, *(c for f in scene.footprints for c in f)):
             x, y = view.at(point)
             assert 0 <= x <= 430

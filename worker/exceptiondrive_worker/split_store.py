@@ -24,6 +24,7 @@ from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays, recorded_m, split_arrays
 from exceptiondrive_worker.private_store import array_digest
 from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
+from exceptiondrive_worker.split_floors import SplitFloors, read_floors
 
 MAX_SPLIT_BYTES = 256 * 2**20
 
@@ -63,6 +64,12 @@ class LoadedSplit:
     rows: IntArray | None = None
     control_rows: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     recorded_m: FloatArray | None = None
+
+    @property
+    def counted_ids(self) -> tuple[str, ...]:
+        """Ids of the samples of `arrays`, in their order."""
+        ids = self.manifest.sample_ids
+        return tuple(ids) if self.rows is None else tuple(ids[row] for row in self.rows.tolist())
 
     @property
     def rows_digest(self) -> str | None:
@@ -173,6 +180,14 @@ class SplitStore:
             for path in (*folder.glob("split*.json"), *folder.glob("split*.json.gz"))
         ]
         return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
+
+    def floors(self, name: str) -> SplitFloors:
+        """Return the floors of a split as they stand now.
+
+        Raises:
+            FloorsUnreadableError: The file is no floors.
+        """
+        return read_floors(self._folder / name)
 
     def find(self, name: str, revision: str, protocol: ProtocolDocument) -> LoadedSplit:
         """Return a split at exactly this revision.

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated
 
 import typer
 from rich.console import RenderableType
@@ -21,6 +21,7 @@ from exceptiondrive.cli.tables import challenge_of
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
+from exceptiondrive_schemas.python310 import Self
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Id of the run.")]
 ReasonOption = Annotated[

@@ -219,7 +219,7 @@ def show_my_submissions(
     with services.database.read() as session:
         found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
         seen = views(session, found[:SHOWN])
-        phases = {phase.id: phase for phase in list_phases(session)}
+        phases = {phase.id: phase for phase in list_phases(session, with_hidden=True)}
         now = database_now(session)
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_say = Scope.SUBMIT in who.scopes and who.team_id is not None

@@ -21,7 +21,7 @@ from starlette.datastructures import FormData, UploadFile
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
 from exceptiondrive_records.operations.garbage import remove_orphan
-from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.phases import find_phase, shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.file_store import is_kept
 from exceptiondrive_records.submissions.submissions import (
@@ -184,7 +184,7 @@ def take_upload(
         require_acceptable(
             session,
             team_id,
-            find_phase(session, fields.phase),
+            shown_phase(session, fields.phase),
             digest,
             linked_to=fields.linked_to or None,
             arrived_at=_arrived_at(session, began_s),
