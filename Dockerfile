@@ -1,28 +1,44 @@
-# Two images from one file: `--target server` carries no numpy and no scoring dependencies; `--target worker` no FastAPI.
-# Both install the wheel, and the wheel holds no split.
-FROM python:3.11-slim AS wheel
+# Three images from one file: `--target server` carries no numpy, no scoring dependencies and no worker; `--target worker` no FastAPI;
+# `--target client` is what participants and their continuous integration run. All install wheels, and no wheel holds a split.
+# To pin the base to its bytes: --build-arg PYTHON=python:3.11-slim@sha256:...
+ARG PYTHON=python:3.11-slim
+FROM ${PYTHON} AS wheels
 WORKDIR /build
 COPY requirements/dev.txt requirements/bootstrap.txt requirements/
 RUN python -m pip install --no-cache-dir --require-hashes -r requirements/bootstrap.txt
-COPY pyproject.toml README.md ./
+COPY pyproject.toml ./
 COPY schemas schemas
 COPY worker worker
 COPY server server
 COPY client client
-RUN uv build --wheel --out-dir /wheels --build-constraints requirements/dev.txt
+RUN for project in . server worker; do uv build --wheel --out-dir /wheels --build-constraints requirements/dev.txt "$project"; done
 
-FROM python:3.11-slim AS base
+FROM ${PYTHON} AS client
+COPY requirements/client.txt /tmp/requirements.txt
+COPY --from=wheels /wheels/exceptiondrive-*.whl /wheels/
+RUN python -m pip install --no-cache-dir --require-hashes -r /tmp/requirements.txt \
+ && python -m pip install --no-cache-dir --no-deps /wheels/exceptiondrive-*.whl && rm -r /wheels \
+ && useradd --system --uid 10003 --create-home exceptiondrive
+USER exceptiondrive
+WORKDIR /work
+ENTRYPOINT ["exceptiondrive"]
+CMD ["--help"]
+
+FROM ${PYTHON} AS base
 RUN groupadd --gid 10001 exceptiondrive \
  && useradd --system --uid 10001 --gid 10001 --no-create-home edserver && useradd --system --uid 10002 --gid 10001 --no-create-home edworker
 # A new volume takes owner and mode from the folder that it covers.
 RUN install -d -o 10001 -g 10001 -m 2770 /srv/uploads && install -d -o 10002 -g 10001 -m 0700 /srv/private
 ENV PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
-COPY --from=wheel /wheels /wheels
+COPY --from=wheels /wheels /wheels
 
 FROM base AS server
 COPY requirements/server.txt /tmp/requirements.txt
 RUN python -m pip install --no-cache-dir --require-hashes -r /tmp/requirements.txt \
- && python -m pip install --no-cache-dir --no-deps /wheels/*.whl && rm -r /wheels
+ && python -m pip install --no-cache-dir --no-deps /wheels/exceptiondrive-*.whl /wheels/exceptiondrive_server-*.whl \
+ && rm /wheels/exceptiondrive_*.whl
+# What is left there, the client's wheel, is what participants download from the server.
+ENV EXCEPTIONDRIVE_CLIENT_DIR=/wheels
 USER edserver
 CMD ["exceptiondrive-server", "serve", "--host", "0.0.0.0", "--port", "8000"]
 

@@ -4,11 +4,13 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+PROJECTS := pyproject.toml server/pyproject.toml worker/pyproject.toml
 T      ?= tests
 N      ?= $(shell expr $$(nproc 2>/dev/null || echo 1) + 1)
 PORT   ?= 8000
 DATA   ?= ./data
 SECONDS_OF_FUZZ ?= 600
+UPGRADE ?= --upgrade
 # A hundred processes start in the tests: each would compile every module anew where images forbid bytecode.
 export PYTHONDONTWRITEBYTECODE :=
 .DEFAULT_GOAL := help
@@ -17,20 +19,28 @@ help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 # uv installs the same hashed lock about three times faster; where it cannot reach a registry, pip does it.
-$(STAMP): requirements/dev.txt requirements/bootstrap.txt pyproject.toml
+$(STAMP): requirements/dev.txt requirements/bootstrap.txt $(PROJECTS)
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "setting up $(VENV) (about half a minute, once)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/bootstrap.txt
 	@$(BIN)/uv pip install --quiet --python $(BIN)/python --require-hashes -r requirements/dev.txt 2>$(VENV)/uv.log \
 	  || { echo "uv could not install (see $(VENV)/uv.log); taking pip"; \
 	       $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt; }
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e server -e worker
 	@touch $@
 
 setup: $(STAMP)  ## install everything into $(VENV)
 
-run: $(STAMP)  ## API, worker, broker and page at http://127.0.0.1:$(PORT); Ctrl-C ends all
-	@PATH="$(abspath $(BIN)):$$PATH" exec $(BIN)/exceptiondrive-server run --port $(PORT) --data $(DATA) --sample
+# The wheel of the client, which the server hands to participants; `make wheelhouse LOCKS=client` beside it makes it whole.
+CLIENT := $(VENV)/client
+$(CLIENT)/.built: $(STAMP) $(shell find client schemas worker/exceptiondrive_scoring -type f -not -name '*.pyc')
+	@rm -f $(CLIENT)/exceptiondrive-*.whl
+	@$(BIN)/python -m hatchling build -t wheel -d $(abspath $(CLIENT)) >/dev/null
+	@touch $@
+
+run: $(STAMP) $(CLIENT)/.built  ## API, worker, broker and page at http://127.0.0.1:$(PORT); Ctrl-C ends all
+	@PATH="$(abspath $(BIN)):$$PATH" EXCEPTIONDRIVE_CLIENT_DIR="$${EXCEPTIONDRIVE_CLIENT_DIR:-$(abspath $(CLIENT))}" \
+	  exec $(BIN)/exceptiondrive-server run --port $(PORT) --data $(DATA) --sample
 
 # Page and proxy are tested in a real browser and a real nginx where they are or can be installed; elsewhere those tests skip and say so.
 $(VENV)/.system: $(STAMP) tests/install-system-parts
@@ -66,17 +76,22 @@ lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/djhtml --tabwidth 2 --check server worker
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/vermin --quiet --no-tips --violations --eval-annotations --exclude-regex '/python310\.py$$' -t=3.10- client schemas worker/exceptiondrive_scoring
+	$(BIN)/vermin --quiet --no-tips --violations -t=3.6- client/exceptiondrive/recorder.py
 
 format: $(STAMP)  ## rewrite code and templates in the project's format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 	$(BIN)/djhtml --tabwidth 2 server worker
 
-lock: $(STAMP)  ## renew the hashed lock; it carries no addresses
-	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --all-extras --group dev -o requirements/dev.txt pyproject.toml
+LOCK = $(BIN)/uv pip compile --quiet --universal --generate-hashes --no-header --no-emit-index-url --no-emit-find-links \
+  --no-emit-package exceptiondrive --no-emit-package exceptiondrive-server
+lock: $(STAMP)  ## renew the hashed locks (UPGRADE= keeps the versions); they carry no addresses
+	$(LOCK) $(UPGRADE) --python-version 3.11 --all-extras --group dev -o requirements/dev.txt $(PROJECTS)
 	grep -A 100 '^uv==' requirements/dev.txt | awk 'NR==1 || /^ /{print; next} {exit}' | sed '/# via/d' > requirements/bootstrap.txt
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra server -c requirements/dev.txt -o requirements/server.txt pyproject.toml
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --no-emit-find-links --extra worker -c requirements/dev.txt -o requirements/worker.txt pyproject.toml
+	$(LOCK) --python-version 3.11 --extra server -c requirements/dev.txt -o requirements/server.txt server/pyproject.toml
+	$(LOCK) --python-version 3.11 -c requirements/dev.txt -o requirements/worker.txt worker/pyproject.toml
+	$(LOCK) $(UPGRADE) --python-version 3.10 --all-extras -o requirements/client.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
 .PHONY: help setup run test chaos fuzz protections load bench pictures lint format lock

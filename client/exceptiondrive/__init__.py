@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from exceptiondrive.evaluation import evaluate_file, evaluate_samples
     from exceptiondrive.recorder import Recorder, StrategyRecorder
 
+__version__ = "0.1.0"
+
 __all__ = [
     "Client",
     "ExceptionDriveError",

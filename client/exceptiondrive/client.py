@@ -16,6 +16,7 @@ from exceptiondrive.errors import (
     NetworkError,
     NotAllowedError,
     NotFoundError,
+    NotSignedInError,
     ScoringFailedError,
     WaitTimeoutError,
 )
@@ -29,6 +30,7 @@ from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_schemas.submission import (
     Me,
     PhaseView,
+    Quota,
     SubmissionPage,
     SubmissionStatus,
     SubmissionView,
@@ -216,6 +218,21 @@ class Client(Connection):
             NotFoundError: There is no such phase.
         """
         return self._get(PhaseView, f"/phases/{quoted(phase)}")
+
+    def quota(self, phase: str | None = None) -> dict[str, Quota]:
+        """Return what the team may still submit, by phase; of one phase or of all.
+
+        Raises:
+            NotSignedInError: No token was given, or it is an organizer's.
+        """
+        views = self.phases() if phase is None else (self.phase(phase),)
+        if views and all(view.quota is None for view in views):
+            raise NotSignedInError(
+                "no_team",
+                "Only teams have a quota, and no token of a team was given.",
+                "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
+            )
+        return {view.id: view.quota for view in views if view.quota is not None}
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""

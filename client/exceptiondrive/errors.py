@@ -13,7 +13,7 @@ ExceptionDriveError
 └── WaitTimeoutError          exit 7   not scored yet; the submission itself is safe
 """
 
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
@@ -145,6 +145,9 @@ class WaitTimeoutError(_SubmissionError):
     exit_code = 7
 
 
-def utc_text(moment: datetime) -> str:
-    """Return a time as people read it: `2026-11-21 00:00 UTC`."""
-    return f"{moment.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+def utc_text(moment: datetime | str) -> str:
+    """Return a time, of JSON too, as people read it: `2026-11-21 00:00 UTC`."""
+    if isinstance(moment, str):
+        moment = datetime.fromisoformat(moment.removesuffix("Z"))
+        moment = moment.replace(tzinfo=moment.tzinfo or timezone.utc)
+    return f"{moment.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC"

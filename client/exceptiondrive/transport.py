@@ -5,15 +5,15 @@ The one door to the HTTP library: nothing else in the client imports it.
 
 import io
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime, timedelta
-from importlib.metadata import version
-from typing import Any, NoReturn, Self, TypeVar
+from datetime import datetime, timedelta
+from typing import Any, NoReturn, TypeVar
 from urllib.parse import quote
 
 import httpx
 import stamina
 from pydantic import TypeAdapter, ValidationError
 
+from exceptiondrive import __version__
 from exceptiondrive.credentials import find_server, find_token, normal_server
 from exceptiondrive.errors import (
     ExceptionDriveError,
@@ -27,6 +27,7 @@ from exceptiondrive.errors import (
     ServerError,
 )
 from exceptiondrive_schemas.problems import Problem, ProblemCode
+from exceptiondrive_schemas.python310 import UTC, Self
 
 Progress = Callable[[int, int], None]
 """Called with bytes sent and bytes in all."""
@@ -201,7 +202,7 @@ class Transport:
     ) -> None:
         self.server = server
         self._attempts = attempts
-        headers = {"user-agent": f"exceptiondrive/{version('exceptiondrive')}"}
+        headers = {"user-agent": f"exceptiondrive/{__version__}"}
         if token:
             headers["authorization"] = f"Bearer {token}"
         self._http = httpx.Client(

@@ -1,7 +1,7 @@
 """The agent's journals: the header and the lines of `remind` and `decide`."""
 
 from collections.abc import Iterable
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +11,7 @@ from exceptiondrive_agent.errors import AgentError, as_client_errors
 from exceptiondrive_endpoints import journal
 from exceptiondrive_endpoints.errors import Reason
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.submission_files import ReminderRecord, SampleId
 from exceptiondrive_schemas.taxonomy import Strategy
 

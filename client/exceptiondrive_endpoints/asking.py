@@ -59,12 +59,13 @@ async def ask_all(
             take(outcome)
             watch.note(outcome)
 
+    workers = [asyncio.create_task(work()) for _ in range(concurrency)]
     try:
-        async with asyncio.TaskGroup() as group:
-            for _ in range(concurrency):
-                group.create_task(work())
-    except ExceptionGroup as errors:
-        raise errors.exceptions[0] from None
+        await asyncio.gather(*workers)
+    finally:  # the first error ends the run: no other question stays under way
+        for worker in workers:
+            worker.cancel()
+        await asyncio.gather(*workers, return_exceptions=True)
 
 
 class _Watch:

@@ -11,8 +11,7 @@ import asyncio
 import base64
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
-from typing import Any, Self
+from typing import Any
 
 import openai
 from pydantic import BaseModel, ValidationError
@@ -25,6 +24,7 @@ from exceptiondrive_endpoints.errors import (
     Reason,
 )
 from exceptiondrive_endpoints.images import CleanImage
+from exceptiondrive_schemas.python310 import Self, StrEnum
 
 Message = dict[str, Any]
 Sleep = Callable[[float], Awaitable[None]]

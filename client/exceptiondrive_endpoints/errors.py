@@ -1,6 +1,6 @@
 """What stops a run, and why a single question has no answer."""
 
-from enum import StrEnum
+from exceptiondrive_schemas.python310 import StrEnum
 
 
 class EndpointError(Exception):

@@ -8,12 +8,13 @@ run at a time writes a journal: its lock ends with the process, whatever ends it
 import os
 import sys
 from pathlib import Path
-from typing import IO, Generic, Self, TypeVar
+from typing import IO, Generic, TypeVar
 
 from pydantic import ValidationError
 
 from exceptiondrive_endpoints.errors import JournalError
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.python310 import Self
 
 Header = TypeVar("Header", bound=Document)
 Line = TypeVar("Line", bound=Document)

@@ -7,9 +7,11 @@ sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict
+
+from exceptiondrive_schemas.python310 import Self
 
 FORGIVING = "reader of answers"
 """Validation context of `Document.read`."""

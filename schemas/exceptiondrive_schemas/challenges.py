@@ -7,7 +7,7 @@ Upload, jobs, records, rescoring, boards and pages are the same code.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any, Literal, NewType, Self, TypeVar
+from typing import Annotated, Any, Literal, NewType, TypeVar
 
 from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
 from pydantic.json_schema import JsonSchemaValue
@@ -15,6 +15,7 @@ from pydantic_core.core_schema import CoreSchema, no_info_after_validator_functi
 
 from exceptiondrive_schemas import formulas
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.python310 import Self
 
 
 class HeadlineWords(Document):

@@ -5,12 +5,13 @@ registered; the page of the split shows it and nothing else. Made of counts over
 the organizers' own words.
 """
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import Base64Bytes, Field
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import Split, SplitName
 
 Interval = tuple[float, float]

@@ -1,10 +1,12 @@
 """Dates and times that people send: ISO 8601 text, taken to UTC."""
 
 import re
-from datetime import UTC, date, datetime
+from datetime import date, datetime
 from typing import Annotated
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
+
+from exceptiondrive_schemas.python310 import UTC
 
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _BLANK_ZONE = re.compile(r"(T[0-9:.]+) ([0-9]{2}:?[0-9]{2})$")

@@ -1,14 +1,13 @@
 """What can be wrong with an uploaded file: the codes, a sentence for each, and the report of all."""
 
 from collections.abc import Mapping
-from enum import StrEnum
 from types import MappingProxyType
-from typing import Self
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.python310 import Self, StrEnum
 
 MAX_EXAMPLES = 20
 """Examples of one code in a report, each of another sample; the counts always tell all."""

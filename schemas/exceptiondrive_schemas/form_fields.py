@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-Kind = Literal["text", "lines", "whole", "moment", "yes", "choice"]
-"""A line, several lines, a whole number, a time in UTC, yes or no, or one of a list."""
+Kind = Literal["text", "lines", "whole", "number", "moment", "yes", "choice", "several"]
+"""A line, several lines, a whole or any number, a time in UTC, yes or no, one or several of a list."""
 LINES_FROM = 1000
 """Text that may be longer than this many characters is written in several lines."""
 
@@ -23,8 +23,8 @@ class FormField:
     is_required: bool = False
     """Whether it may not stay empty."""
     max_length: int = 200
-    lowest: int = 1
-    highest: int = 1_000_000
+    lowest: float = 1
+    highest: float = 1_000_000
     options: tuple[tuple[str, str], ...] = ()
     """Value and title of each choice."""
     empty: str = "none"
@@ -86,11 +86,17 @@ def _field(name: str, given: Mapping[str, Any], part: str | None, is_needed: boo
         max_length=rule.get("maxLength", FormField.max_length),
         lowest=rule.get("minimum", FormField.lowest),
         highest=rule.get("maximum", FormField.highest),
-        options=tuple((value, value.replace("_", " ")) for value in rule.get("enum", ())),
+        options=tuple(_options(rule)),
         default=given.get("default"),
         may_be_none=may_be_none,
         part=part,
     )
+
+
+def _options(rule: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    titles = rule.get("x-titles", {})
+    for value in rule.get("enum", rule.get("items", {}).get("enum", ())):
+        yield value, titles.get(value, value.replace("_", " "))
 
 
 def _kind(rule: Mapping[str, Any]) -> Kind:
@@ -100,5 +106,10 @@ def _kind(rule: Mapping[str, Any]) -> Kind:
         if rule.get("format") == "date-time":
             return "moment"
         return "lines" if rule.get("maxLength", 0) > LINES_FROM else "text"
-    kinds: Mapping[str, Kind] = {"integer": "whole", "boolean": "yes"}
+    kinds: Mapping[str, Kind] = {
+        "integer": "whole",
+        "number": "number",
+        "boolean": "yes",
+        "array": "several",
+    }
     return kinds[rule["type"]]

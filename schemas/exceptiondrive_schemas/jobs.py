@@ -1,6 +1,6 @@
 """Names and payloads of queue jobs. A payload is ids and nothing else."""
 
-from enum import StrEnum
+from exceptiondrive_schemas.python310 import StrEnum
 
 
 class JobName(StrEnum):

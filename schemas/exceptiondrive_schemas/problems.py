@@ -1,10 +1,10 @@
 """Problem codes: one vocabulary for server answers and client errors (RFC 9457)."""
 
 from datetime import datetime
-from enum import StrEnum
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.python310 import StrEnum
 
 PROBLEM_MEDIA_TYPE = "application/problem+json"
 

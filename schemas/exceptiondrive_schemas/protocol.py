@@ -7,12 +7,11 @@ document says: a field that came later, with a default, leaves the digests of ol
 """
 
 import json
-import tomllib
 from collections.abc import Collection, Mapping
 from functools import cached_property
 from importlib import resources
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
@@ -20,6 +19,7 @@ from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, RankKey
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol_faults import faults_of, unkeepable
+from exceptiondrive_schemas.python310 import Self, tomllib
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
 PositiveMetres = Annotated[float, Field(gt=0, le=1000)]

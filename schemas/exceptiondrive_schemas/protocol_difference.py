@@ -6,7 +6,6 @@ publication section decides digits alone.
 """
 
 from collections.abc import Iterator
-from enum import StrEnum
 from typing import Any
 
 from pydantic import Field
@@ -16,6 +15,7 @@ from exceptiondrive_schemas.datasheet import SplitChange
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.python310 import StrEnum
 from exceptiondrive_schemas.split import Manifest
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from datetime import datetime
-from enum import StrEnum
 from types import MappingProxyType
 from typing import Literal
 
@@ -12,6 +11,7 @@ from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_schemas.python310 import StrEnum
 from exceptiondrive_schemas.score_sheet import MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 

@@ -1,11 +1,12 @@
 """The score sheet: totals and breakdown of one scoring run, all that may ever be published."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import SplitRef
 
 MetricRow = dict[str, float | None]

@@ -1,12 +1,12 @@
 """Which submissions are alike: for organizers alone, sums over samples, nothing of any sample."""
 
 from datetime import datetime
-from enum import StrEnum
 from typing import Annotated
 
 from pydantic import Field, TypeAdapter
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.python310 import StrEnum
 
 
 class AlikeSubmission(Document):

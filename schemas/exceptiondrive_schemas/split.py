@@ -1,12 +1,13 @@
 """The split (withheld) and its manifest (public, derived)."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.protocol import GeometrySection
+from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.submission_files import SampleId, Trajectory, Waypoint
 from exceptiondrive_schemas.taxonomy import Strategy
 

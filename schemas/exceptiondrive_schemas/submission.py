@@ -1,13 +1,14 @@
 """Submissions and their statuses as the API shows them."""
 
 from datetime import datetime
-from enum import StrEnum
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.phase_settings import PhaseNow, PhaseSettings
+from exceptiondrive_schemas.python310 import StrEnum
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
@@ -67,6 +68,9 @@ class SubmissionView(Document):
     method: str
     description: str
     links: Links
+    facts: MethodFacts = MethodFacts()
+    edited_at: datetime | None = None
+    """When the team last changed name, words, links or facts."""
     linked_to: str | None = None
     file_digest: str
     size_bytes: int

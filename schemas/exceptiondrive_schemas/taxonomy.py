@@ -4,12 +4,12 @@ Ids are opaque keys. Names and hazards are organisers' text; when the true list 
 supplement appears, only the protocol document changes.
 """
 
-from enum import StrEnum
-from typing import Annotated, Self
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.python310 import Self, StrEnum
 
 
 class Strategy(StrEnum):

@@ -14,9 +14,9 @@ from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe
 from exceptiondrive_server.web.problems import install_problem_handlers
-from exceptiondrive_server.web.responses import mount_static
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.static_files import mount_static
 
 API_VERSION = "1.0"
 MULTIPART_OVERHEAD_BYTES = 64 * 1024

@@ -5,15 +5,16 @@ import os
 import re
 import subprocess
 import sys
-import tarfile
 import tempfile
-import zipfile
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+import tomllib
+from tests.support.distributions import DISTRIBUTIONS, build, names_in
 
+from exceptiondrive import __version__
 from exceptiondrive_worker.private_store import PrivateStore, Shelf
 
 ROOT = Path(__file__).parents[2]
@@ -220,41 +221,48 @@ def test_another_user_cannot_read_the_private_store(open_folder: Path) -> None:
     assert "Permission denied" in refused.stderr
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module", params=["client", "server", "worker"])
+def archives(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, list[str]]:
+    """The names in wheel and source archive of a distribution."""
+    distribution: str = request.param
     folder = tmp_path_factory.mktemp("dist")
-    done = subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-d", str(folder)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return folder
+    return {path.suffix: names_in(path) for path in build(distribution, folder)}
 
 
 @pytest.mark.row("I27")
-def test_the_wheel_holds_no_split(built: Path) -> None:
-    (wheel,) = built.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        names = archive.namelist()
-    assert any(name.startswith("exceptiondrive_worker/") for name in names)
-    assert not [name for name in names if FOLDER in name or name.endswith("split.json.gz")]
+def test_no_archive_holds_a_split(archives: dict[str, list[str]]) -> None:
+    assert set(archives) == {".whl", ".gz"}
+    for names in archives.values():
+        assert any(name.endswith("/__init__.py") for name in names)
+        assert not [name for name in names if FOLDER in name or name.endswith("split.json.gz")]
 
 
-def test_the_wheel_ships_the_papers_rows_and_protocols(built: Path) -> None:
-    (wheel,) = built.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        names = archive.namelist()
-    assert "exceptiondrive_schemas/reported/exceptiondrive-paper.toml" in names
-    assert "exceptiondrive_schemas/protocols/1.0.toml" in names
-    assert "exceptiondrive_agent/cli.py" in names
+def test_no_file_is_in_two_distributions(tmp_path: Path) -> None:
+    wheels = {name: build(name, tmp_path, "wheel")[0] for name in DISTRIBUTIONS}
+    packages = {
+        name: sorted({path.split("/")[0] for path in names_in(wheel) if ".dist-info/" not in path})
+        for name, wheel in wheels.items()
+    }
+    assert packages == {
+        "client": [
+            "exceptiondrive",
+            "exceptiondrive_agent",
+            "exceptiondrive_endpoints",
+            "exceptiondrive_schemas",
+            "exceptiondrive_scoring",
+        ],
+        "server": ["exceptiondrive_records", "exceptiondrive_server"],
+        "worker": ["exceptiondrive_build", "exceptiondrive_worker"],
+    }
 
 
-def test_the_source_archive_holds_no_split(built: Path) -> None:
-    (sdist,) = built.glob("*.tar.gz")
-    with tarfile.open(sdist) as archive:
-        names = archive.getnames()
-    assert any("exceptiondrive_worker/" in name for name in names)
-    assert not [name for name in names if FOLDER in name or name.endswith("split.json.gz")]
+def test_the_distributions_ask_for_each_other_in_one_version() -> None:
+    for folder, wanted in {
+        "server": {"exceptiondrive"},
+        "worker": {"exceptiondrive", "exceptiondrive-server"},
+    }.items():
+        project = tomllib.loads((ROOT / folder / "pyproject.toml").read_text("utf-8"))["project"]
+        ours = {each for each in project["dependencies"] if each.startswith("exceptiondrive")}
+        assert ours == {f"{name}=={__version__}" for name in wanted}

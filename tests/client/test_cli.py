@@ -143,8 +143,8 @@ def test_evaluate_shows_both_aggregates_labelled(planning_file: MakeFile, split_
     done = run("evaluate", planning_file(), "--split", split_file)
     assert done.exit_code == 0, done.stderr
     for words in (
-        "macro_family (mean of the family means)",
-        "micro (mean over all samples)",
+        "mean of families",
+        "mean of samples",
         "Sudden Emergence",
         "LB1 stalled_vehicle",
         "Blind to the edit",

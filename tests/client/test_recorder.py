@@ -249,11 +249,11 @@ def test_an_older_python_was_found() -> None:
     assert OLD_PYTHONS[0].exists()
 
 
-def test_the_recorder_keeps_to_the_syntax_of_python_3_7() -> None:
+def test_the_recorder_keeps_to_python_3_6() -> None:
     import exceptiondrive.recorder
 
     source = Path(exceptiondrive.recorder.__file__).read_text(encoding="utf-8")
-    assert ast.parse(source, feature_version=(3, 7)).body
+    assert ast.parse(source, feature_version=(3, 6)).body
 
 
 def test_the_recorder_needs_nothing_but_the_standard_library() -> None:

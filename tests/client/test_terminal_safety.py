@@ -13,7 +13,7 @@ from exceptiondrive.cli.tables import (
     board_view,
     records_table,
     submission_view,
-    submissions_table,
+    submissions_view,
 )
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
@@ -81,7 +81,7 @@ def submission(text: str) -> SubmissionView:
 def test_tables_and_sentences_hold_nothing_that_steers(capsys: pytest.CaptureFixture[str]) -> None:
     show(*board_view(board()))
     views = [submission(text) for text in ALL.values()]
-    show(submissions_table(views))
+    show(*submissions_view(views))
     for view in views:
         show(*submission_view(view, f"http://server/{view.id}", view.method))
         say(f"error: {view.method}")

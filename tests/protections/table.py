@@ -71,6 +71,18 @@ PROTECTIONS = (
         "tests/leak/test_over_http.py::test_the_api_publishes_what_the_oracle_says_and_not_a_digit_more",
     ),
     Protection(
+        "split-floors",
+        "exceptiondrive_worker.split_floors:breaches",
+        _always(()),
+        "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_usual_floors_hold",
+    ),
+    Protection(
+        "split-day",
+        "exceptiondrive_records.submissions.sheets:scored_within_a_day",
+        _always(0),
+        "tests/worker/test_split_floors.py::test_only_so_many_submissions_a_day_are_scored_over_all_phases_and_teams",
+    ),
+    Protection(
         "outcome-cells",
         "exceptiondrive_schemas.protocol:PublicationSection.shows_outcome_cells",
         _always(True),

@@ -1,7 +1,5 @@
 """The resolved sets in the protocol: stored, digested, and never at odds with the caution ranks."""
 
-import tomllib
-
 import pytest
 
 from exceptiondrive_schemas.board import BoardEntry, ReminderEffect
@@ -12,6 +10,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
 )
+from exceptiondrive_schemas.python310 import tomllib
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.taxonomy import Strategy
 

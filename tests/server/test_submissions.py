@@ -132,3 +132,81 @@ def test_without_a_token_it_is_401(api: "Api", as_problem: Problem, path: str) -
 def test_strange_ids_are_refused_and_break_nothing(api_on_both: "Api", name: str) -> None:
     assert api_on_both.get(f"/submissions/{name}", "alpha").status_code in (400, 404)
     assert api_on_both.get(f"/submissions?phase={name}", "alpha").status_code in (200, 400)
+
+
+def test_a_team_edits_what_it_says_and_others_cannot(
+    api_on_both: "Api", as_problem: Problem
+) -> None:
+    one = submit_all(api_on_both, "alpha", "a")[0]
+    before = api_on_both.get("/phases/dev", "alpha").json()["quota"]
+    change = {"method": "Planner 2", "facts": {"type": "vla", "sensors": ["lidar"]}}
+    as_problem(
+        api_on_both.request("PATCH", f"/submissions/{one}", json=change), 401, "not_signed_in"
+    )
+    as_problem(
+        api_on_both.request("PATCH", f"/submissions/{one}", "beta", json=change), 404, "not_found"
+    )
+    as_problem(api_on_both.get(f"/submissions/{one}/edits", "beta"), 404, "not_found")
+    answer = api_on_both.request("PATCH", f"/submissions/{one}", "alpha", json=change)
+    seen = SubmissionView.model_validate_json(answer.content)
+    assert (seen.method, seen.facts.type, seen.facts.sensors) == ("Planner 2", "vla", ("lidar",))
+    assert seen.edited_at is not None
+    history = api_on_both.get(f"/submissions/{one}/edits", "alpha").json()
+    assert [sorted(line["changed"]) for line in history] == [
+        ["facts.sensors", "facts.type", "method"]
+    ]
+    assert api_on_both.get("/phases/dev", "alpha").json()["quota"] == before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"facts": {"type": "magic"}},
+        {"facts": {"sensors": ["eyes"]}},
+        {"facts": {"parameters_millions": -1}},
+        {"facts": {"hardware": "x" * 121}},
+        {"facts": {"colour": "red"}},
+        {"status": "scored"},
+        {"method": ""},
+    ],
+)
+def test_a_wrong_edit_is_refused(api: "Api", as_problem: Problem, change: dict[str, Any]) -> None:
+    one = submit_all(api, "alpha", "a")[0]
+    as_problem(
+        api.request("PATCH", f"/submissions/{one}", "alpha", json=change), 400, "bad_request"
+    )
+
+
+def test_facts_travel_with_the_upload(api: "Api", as_problem: Problem) -> None:
+    seen = api.submit("a", facts='{"type": "rule", "sensors": ["lidar", "radar"]}').json()
+    assert (seen["facts"]["type"], seen["facts"]["sensors"]) == ("rule", ["lidar", "radar"])
+    problem = as_problem(api.submit("b", facts='{"type": "magic"}'), 400, "bad_request")
+    assert list(problem["fields"]) == ["facts"]
+
+
+def test_the_same_bytes_under_another_name_change_nothing(api: "Api", as_problem: Problem) -> None:
+    one = api.submit("a", method="Planer").json()["id"]
+    problem = as_problem(api.submit("a", method="Planner"), 409, "conflict")
+    assert f"exceptiondrive edit {one}" in problem["detail"]
+    assert api.get(f"/submissions/{one}", "alpha").json()["method"] == "Planer"
+
+
+def test_facts_are_joined_to_a_board_when_it_is_read(
+    api: "Api", make_entry: Callable[..., Any]
+) -> None:
+    one = api.submit("a").json()["id"]
+    other = api.submit("b", "beta").json()["id"]
+    api.score(one)
+    api.publish(make_entry("Planner", submission_id=one))
+    board = api.get("/leaderboard?phase=dev")
+    for submission, who in ((one, "alpha"), (other, "beta")):
+        change = {"facts": {"type": "vla", "hardware": "=1+1"}}
+        assert api.request("PATCH", f"/submissions/{submission}", who, json=change).is_success
+    told = api.get("/leaderboard/facts?phase=dev").json()
+    assert list(told["entries"]) == [one], "what is on no board is its team's alone"
+    assert told["entries"][one]["facts"]["type"] == "vla"
+    assert told["changed_at"] >= told["entries"][one]["edited_at"]
+    assert api.get(f"/entries/{one}").json()["facts"]["hardware"] == "=1+1"
+    assert "'=1+1" in api.get("/leaderboard.csv?phase=dev").text
+    again = api.get("/leaderboard?phase=dev")
+    assert (again.content, again.headers["etag"]) == (board.content, board.headers["etag"])

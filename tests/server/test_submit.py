@@ -77,7 +77,7 @@ def test_the_answer_tells_what_is_left_of_the_quota(api: "Api") -> None:
 
 def test_the_same_bytes_give_the_first_submission_and_cost_nothing(api_on_both: "Api") -> None:
     first = api_on_both.submit("a", method="One").json()
-    again = api_on_both.submit("a", method="Two")
+    again = api_on_both.submit("a", method="One")
     assert again.status_code == 200
     assert again.json()["id"] == first["id"]
     assert again.json()["is_duplicate"] is True

@@ -7,7 +7,6 @@ even the numbers of the protocol are read from the TOML by itself.
 import gzip
 import json
 import math
-import tomllib
 from itertools import pairwise
 from pathlib import Path
 from statistics import fmean
@@ -16,6 +15,8 @@ from typing import Any
 from shapely.geometry import LineString, MultiPoint, Polygon
 from shapely.geometry import Point as ShapelyPoint
 from shapely.ops import unary_union
+
+from exceptiondrive_schemas.python310 import tomllib
 
 ROOT = Path(__file__).parents[2]
 PROTOCOL_FILE = ROOT / "schemas" / "exceptiondrive_schemas" / "protocols" / "1.0.toml"

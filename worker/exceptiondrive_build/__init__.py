@@ -3,5 +3,5 @@
 Each candidate, one keyframe and one task, walks through stages. Every decision is an appended
 record; what is true now is read from the records, and freezing is a pure function of them. All of
 it lives in a workshop folder on an organizer's machine and never on a server: it holds withheld
-regions. Needs the extra `exceptiondrive[build]`.
+regions. Needs the extra `exceptiondrive-worker[build]`.
 """

@@ -64,7 +64,7 @@ class _Commands(TyperGroup):
             except ModuleNotFoundError as error:
                 if error.name and error.name.startswith("exceptiondrive"):
                     raise
-                advice = 'Install it: pip install "exceptiondrive[build]"'
+                advice = 'Install it: pip install "exceptiondrive-worker[build]"'
                 raise BuildError(f"{error.name} is not installed.", advice) from None
             self.commands.update(get_group(part).commands)
         return self.commands.get(cmd_name)

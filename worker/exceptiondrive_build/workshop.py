@@ -8,13 +8,13 @@ records.sqlite3    decisions, append-only                    answers/<stage>.jso
 import hashlib
 import hmac
 import os
-import tomllib
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from secrets import token_hex
 from typing import Self
 
+import tomllib
 from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive_build.errors import BuildError

@@ -26,9 +26,11 @@ from exceptiondrive_worker.comparisons import Standing, comparisons, entry_uncer
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import job_boundary
+from exceptiondrive_worker.floors_held import hold_floors_of
 from exceptiondrive_worker.references import scored_references
 from exceptiondrive_worker.reminder_effects import reminder_effects
 from exceptiondrive_worker.similarity_run import compare_submissions
+from exceptiondrive_worker.split_floors import FloorHeldError
 from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
 from exceptiondrive_worker.stages import Target
 
@@ -68,6 +70,9 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
         late = _late_board(context, claimed)
     except SplitUnavailableError as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
+        return
+    except FloorHeldError as held:
+        _log.error("floors of the split: board not built", phase=phase_id, reason=str(held))
         return
     with context.database.write() as session:
         row = publish_board(session, claimed, board, late)
@@ -130,6 +135,8 @@ def _board(
     boards = [None if row is None else read[row.id] for row in rows]
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
+    floors, ref = context.splits.floors(phase.split_name), split.manifest.ref
+    hold_floors_of(context.database, floors, ref, protocol, phase.id)
     targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
     standings = list(zip(targets, records, strict=True))
     references = scored_references(context, challenge, split, protocol)

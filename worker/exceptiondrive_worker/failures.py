@@ -17,6 +17,7 @@ from billiard.exceptions import SoftTimeLimitExceeded
 from exceptiondrive_records.db.errors import NotFound, StoreError
 from exceptiondrive_records.submissions.file_store import FileDamaged
 from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_floors import FloorHeldError, SplitDayFullError
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -31,6 +32,8 @@ class FailureCode(StrEnum):
     UPLOAD_MISSING = "upload_missing"
     STORE_UNAVAILABLE = "store_unavailable"
     SPLIT_REFUSED = "split_refused"
+    SPLIT_FLOOR = "split_floor"
+    SPLIT_DAY_FULL = "split_day_full"
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,24 @@ _FAILURES: tuple[tuple[type[BaseException], Failure], ...] = (
         Failure(
             FailureCode.SPLIT_REFUSED,
             "The split cannot be scored under this protocol; the organizers can see why.",
+            may_retry=False,
+        ),
+    ),
+    (
+        SplitDayFullError,
+        Failure(
+            FailureCode.SPLIT_DAY_FULL,
+            "As many submissions as the withheld split allows were scored within a day; the "
+            "organizers can have this one scored later.",
+            may_retry=False,
+        ),
+    ),
+    (
+        FloorHeldError,
+        Failure(
+            FailureCode.SPLIT_FLOOR,
+            "The phase asks for more of its withheld split than the split's floors allow; the "
+            "organizers can see what.",
             may_retry=False,
         ),
     ),

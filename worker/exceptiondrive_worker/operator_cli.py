@@ -27,6 +27,7 @@ from exceptiondrive_worker.sample.files import write_planners, write_sample_spli
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_floors import FloorsUnreadableError
 from exceptiondrive_worker.split_store import (
     SplitStore,
     SplitUnavailableError,
@@ -54,6 +55,7 @@ _KNOWN_ERRORS = (
     SplitUnreadableError,
     SplitRefusedError,
     SplitUnavailableError,
+    FloorsUnreadableError,
     OlderScorerError,
     OSError,
 )

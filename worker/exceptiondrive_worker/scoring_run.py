@@ -25,9 +25,11 @@ from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
+from exceptiondrive_worker.floors_held import hold_floors_of
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.sound_report import sound_report
 from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_floors import FloorsUnreadableError
 from exceptiondrive_worker.split_store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
@@ -88,7 +90,11 @@ def _is_here(context: WorkerContext, name: str, key: ScoringKey) -> bool:
     try:
         with context.database.read() as session:
             protocol = find_protocol(session, key.protocol_digest)
+        context.splits.floors(name)
         context.splits.find(name, key.split_revision, protocol)
+    except FloorsUnreadableError as error:
+        _log.error("floors unreadable: its jobs stay queued", **ids, reason=str(error))
+        return False
     except Conflict as error:
         _log.error("protocol refused: its jobs stay queued", **ids, reason=str(error))
         return False
@@ -114,6 +120,8 @@ def _score(context: WorkerContext, job: Job) -> None:
         read_under = accepted_under(session, submission.id) or protocol
         ref = SplitRef(name=phase.split_name, revision=job.split_revision)
         is_public = find_public_split(session, ref) is not None
+    floors = context.splits.floors(ref.name)
+    hold_floors_of(context.database, floors, ref, protocol, phase.id, submission.id)
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, job.split_revision, protocol)
     target = Target(submission.file_digest, challenge, split, protocol, read_under)

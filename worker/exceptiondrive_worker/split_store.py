@@ -24,6 +24,7 @@ from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays, recorded_m, split_arrays
 from exceptiondrive_worker.private_store import array_digest
 from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
+from exceptiondrive_worker.split_floors import SplitFloors, read_floors
 
 MAX_SPLIT_BYTES = 256 * 2**20
 
@@ -173,6 +174,14 @@ class SplitStore:
             for path in (*folder.glob("split*.json"), *folder.glob("split*.json.gz"))
         ]
         return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
+
+    def floors(self, name: str) -> SplitFloors:
+        """Return the floors of a split as they stand now.
+
+        Raises:
+            FloorsUnreadableError: The file is no floors.
+        """
+        return read_floors(self._folder / name)
 
     def find(self, name: str, revision: str, protocol: ProtocolDocument) -> LoadedSplit:
         """Return a split at exactly this revision.

@@ -50,6 +50,7 @@ def register_all_splits(
     Raises:
         SplitUnreadableError: A file is not a split.
         SplitRefusedError: A split cannot be scored; every offending sample is listed.
+        FloorsUnreadableError: The floors beside a split cannot be read.
     """
     return [_register(database, splits, path, protocol, words) for path in splits.files()]
 
@@ -77,6 +78,7 @@ def _register(
 ) -> RegisteredSplit:
     """Record the whole split and, where it has parts, each part; return the whole."""
     split = read_split(path)
+    splits.floors(split.name)  # refuses what cannot be read
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
     counts = [SplitWarning(code=w.code, what=w.what, count=w.count) for w in warnings]

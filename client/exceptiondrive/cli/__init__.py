@@ -38,6 +38,10 @@ COMMANDS = {
         ".submission_commands",
         "List the team's submissions, newest first.",
     ),
+    "quota": (
+        ".submission_commands",
+        "Show what the team may still submit, and when the count resets.",
+    ),
     "withdraw": (".submission_commands", "Take a submission off the board."),
     "choose": (
         ".submission_commands",

@@ -3,13 +3,12 @@
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.cli.tables import board_view, plain_table
+from exceptiondrive.cli.tables import board_view
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.submission import PhaseView
@@ -72,21 +71,29 @@ def phases(server: options.Server = None, json: options.Json = False) -> None:
     if json:
         show_json([view.model_dump(mode="json", by_alias=True) for view in views])
     else:
-        show(_phases_table(views))
+        show(phases_table(views))
 
 
-def _phases_table(views: tuple[PhaseView, ...]) -> Table:
-    table = plain_table(
-        "phase", "challenge", "title", "split", "samples", "protocol", "open", "left"
+def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
+    """Return the table of all phases."""
+    table = FittedTable.of(
+        Column("phase", "id"),
+        Column("challenge", "id", left_out=1),
+        "title",
+        Column("split", "id", left_out=2),
+        Column("samples", "number", left_out=3),
+        Column("protocol", "id", left_out=4),
+        Column("open"),
+        Column("left"),
     )
     for view in views:
         quota = view.quota
         table.add_row(
             view.id,
             view.challenge,
-            Text(view.title),
+            view.title,
             view.split + (" (public)" if view.split_is_public else ""),
-            str(view.n_samples),
+            f"{view.n_samples:,}",
             view.protocol,
             _window(view),
             f"{view.quota_per_day} a day"

@@ -1,11 +1,11 @@
 """Commands that work without a server: check, evaluate, plot, version."""
 
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from exceptiondrive import __version__
 from exceptiondrive.checking import (
     check_file,
     chosen_protocol,
@@ -155,7 +155,7 @@ def plot(
 def version() -> None:
     """Print the versions of client and protocol."""
     protocol = packaged_protocol()
-    show(f"exceptiondrive {metadata.version('exceptiondrive')}")
+    show(f"exceptiondrive {__version__}")
     show(f"protocol {protocol.version} {protocol.digest}")
 
 

@@ -1,12 +1,11 @@
 """Progress on stderr, and only where a person sees it."""
 
-from typing import Self
-
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.status import Status
 
 from exceptiondrive.cli.output import console, has_terminal
 from exceptiondrive.cli.tables import status_line
+from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.submission import SubmissionView
 
 

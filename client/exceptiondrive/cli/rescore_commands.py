@@ -7,20 +7,21 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated
 
 import typer
 from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
-from exceptiondrive.cli.tables import challenge_of, plain_table
-from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError
+from exceptiondrive.cli.tables import challenge_of
+from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
+from exceptiondrive_schemas.python310 import Self
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Id of the run.")]
 ReasonOption = Annotated[
@@ -254,9 +255,18 @@ def _duration(seconds: float) -> str:
     return f"{max(1, round(seconds))} s"
 
 
-def runs_table(runs: list[Record]) -> Table:
+def runs_table(runs: list[Record]) -> FittedTable:
     """Return a line per run."""
-    table = plain_table("run", "phase", "state", "from", "to", "sheets", "created", "reason")
+    table = FittedTable.of(
+        Column("run", "id"),
+        Column("phase", "id"),
+        "state",
+        Column("from", "id", left_out=3),
+        Column("to", "id", left_out=2),
+        Column("sheets", "number"),
+        Column("created", "id", left_out=4),
+        Column("reason", left_out=1),
+    )
     for run in runs:
         progress = run["progress"]
         table.add_row(
@@ -266,7 +276,7 @@ def runs_table(runs: list[Record]) -> Table:
             run["from_protocol"]["version"],
             run["to_protocol"]["version"],
             f"{progress['done']}/{progress['total']}",
-            run["created_at"][:16],
+            utc_text(run["created_at"]),
             run["reason"],
         )
     return table
@@ -291,18 +301,14 @@ def preview_lines(preview: Record) -> list[RenderableType]:
     return lines
 
 
-def _entries_table(comparison: Record) -> Table:
+def _entries_table(comparison: Record) -> FittedTable:
     entries = {entry["submission_id"]: entry for entry in comparison["entries"]}
     movers = [entries[key] for key in comparison["worst_movers"]]
     rest = [entry for entry in comparison["entries"] if entry not in movers]
     challenge = challenge_of(comparison["challenge"])
     metrics = [metric.key for metric in challenge.metrics if metric.role == "primary"]
-    table = plain_table("method")
-    table.add_column("rank")
-    table.add_column("interval")
-    for metric in metrics:
-        table.add_column(metric, justify="right")
-    table.add_column("")
+    numbers = (Column(metric, "number", left_out=1) for metric in metrics)
+    table = FittedTable.of("method", "rank", Column("interval", left_out=2), *numbers, "")
     for entry in movers + rest:
         old, new = entry["old"], entry["new"]
         table.add_row(

@@ -1,4 +1,4 @@
-"""Commands about the team's submissions: submit, status, submissions, withdraw."""
+"""Commands about the team's submissions: submit, status, submissions, quota, withdraw."""
 
 from typing import Annotated
 
@@ -18,8 +18,9 @@ from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import (
     entry_words,
     outlook_view,
+    quota_table,
     submission_view,
-    submissions_table,
+    submissions_view,
 )
 from exceptiondrive.client import Outlook
 from exceptiondrive.errors import InvalidArgumentError, utc_text
@@ -163,9 +164,21 @@ def submissions(
     if json:
         show_json([view.model_dump(mode="json", by_alias=True) for view in views])
     elif views:
-        show(submissions_table(views))
+        show(*submissions_view(views))
     else:
         show("no submissions")
+
+
+def quota(
+    phase: options.Phase = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show what the team may still submit, and when the count resets."""
+    with open_client(server) as client:
+        found = client.quota(phase)
+    as_json = {name: each.model_dump(mode="json", by_alias=True) for name, each in found.items()}
+    show_result(as_json, json, quota_table(found))
 
 
 def withdraw(
@@ -230,5 +243,5 @@ def _quota_left(quota: Quota | None) -> tuple[str, ...]:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    for command in (submit, status, submissions, withdraw, choose, publish):
+    for command in (submit, status, submissions, quota, withdraw, choose, publish):
         app.command()(command)

@@ -1,28 +1,29 @@
 """Documents of the API as people read them in a terminal."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from contextlib import suppress
+from typing import Any, Literal
 
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from exceptiondrive.cli.fitted_table import ByWidth, Column, FittedTable
 from exceptiondrive.errors import ServerError, utc_text
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, UnknownChallengeError
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
-from exceptiondrive_schemas.submission import QueuePlace, SubmissionStatus, SubmissionView
+from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 
 EXAMPLES_SHOWN = 5
 HEADLINE = "macro_family"
+FIRST_LEFT_OUT = 3
+"""Of the columns of a board or sheet, metrics that do not rank are left out first."""
 SENSITIVITY = "d_safe_x"
-AGGREGATES = {
-    "macro_family": "macro_family (mean of the family means)",
-    "micro": "micro (mean over all samples)",
-}
+AGGREGATES = {"macro_family": "mean of families", "micro": "mean of samples"}
 STYLES = {
     SubmissionStatus.SCORED: "green",
     SubmissionStatus.REJECTED: "red",
@@ -31,27 +32,31 @@ STYLES = {
 }
 
 
-def plain_table(*titles: str) -> Table:
-    """Return a table without lines; wide cells of `titles` fold."""
-    table = Table(box=None, padding=(0, 1), header_style="bold")
-    for title in titles:
-        table.add_column(title, overflow="fold")
-    return table
-
-
-def records_table(records: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
-    """Return records of the API as a table of these columns."""
-    table = plain_table(*(column.replace("_", " ") for column in columns))
+def records_table(records: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> FittedTable:
+    """Return records of the API as a table of these columns; the last ones are left out first."""
+    table = FittedTable.of(
+        *(
+            Column(name.replace("_", " "), _kind_of(name), left_out=max(0, index - 1))
+            for index, name in enumerate(columns)
+        )
+    )
     for record in records:
-        table.add_row(*(_cell(record.get(column)) for column in columns))
+        table.add_row(*(_cell(name, record.get(name)) for name in columns))
     return table
 
 
-def _cell(value: Any) -> str:
+def _kind_of(name: str) -> Literal["id", "words"]:
+    return "id" if name in ("id", "phase", "at") or name.endswith(("_id", "_at")) else "words"
+
+
+def _cell(name: str, value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value))
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, str) and (name == "at" or name.endswith("_at")):
+        with suppress(ValueError):
+            return utc_text(value)
     return "" if value is None else str(value)
 
 
@@ -151,26 +156,17 @@ def _headline(report: CheckReport, name: str) -> str:
     )
 
 
-def _examples(group: FaultGroup) -> Table:
-    shown = group.examples[:EXAMPLES_SHOWN]
-    has_sample = any(fault.sample_id for fault in shown)
-    has_hint = any(fault.hint for fault in shown)
-    table = Table(box=None, padding=(0, 2), header_style="dim")
-    for title, is_shown in (
-        ("where", True),
-        ("sample", has_sample),
-        ("expected", True),
-        ("got", True),
-        ("hint", has_hint),
-    ):
-        if is_shown:
-            table.add_column(title, overflow="fold")
-    for fault in shown:
-        cells = [fault.path]
-        cells += [fault.sample_id or ""] if has_sample else []
-        cells += [fault.expected, fault.got]
-        cells += [fault.hint or ""] if has_hint else []
-        table.add_row(*(Text(cell) for cell in cells))
+def _examples(group: FaultGroup) -> FittedTable:
+    table = FittedTable.of(
+        Column("where", "id", left_out=3),
+        Column("sample", "id", left_out=2),
+        "expected",
+        "got",
+        Column("hint", left_out=1),
+    )
+    for fault in group.examples[:EXAMPLES_SHOWN]:
+        cells = fault.path, fault.sample_id, fault.expected, fault.got, fault.hint
+        table.add_row(*(cell or "" for cell in cells))
     return table
 
 
@@ -208,29 +204,36 @@ def _shipped(wanted: ProtocolRef) -> ProtocolDocument | None:
     return shipped if shipped.digest == wanted.digest else None
 
 
-def _sheet_table(sheet: ScoreSheet, protocol: ProtocolDocument | None, with_tasks: bool) -> Table:
+def _sheet_table(
+    sheet: ScoreSheet, protocol: ProtocolDocument | None, with_tasks: bool
+) -> FittedTable:
     challenge = challenge_of(sheet.challenge)
-    table = plain_table("")
-    table.add_column("n", justify="right")
-    for metric in challenge.columns:
-        table.add_column(metric_head(metric), justify="right", no_wrap=True)
-    headline = protocol.grading.headline if protocol else "macro_family"
+    table = FittedTable.of("", Column("n", "number"), *metric_columns(challenge))
+    headline = protocol.grading.headline if protocol else HEADLINE
     for key in sorted(AGGREGATES, key=lambda key: key != headline):
         row: MetricRow = getattr(sheet, key)
         style = "bold" if key == headline else ""
         table.add_row(AGGREGATES[key], str(sheet.n), *_cells(challenge, row, protocol), style=style)
-    table.add_section()
     families = {family.id: family.title for family in protocol.families} if protocol else {}
+    table.add_gap()
     _add_rows(table, challenge, sheet.families, families, protocol)
     if with_tasks:
         tasks = {task.id: f"{task.id} {task.name}" for task in protocol.tasks} if protocol else {}
-        table.add_row()
+        table.add_gap()
         _add_rows(table, challenge, sheet.tasks, tasks, protocol)
     return table
 
 
+def metric_columns(challenge: Challenge) -> Iterator[Column]:
+    """Yield the columns of the metrics; those that rank always stay, the last others leave first."""
+    ranking = {each.metric for each in challenge.primary_order}
+    for index, metric in enumerate(challenge.columns):
+        left_out = 0 if metric.key in ranking else FIRST_LEFT_OUT + index
+        yield Column(metric_head(metric), "number", left_out)
+
+
 def _add_rows(
-    table: Table,
+    table: FittedTable,
     challenge: Challenge,
     rows: Mapping[str, BreakdownRow],
     titles: Mapping[str, str],
@@ -271,14 +274,13 @@ def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
 
 def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
     """Further named rows: counts as counts, anything else as the fraction that it is."""
-    by_columns: dict[tuple[str, ...], Table] = {}
+    by_columns: dict[tuple[str, ...], FittedTable] = {}
     others = {key: row for key, row in sheet.extra.items() if not key.startswith(SENSITIVITY)}
     for name, row in others.items():
         table = by_columns.get(tuple(row))
         if table is None:
-            table = by_columns[tuple(row)] = plain_table("")
-            for key in row:
-                table.add_column(key.replace("_", " "), justify="right")
+            titles = (Column(key.replace("_", " "), "number") for key in row)
+            table = by_columns[tuple(row)] = FittedTable.of("", *titles)
         is_count = "n" in row
         table.add_row(name.replace("_", " "), *(_extra_cell(v, is_count) for v in row.values()))
     yield from by_columns.values()
@@ -350,18 +352,66 @@ def entry_words(view: SubmissionView) -> str:
     return f'{view.id} ({", ".join(facts)}) of "{view.method}"'
 
 
-def submissions_table(views: Iterable[SubmissionView]) -> Table:
-    """Return the table of many submissions."""
-    table = plain_table("id", "phase", "method", "status", "received", "rank")
+def submissions_view(views: Iterable[SubmissionView]) -> Iterator[RenderableType]:
+    """Yield a table of submissions, with what ranks of those that are scored, and what replaced them."""
+    views = list(views)
+    heads = {head: None for view in views for head in _ranking_texts(view)}
+    table = FittedTable.of(
+        Column("id", "id"),
+        Column("phase", "id", left_out=2),
+        "method",
+        "status",
+        *(Column(head, "number", left_out=1) for head in heads),
+        Column("rank", "number"),
+        Column("received", "id", left_out=3),
+    )
     for view in views:
         style = STYLES.get(view.status, "yellow")
+        ranking = _ranking_texts(view)
         table.add_row(
             view.id,
             view.phase,
-            Text(view.method),
-            Text(status_line(view), style=style),
+            view.method,
+            Text("replaced" if view.replaced_by else status_line(view), style=style),
+            *(ranking.get(head, "") for head in heads),
+            str(view.rank or ""),
             utc_text(view.received_at),
-            f"replaced by {view.replaced_by}" if view.replaced_by else str(view.rank or ""),
+        )
+    yield table
+    for view in views:
+        if view.replaced_by:
+            yield Text(f"{view.id} was replaced by {view.replaced_by}", style="dim")
+
+
+def _ranking_texts(view: SubmissionView) -> dict[str, str]:
+    """Return what ranks of a scored submission, by the heads of its columns."""
+    if view.sheet is None:
+        return {}
+    challenge, row = challenge_of(view.challenge), getattr(view.sheet, HEADLINE)
+    metrics = (challenge.metric(each.metric) for each in challenge.primary_order)
+    return {metric_head(metric): metric_text(metric, row.get(metric.key)) for metric in metrics}
+
+
+def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
+    """Return what a team may still submit in each phase."""
+    table = FittedTable.of(
+        Column("phase", "id"),
+        "left today",
+        Column("left in all", left_out=2),
+        Column("may be refused today", left_out=3),
+        Column("may wait at once", left_out=4),
+        Column("resets at", "id"),
+    )
+    for phase, quota in quotas.items():
+        table.add_row(
+            phase,
+            f"{quota.remaining_today} of {quota.per_day}",
+            "" if quota.total is None else f"{quota.total - quota.used_total} of {quota.total}",
+            f"{quota.rejected_per_day - quota.rejected_today} of {quota.rejected_per_day}",
+            ""
+            if quota.concurrent is None
+            else f"{quota.concurrent - quota.waiting} of {quota.concurrent}",
+            utc_text(quota.resets_at),
         )
     return table
 
@@ -375,8 +425,8 @@ def board_view(board: Board) -> Iterator[RenderableType]:
         style="bold",
     )
     yield Text(
-        f"board {board.board} of {board.published_at:%Y-%m-%d %H:%M} UTC, metrics: "
-        f"{board.headline}",
+        f"board {board.board} of {utc_text(board.published_at)}, metrics: "
+        f"{AGGREGATES.get(board.headline, board.headline)}",
         style="dim",
     )
     if board.view == "late":
@@ -385,36 +435,49 @@ def board_view(board: Board) -> Iterator[RenderableType]:
         )
     if board.part is not None:
         yield Text(f"counts the {board.part} part of the split")
-    yield _board_table(board, challenge)
+    yield ByWidth(lambda width: _board_tables(board, challenge, width))
+    by_reason: dict[str, list[str]] = {}
     for entry in board.entries:
         if entry.unranked_because:
-            yield Text(f"{entry.method} ({entry.team}): {entry.unranked_because}", style="dim")
+            by_reason.setdefault(entry.unranked_because, []).append(entry.method)
+    for reason, methods in by_reason.items():
+        yield Text(f"not ranked, {reason}: {', '.join(methods)}", style="dim")
 
 
-def _board_table(board: Board, challenge: Challenge) -> Table:
-    table = Table(box=None, padding=(0, 1), header_style="bold")
-    table.add_column("rank", justify="right", no_wrap=True)
-    table.add_column("range", justify="right", no_wrap=True)
-    table.add_column("method", overflow="fold")
-    table.add_column("team", overflow="fold")
-    for metric in challenge.columns:
-        table.add_column(metric_head(metric), justify="right", no_wrap=True)
-    table.add_column("source", no_wrap=True)
-    table.add_column("flags", overflow="fold")
+def _board_tables(board: Board, challenge: Challenge, width: int) -> Iterator[RenderableType]:
+    """Yield the board with the words of the flags, or where that is too wide with letters."""
+    labels = dict.fromkeys(flag.label for entry in board.entries for flag in entry.flags)
+    with_words = _board_table(board, challenge, {label: label for label in labels})
+    if with_words.whole_width <= width or not labels:
+        yield with_words
+        return
+    letters = {label: chr(ord("a") + number) for number, label in enumerate(labels)}
+    yield _board_table(board, challenge, letters)
+    words = ", ".join(f"{letter} = {label}" for label, letter in letters.items())
+    yield Text(f"flags: {words}", style="dim")
+
+
+def _board_table(board: Board, challenge: Challenge, flag_marks: Mapping[str, str]) -> FittedTable:
+    table = FittedTable.of(
+        Column("rank", "number"),
+        Column("range", "number", left_out=2),
+        "method",
+        Column("team", left_out=1),
+        *metric_columns(challenge),
+        Column("source", "id", left_out=FIRST_LEFT_OUT),
+        Column("flags", left_out=0 if flag_marks else FIRST_LEFT_OUT),
+    )
     for entry in board.entries:
-        table.add_row(*_entry_cells(entry, challenge), style="" if entry.rank else "dim")
+        low, high = entry.rank_interval or ("", "")
+        marks = [flag_marks[flag.label] for flag in entry.flags]
+        table.add_row(
+            str(entry.rank or "-"),
+            f"{low}-{high}" if entry.rank_interval else "",
+            entry.method,
+            entry.team,
+            *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.columns),
+            entry.source,
+            ", ".join([*(["late"] if entry.is_late else []), *marks]),
+            style="" if entry.rank else "dim",
+        )
     return table
-
-
-def _entry_cells(entry: BoardEntry, challenge: Challenge) -> list[Text]:
-    interval = entry.rank_interval
-    cells = [
-        str(entry.rank or "-"),
-        "" if interval is None else f"{interval[0]}-{interval[1]}",
-        entry.method,
-        entry.team,
-        *(metric_text(metric, entry.metrics.get(metric.key)) for metric in challenge.columns),
-        entry.source,
-        ", ".join([*(["late"] if entry.is_late else []), *(flag.label for flag in entry.flags)]),
-    ]
-    return [Text(cell) for cell in cells]

@@ -1,7 +1,7 @@
 """One small valid example of every document; all tell the same story of three samples."""
 
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
+from datetime import datetime
 from types import MappingProxyType
 
 from exceptiondrive_schemas.base import Document
@@ -19,6 +19,7 @@ from exceptiondrive_schemas.publish.example_split import (
     example_strategy,
     indented,
 )
+from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Coverage,

@@ -1,7 +1,6 @@
 """Rows that papers report, as board entries: marked as reported, never ranked, never mixed in."""
 
 import json
-import tomllib
 from decimal import Decimal
 from functools import cache
 from importlib import resources
@@ -12,6 +11,7 @@ from pydantic import Field
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.python310 import tomllib
 from exceptiondrive_schemas.score_sheet import MetricRow
 
 Aggregate = Literal["micro", "macro_family"]

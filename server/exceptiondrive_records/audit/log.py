@@ -18,6 +18,8 @@ from exceptiondrive_schemas.base import canonical_json
 
 GENESIS = "0" * 64
 _PENDING = "exceptiondrive_pending_audit"
+SPLIT_FLOOR_HELD = "split floor held"
+"""A worker refused what was asked of a withheld split; the subject is the split."""
 _CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on PostgreSQL
 
 
@@ -35,6 +37,15 @@ def audit(
     """Record that `actor` did `action` to `subject` in this write transaction."""
     lines = session.info.setdefault(_PENDING, [])
     lines.append(_Pending(actor, action, subject, dict(detail or {})))
+
+
+def audit_once(
+    session: Session, actor: str, action: str, subject: str, detail: Mapping[str, Any]
+) -> None:
+    """Record what no line says yet: what is asked again and again leaves one line."""
+    query = select(AuditLine.detail).where(AuditLine.action == action, AuditLine.subject == subject)
+    if dict(detail) not in session.scalars(query).all():
+        audit(session, actor, action, subject, detail)
 
 
 def seal_audit_lines(session: Session) -> None:

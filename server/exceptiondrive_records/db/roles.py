@@ -65,6 +65,7 @@ RIGHTS = MappingProxyType(
         "similarities": (R, RI, R),
         "site_settings": (RIU, NONE, NONE),
         "splits": (R, RIU, R),
+        "submission_edits": (RI, NONE, NONE),
         "submissions": (RIU, _STATUS, _STATUS),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),

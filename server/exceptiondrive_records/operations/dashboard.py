@@ -4,9 +4,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -20,6 +22,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 
 NEWEST = 5
 _A_DAY = timedelta(days=1)
+_A_MONTH = timedelta(days=30)
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,8 @@ class Dashboard:
     workers: tuple[WorkerSign, ...]
     n_received_today: int
     """In the last 24 hours."""
+    floors_held: tuple[AuditLine, ...]
+    """What workers refused of withheld splits in the last 30 days, newest first."""
 
 
 def dashboard(session: Session) -> Dashboard:
@@ -77,7 +82,14 @@ def dashboard(session: Session) -> Dashboard:
         queue=tuple(lane_queue(session, lane) for lane in Lane),
         workers=tuple(worker_signs(session)),
         n_received_today=session.scalar(received) or 0,
+        floors_held=tuple(session.scalars(_floors_held(session))),
     )
+
+
+def _floors_held(session: Session) -> Select[AuditLine]:
+    since = database_now(session) - _A_MONTH
+    query = select(AuditLine).where(AuditLine.action == SPLIT_FLOOR_HELD, AuditLine.at >= since)
+    return query.order_by(AuditLine.id.desc()).limit(NEWEST)
 
 
 def lane_queue(session: Session, lane: Lane) -> LaneQueue:

@@ -1,5 +1,6 @@
 """Submissions: accepted in one transaction, after which they cannot be lost."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -29,6 +30,7 @@ from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 # Links between two submissions of a team: an entry and its counterpart without reminder.
@@ -87,6 +89,54 @@ def require_same_link(first: Submission, linked_to: str | None) -> None:
     )
 
 
+def checked_description(text: str) -> str:
+    """Return a description that can be shown.
+
+    Raises:
+        InvalidRecord: It is too long, or cannot be shown.
+    """
+    return checked_text(
+        "description", text, max_length=2000, may_be_empty=True, may_have_lines=True
+    )
+
+
+def checked_facts(facts: MethodFacts) -> MethodFacts | None:
+    """Return facts whose texts can be shown; None where nothing is told.
+
+    Raises:
+        InvalidRecord: A text cannot be shown.
+    """
+    texts = {
+        name: checked_text(
+            str(field.title), getattr(facts, name), max_length=200, may_be_empty=True
+        )
+        for name, field in MethodFacts.model_fields.items()
+        if field.annotation is str
+    }
+    checked = facts.model_copy(update=texts)
+    return checked if checked != MethodFacts() else None
+
+
+def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
+    """Refuse the same bytes with another name, link, description or facts than the first time.
+
+    Args:
+        first: The submission of these bytes.
+        told: What came with them by column; what is empty was not told.
+
+    Raises:
+        Conflict: They differ: they are changed by an edit, which keeps its history.
+    """
+    differs = [name for name, value in told.items() if value and value != getattr(first, name)]
+    if differs:
+        words = ", ".join(name.removesuffix("_url") for name in differs)
+        raise Conflict(
+            f"The same bytes were submitted as {first.id!r}, a run of {first.method!r}; nothing was "
+            f"changed. What differs now: {words}. To change that, without a new submission and "
+            f"without quota, edit it: exceptiondrive edit {first.id}, or on its page."
+        )
+
+
 _SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 """After these the same bytes are a new submission."""
 LONGEST_UPLOAD = timedelta(minutes=15)
@@ -110,6 +160,7 @@ def accept(
     method: str,
     description: str = "",
     links: Links = Links(),  # noqa: B008 - immutable
+    facts: MethodFacts | None = None,
     linked_to: str | None = None,
     file_digest: str,
     size_bytes: int,
@@ -126,6 +177,7 @@ def accept(
         method: Name of the method, part of the identity of its board entry.
         description: Free text.
         links: Where the method is described.
+        facts: Of the method; without any, those of the team's last run of it in the phase.
         linked_to: The team's submission of the same agent without reminder, in this phase.
         file_digest: Of the stored file, `sha256:` and 64 hex digits.
         size_bytes: Of the stored file.
@@ -135,7 +187,7 @@ def accept(
     Raises:
         NotFound: No such phase or team, or the team has no submission to link to.
         InvalidRecord: A text or link cannot be used.
-        Conflict: The counterpart has no score, or the same bytes are there with another link.
+        Conflict: The counterpart has no score, or the same bytes are there with other words.
         NotAllowed: The team registered itself and waits for approval.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
@@ -143,23 +195,27 @@ def accept(
         ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
     phase = find_phase(session, phase_id)
-    _lock_team(session, team_id)
+    lock_team(session, team_id)
+    told = {
+        "method": checked_name("method name", method),
+        "description": checked_description(description),
+        "paper_url": checked_link("paper", links.paper),
+        "code_url": checked_link("code", links.code),
+        "facts": None if facts is None else checked_facts(facts),
+    }
     first = require_acceptable(
         session, team_id, phase, file_digest, linked_to=linked_to, arrived_at=arrived_at
     )
     if first is not None:
+        require_same_words(first, told)
         return Accepted(first, is_duplicate=True, job_id=None)
     now = database_now(session)
+    told["facts"] = told["facts"] or _last_facts(session, team_id, phase.id, told["method"])
     submission = Submission(
         id=random_id(),
         phase_id=phase.id,
         team_id=team_id,
-        method=checked_name("method name", method),
-        description=checked_text(
-            "description", description, max_length=2000, may_be_empty=True, may_have_lines=True
-        ),
-        paper_url=checked_link("paper", links.paper),
-        code_url=checked_link("code", links.code),
+        **told,
         linked_to=linked_to,
         file_digest=file_digest,
         size_bytes=size_bytes,
@@ -176,6 +232,21 @@ def accept(
     detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
     audit(session, f"team:{team_id}", "submission received", submission.id, detail)
     return Accepted(submission, is_duplicate=False, job_id=job.id)
+
+
+def _last_facts(
+    session: Session, team_id: int, phase_id: str, method: object
+) -> MethodFacts | None:
+    query = (
+        select(Submission.facts)
+        .where(
+            Submission.team_id == team_id,
+            Submission.phase_id == phase_id,
+            Submission.method == method,
+        )
+        .order_by(Submission.received_at.desc(), Submission.id.desc())
+    )
+    return session.scalars(query.limit(1)).first()
 
 
 def require_acceptable(
@@ -311,7 +382,7 @@ def counts_by_team(session: Session) -> dict[int, int]:
     return {team_id: count for team_id, count in session.execute(query)}
 
 
-def _lock_team(session: Session, team_id: int) -> Team:
+def lock_team(session: Session, team_id: int) -> Team:
     """Lock the row of the team, so that its quota is counted by one transaction at a time."""
     team = session.scalars(select(Team).where(Team.id == team_id).with_for_update()).first()
     if team is None:

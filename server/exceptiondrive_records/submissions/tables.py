@@ -9,6 +9,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.method_facts import EditChanges, MethodFacts
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -27,6 +28,13 @@ class Submission(Base):
             unique=True,
             sqlite_where=sql_text("status NOT IN ('withdrawn', 'failed')"),
             postgresql_where=sql_text("status NOT IN ('withdrawn', 'failed')"),
+        ),
+        Index(
+            "ix_submissions_edited",
+            "phase_id",
+            "edited_at",
+            sqlite_where=sql_text("edited_at IS NOT NULL"),
+            postgresql_where=sql_text("edited_at IS NOT NULL"),
         ),
     )
     id: Mapped[str] = mapped_column(primary_key=True)
@@ -53,6 +61,20 @@ class Submission(Base):
     """When the team chose it for the board; the latest choice counts."""
     published_at: Mapped[datetime | None]
     """When the team made it public, in a phase that keeps entries private."""
+    facts: Mapped[MethodFacts | None] = mapped_column(DocumentText(MethodFacts))
+    edited_at: Mapped[datetime | None]
+    """When the team last changed name, words, links or facts; `SubmissionEdit` says how."""
+
+
+class SubmissionEdit(Base):
+    """What a team changed of what it says of a submission, append-only."""
+
+    __tablename__ = "submission_edits"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), index=True)
+    edited_at: Mapped[datetime]
+    actor: Mapped[str]
+    changes: Mapped[EditChanges] = mapped_column(DocumentText(EditChanges))
 
 
 class ScoreSheetRow(Base):

@@ -25,6 +25,7 @@ from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import Failure, QueuePlace, SubmissionStatus, SubmissionView
 
@@ -61,6 +62,8 @@ def view(
         method=submission.method,
         description=submission.description,
         links=Links(paper=submission.paper_url, code=submission.code_url),
+        facts=submission.facts or MethodFacts(),
+        edited_at=submission.edited_at,
         linked_to=submission.linked_to,
         file_digest=submission.file_digest,
         size_bytes=submission.size_bytes,

@@ -7,10 +7,12 @@ from fastapi.responses import Response
 
 from exceptiondrive_records.boards.boards import find_board, parsed_board
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.submissions.edits import newest_edit_at
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.method_facts import PhaseFacts
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.boards.exports import EXPORTS
-from exceptiondrive_server.boards.queries import chosen_board
+from exceptiondrive_server.boards.queries import chosen_board, facts_on
 from exceptiondrive_server.boards.query import AskedBoard, documented
 from exceptiondrive_server.boards.table import sorted_board
 from exceptiondrive_server.web.auth import ServicesOf
@@ -64,10 +66,32 @@ def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> 
     with services.database.read() as session:
         row = chosen_board(session, query)
         protocol = find_protocol(session, row.protocol_digest)
-    csv = EXPORTS["csv"]
-    text = csv.write(sorted_board(parsed_board(row), query.sort), protocol, origin_of(request))
+        facts = facts_on(session, parsed_board(row))
+    csv, board = EXPORTS["csv"], sorted_board(parsed_board(row), query.sort)
+    text = csv.write(board, protocol, origin_of(request), facts)
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
+
+
+@router.get(
+    "/leaderboard/facts",
+    operation_id="showFacts",
+    responses=problem_responses(ProblemCode.NOT_FOUND),
+    openapi_extra=documented(),
+)
+def get_facts(services: ServicesOf, query: AskedBoard) -> PhaseFacts:
+    """Give what teams tell of the methods on a board now: type, sensors, map, data, size, speed.
+
+    A board never changes and holds none of it; teams may edit it at any time.
+    """
+    with services.database.read() as session:
+        board = parsed_board(chosen_board(session, query))
+        return PhaseFacts(
+            phase=board.phase,
+            board=board.board,
+            changed_at=newest_edit_at(session, board.phase),
+            entries=dict(facts_on(session, board)),
+        )
 
 
 @router.get(

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from xml.etree import ElementTree as Xml
 
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.method_facts import NO_FACTS, EntryFacts, FactsOfBoard
 from exceptiondrive_schemas.printable import one_line, spreadsheet_text
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.entry_facts import challenge_of
@@ -22,6 +23,7 @@ PAPER_AUTHORS = (
     "Qin, Zequn and Li, Xi"
 )
 ATOM = "http://www.w3.org/2005/Atom"
+NOTHING_TOLD = EntryFacts()
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _TEX = str.maketrans(
     {
@@ -45,10 +47,10 @@ _TEX = str.maketrans(
 
 @dataclass(frozen=True)
 class Export:
-    """A kind of file: its media type and its writer (board, protocol, address of the site)."""
+    """A kind of file: its media type and its writer (board, protocol, site's address, facts)."""
 
     media_type: str
-    write: Callable[[Board, ProtocolDocument, str], str]
+    write: Callable[[Board, ProtocolDocument, str, FactsOfBoard], str]
 
 
 def permalink(board: Board, site_url: str) -> str:
@@ -67,7 +69,9 @@ def in_blocks(board: Board) -> list[list[BoardEntry]]:
     return [block for block in blocks if block]
 
 
-def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
+def latex(
+    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+) -> str:
     """Write a booktabs table: scored and reference rows apart, the leader bold, flags named."""
     challenge, digits = challenge_of(board), Digits.of(protocol.publication)
     leader = board.leader
@@ -76,6 +80,8 @@ def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
         f"{_tex_label(m.label)} ({tex_escape(unit_of(m))}){arrows[m.better]}"
         for m in challenge.columns
     ]
+    types = {id: told.facts.tag for id, told in facts.items() if told.facts.tag}
+    names = [challenge.words.subject.capitalize(), *(["Type"] if types else [])]
     lines = [
         f"% {permalink(board, site_url)}",
         (
@@ -86,9 +92,9 @@ def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
         f"% every number is the {AVERAGE_TITLES[board.headline]}",
         f"% leads: {one_line(leader.method) if leader else 'nobody'}",
         r"% needs \usepackage{booktabs}",
-        rf"\begin{{tabular}}{{rl{'r' * len(heads)}}}",
+        rf"\begin{{tabular}}{{r{'l' * len(names)}{'r' * len(heads)}}}",
         r"\toprule",
-        " & ".join(["Rank", challenge.words.subject.capitalize(), *heads]) + r" \\",
+        " & ".join(["Rank", *names, *heads]) + r" \\",
     ]
     for block in in_blocks(board):
         lines.append(r"\midrule")
@@ -99,7 +105,8 @@ def latex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
             marks = [flag.label for flag in entry.flags]
             marks = marks if entry.source == "scored" else [entry.source, *marks]
             name += f" ({tex_escape(', '.join(marks))})" if marks else ""
-            lines.append(" & ".join([str(entry.rank or "--"), name, *cells]) + r" \\")
+            told = [tex_escape(types.get(entry.submission_id or "", "--"))] if types else []
+            lines.append(" & ".join([str(entry.rank or "--"), name, *told, *cells]) + r" \\")
     lines += [r"\bottomrule", r"\end{tabular}", ""]
     return "\n".join(lines).replace("\u2212", "$-$")
 
@@ -108,7 +115,9 @@ def _tex_label(label: str) -> str:
     return f"CTS$_{label[3]}$" if len(label) == 4 and label.startswith("CTS") else label
 
 
-def bibtex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
+def bibtex(
+    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+) -> str:
     """Write a citation of the paper and one of this very board."""
     at = board.published_at
     return (
@@ -128,12 +137,24 @@ def bibtex(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
     )
 
 
-def comma_separated(board: Board, protocol: ProtocolDocument, site_url: str) -> str:
-    """Write one line per entry: fractions and metres as published, intervals, families, flags."""
+def comma_separated(
+    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+) -> str:
+    """Write one line per entry: fractions and metres as published, intervals, families, flags.
+
+    The facts of the methods are those of this moment; `edited_at` says when a team changed them last.
+    """
     import pandas as pd  # takes most of a second, which nobody else shall wait for
 
     address = permalink(board, site_url)
-    lines = [_line(board, entry, address) for block in in_blocks(board) for entry in block]
+    lines = [
+        {
+            **_line(board, entry, address),
+            **_told(facts.get(entry.submission_id or "", NOTHING_TOLD)),
+        }
+        for block in in_blocks(board)
+        for entry in block
+    ]
     frame = pd.DataFrame(lines, columns=_columns(board), dtype=object)
     return str(frame.to_csv(index=False, lineterminator="\n"))
 
@@ -147,7 +168,17 @@ def _columns(board: Board) -> list[str]:
         *(f"{key}_{end}" for key in keys for end in ("low", "high")),
         *(f"{keys[0]}.{family.id}" for family in board.families),
         *("flags", "leads", "unranked_because", "average", "board_url"),
+        *_told(NOTHING_TOLD),
     ]
+
+
+def _told(told: EntryFacts) -> dict[str, object]:
+    """The facts of a method, one column each."""
+    cells = {
+        name: spreadsheet_text(value) if isinstance(value, str) else value
+        for name, value in told.facts.cells.items()
+    }
+    return {**cells, "edited_at": iso(told.edited_at) if told.edited_at else None}
 
 
 def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:

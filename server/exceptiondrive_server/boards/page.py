@@ -15,6 +15,7 @@ from markupsafe import Markup
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
+from exceptiondrive_schemas.method_facts import FactsOfBoard
 from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
@@ -219,6 +220,8 @@ class BoardPage:
     has_late_view: bool = False
     curves: Curves = ()
     """Clearance curves of the best entries."""
+    facts: FactsOfBoard = field(default_factory=dict)
+    """What teams tell of their methods now; not of the board, whose bytes never change."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
 

@@ -16,7 +16,13 @@ from exceptiondrive_schemas.reported import reported_paper
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
 from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.page import PhaseLink
-from exceptiondrive_server.boards.queries import chosen_board, read_board, read_history, read_phases
+from exceptiondrive_server.boards.queries import (
+    chosen_board,
+    facts_on,
+    read_board,
+    read_history,
+    read_phases,
+)
 from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.table import sorted_board
 from exceptiondrive_server.web.auth import ServicesOf
@@ -94,8 +100,9 @@ def export_board(request: Request, services: ServicesOf, query: AskedBoard, form
     with services.database.read() as session:
         row = chosen_board(session, query)
         protocol = find_protocol(session, row.protocol_digest)
+        facts = facts_on(session, parsed_board(row))
     board = sorted_board(parsed_board(row), query.sort)
-    text = export.write(board, protocol, origin_of(request))
+    text = export.write(board, protocol, origin_of(request), facts)
     name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
     return Response(text, media_type=export.media_type, headers=headers)

@@ -1,6 +1,7 @@
 """What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
 from collections.abc import Iterator
+from datetime import datetime
 from functools import lru_cache
 
 from sqlalchemy import func, select
@@ -20,17 +21,19 @@ from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import is_open, list_phases
-from exceptiondrive_records.phases.policy import phase_now, takes_late_entries
+from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
 from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
+from exceptiondrive_schemas.method_facts import FactsOfBoard
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve
 from exceptiondrive_server.boards.charts import Curves, best_entries
@@ -72,7 +75,27 @@ def read_board(session: Session, query: BoardQuery) -> BoardPage:
         curves=_curves_of(session, phase, board) if board else (),
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
+        facts=facts_on(session, board) if board else {},
     )
+
+
+_FACTS: dict[tuple[Same[Board], datetime | None, bool], FactsOfBoard] = {}
+"""Of boards that were shown of late, as of the newest edit in their phase."""
+
+
+def facts_on(session: Session, board: Board) -> FactsOfBoard:
+    """Return what the teams on a board tell of their methods now, by submission; old boards too.
+
+    The same object until a team edits something in the phase.
+    """
+    phase = session.get_one(Phase, board.phase)
+    key = Same(board), newest_edit_at(session, phase.id), is_anonymous(phase)
+    if key not in _FACTS:
+        if len(_FACTS) >= MAX_KEPT_CURVES:
+            _FACTS.clear()
+        ids = [entry.submission_id for entry in board.entries]
+        _FACTS[key] = facts_of_entries(session, phase.id, ids)
+    return _FACTS[key]
 
 
 def own_board(board: Board) -> Board:

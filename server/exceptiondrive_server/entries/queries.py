@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
@@ -20,10 +21,12 @@ from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
+from exceptiondrive_records.submissions.edits import facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.submissions.views import published_sheet
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -62,6 +65,8 @@ class EntryData:
     """What was uploaded, and when; None for reported entries and while names are hidden."""
     past: tuple[PastPosition, ...]
     drawings: EntryDrawings | None
+    told: EntryFacts
+    """What the team tells of the method now."""
 
 
 def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
@@ -86,6 +91,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         submission=None if is_anonymous(phase) else submission,
         past=_past(session, submission) if submission else (),
         drawings=_drawings(session, submission, board) if submission else None,
+        told=facts_of_entries(session, phase.id, [key]).get(key, EntryFacts()),
     )
 
 
@@ -215,6 +221,10 @@ class EntryView(BaseModel):
     board: int
     entry: BoardEntry
     sheet: ScoreSheet
+    facts: MethodFacts = MethodFacts()
+    """What the team tells of the method now."""
+    edited_at: datetime | None = None
+    """When the team last changed name, words, links or facts."""
 
 
 def published_entry(session: Session, submission_id: str) -> EntryView:
@@ -228,7 +238,16 @@ def published_entry(session: Session, submission_id: str) -> EntryView:
         board = parsed_board(row)
         for entry in board.entries:
             if entry.submission_id == submission_id and sheet is not None:
-                return EntryView(phase=board.phase, board=board.board, entry=entry, sheet=sheet)
+                told = facts_of_entries(session, board.phase, [submission_id])
+                now = told.get(submission_id, EntryFacts())
+                return EntryView(
+                    phase=board.phase,
+                    board=board.board,
+                    entry=entry,
+                    sheet=sheet,
+                    facts=now.facts,
+                    edited_at=now.edited_at,
+                )
     raise NotFound("entry", submission_id)
 
 

@@ -136,7 +136,8 @@ def find_command(name: str) -> str:
     if found is None:
         raise LaunchError(
             f"the command {name} is not installed; "
-            "install everything with: pip install 'exceptiondrive[server,worker,embedded]'"
+            "install everything with: "
+            "pip install 'exceptiondrive-server[server,embedded]' exceptiondrive-worker"
         )
     return found
 

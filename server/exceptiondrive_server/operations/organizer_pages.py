@@ -1,6 +1,7 @@
 """The first page of the organizers: what needs attention, the queue of each lane, the workers."""
 
 from collections.abc import Iterator, Sequence
+from urllib.parse import quote
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
@@ -61,6 +62,10 @@ def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) ->
     if found.n_failed:
         words = f"{counted(found.n_failed, 'submission')} failed by our own fault."
         yield words, "/organize/submissions?status=failed", "Look and retry", "bad"
+    for held in found.floors_held:
+        asked, phase = "; ".join(held.detail["asked"]), held.detail["phase"]
+        words = f"The floors of split {held.subject} refused what phase {phase} asks: {asked}."
+        yield words, f"/organize/audit?subject={quote(held.subject)}", "See the audit log", "bad"
     if found.pending:
         verb = "waits" if len(found.pending) == 1 else "wait"
         words = f"{counted(len(found.pending), 'team')} {verb} for your approval."

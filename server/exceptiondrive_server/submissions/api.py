@@ -7,9 +7,11 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
+from exceptiondrive_records.submissions.edits import edit_submission, edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
     list_submissions,
@@ -17,6 +19,7 @@ from exceptiondrive_records.submissions.submissions import (
 )
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
+from exceptiondrive_schemas.method_facts import SubmissionChange, SubmissionEditView
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.upload import received_upload, take_upload, upload_body
@@ -104,6 +107,43 @@ def get_submission(
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
         return view(session, found)
+
+
+@router.patch(
+    "/{submission_id}",
+    operation_id="editSubmission",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+)
+def patch_submission(
+    services: ServicesOf,
+    principal: Submitter,
+    submission_id: SubmissionId,
+    change: SubmissionChange,
+) -> SubmissionView:
+    """Change what the team says of a submission: name, description, links, facts of the method.
+
+    What is left out stays, and so do score, time and quota. A name is the method's: all its runs in
+    the phase take it. Boards that were published keep the old name; facts are joined when they are read.
+    """
+
+    def edit(session: Session, submission_id: str, *, actor: str) -> Submission:
+        return edit_submission(session, submission_id, change, actor=actor)
+
+    return _decide(services, principal, submission_id, edit)
+
+
+@router.get(
+    "/{submission_id}/edits",
+    operation_id="listEdits",
+    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
+)
+def get_edits(
+    services: ServicesOf, principal: Reader, submission_id: SubmissionId
+) -> tuple[SubmissionEditView, ...]:
+    """List what the team changed of what it says: who, when, before and after; newest first."""
+    with services.database.read() as session:
+        find_submission(session, submission_id, team_id=own_team(principal))
+        return edits_of(session, submission_id)
 
 
 @router.post(

@@ -14,7 +14,7 @@ from typing import Annotated, Any, BinaryIO
 import structlog
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData, UploadFile
 
@@ -34,6 +34,7 @@ from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
 from exceptiondrive_server.web.browser_session import FORM_TOKEN
@@ -44,7 +45,7 @@ _log = structlog.get_logger("exceptiondrive.uploads")
 
 CHUNK_BYTES = 256 * 1024
 MAX_FIELD_BYTES = 16 * 1024
-MAX_FIELDS = 8
+MAX_FIELDS = 40
 Link = Annotated[str, Field(max_length=500, description="an https:// address")]
 
 
@@ -58,9 +59,29 @@ class UploadFields(BaseModel):
     description: Annotated[str, Field(max_length=2000)] = ""
     paper_url: Link = ""
     code_url: Link = ""
+    facts: Annotated[
+        str, Field(max_length=4000, description="facts of the method: JSON of `MethodFacts`")
+    ] = ""
     linked_to: Annotated[
         str, Field(max_length=64, description="your submission of the same agent without reminder")
     ] = ""
+
+    @field_validator("facts")
+    @classmethod
+    def _are_facts(cls, facts: str) -> str:
+        """Refuse what is not a document of facts."""
+        try:
+            _ = facts and MethodFacts.model_validate_json(facts)
+        except ValidationError as error:
+            found = error.errors(include_url=False, include_input=False)
+            words = [f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in found]
+            raise ValueError("; ".join(words)) from None
+        return facts
+
+    @property
+    def method_facts(self) -> MethodFacts | None:
+        """Facts of the method; None where none were sent."""
+        return MethodFacts.model_validate_json(self.facts) if self.facts else None
 
     @property
     def links(self) -> Links:
@@ -209,6 +230,7 @@ def _accept(
             method=fields.method,
             description=fields.description,
             links=fields.links,
+            facts=fields.method_facts,
             linked_to=fields.linked_to or None,
             file_digest=file_digest,
             size_bytes=size_bytes,

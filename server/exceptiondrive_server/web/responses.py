@@ -1,12 +1,10 @@
-"""HTML answers: the frame of a page, headers, ETag and 304, problems, static files, the theme."""
+"""HTML answers: the frame of a page, headers, ETag and 304, problems, the theme."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, FastAPI, Form, Request
+from fastapi import APIRouter, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
-from starlette.staticfiles import StaticFiles
-from starlette.types import Scope
 
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.web.browser_session import Holder, holder_of
@@ -14,7 +12,7 @@ from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.services import services_of
-from exceptiondrive_server.web.templating import STATIC, render
+from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
 Theme = Literal["auto", "light", "dark"]
@@ -115,24 +113,6 @@ def problem_page(request: Request, code: ProblemCode, detail: str) -> Response:
         problem=problem,
         steps=problem.in_browser or problem.steps,
     )
-
-
-class CachedStaticFiles(StaticFiles):
-    """Static files with `Cache-Control`."""
-
-    async def get_response(self, path: str, scope: Scope) -> Response:
-        """Answer with a file, and say how long it may be kept."""
-        answer = await super().get_response(path, scope)
-        is_named_by_content = b"v=" in scope.get("query_string", b"")
-        lasting = "public, max-age=31536000, immutable"
-        answer.headers["Cache-Control"] = lasting if is_named_by_content else "no-cache"
-        answer.headers["X-Content-Type-Options"] = "nosniff"
-        return answer
-
-
-def mount_static(app: FastAPI) -> None:
-    """Serve the site's own style, script, fonts and icon under `/static`."""
-    app.mount("/static", CachedStaticFiles(directory=STATIC), name="static")
 
 
 @router.post("/theme")

@@ -7,7 +7,6 @@ between them on one line. A call, `{{ icon("up") }}`, writes markup and counts a
 and its like are looked through.
 """
 
-import hashlib
 import re
 from collections.abc import Callable
 from functools import cache
@@ -22,10 +21,10 @@ from exceptiondrive_schemas.formulas import over_families
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.scales import px
+from exceptiondrive_server.web.static_files import asset
 
 F = TypeVar("F", bound=Callable[..., Any])
 FOLDER = Path(__file__).parent
-STATIC = FOLDER / "static"
 _JINJA = r"\{%.*?%\}|\{\{.*?\}\}|\{\#.*?\#\}"
 _TOKEN = re.compile(
     rf"""(?P<raw> <(?P<name>pre|textarea|script|style)\b.*?</(?P=name)> )
@@ -44,13 +43,6 @@ _BEGINS = re.compile(r"\{%\s*(if|for|macro|block|call|filter)\b")
 _ENDS = re.compile(r"\{%\s*end(if|for|macro|block|call|filter)\b")
 _ELSE = re.compile(r"\{%\s*(else|elif)\b")
 _LAST = re.compile(r"\{%\s*end(macro|block|call|set)\b")
-
-
-@cache
-def asset(name: str) -> str:
-    """Return the address of a static file; it changes whenever the content does."""
-    digest = hashlib.sha256((STATIC / name).read_bytes()).hexdigest()[:10]
-    return f"/static/{name}?v={digest}"
 
 
 def ticks(text: str) -> Markup:

@@ -54,8 +54,8 @@ from exceptiondrive_server.routes import PAGES
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.problems import install_problem_handlers
-from exceptiondrive_server.web.responses import mount_static
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.static_files import mount_static
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 

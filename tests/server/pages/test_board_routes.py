@@ -12,6 +12,7 @@ from tests.server.pages.invented_board import LONG_AGO
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards import query as board_query
+from exceptiondrive_server.web.static_files import STATIC, STYLES
 
 AGO, AGO_TOO = LONG_AGO, LONG_AGO + timedelta(hours=1)
 AHEAD = datetime(2090, 5, 5, 9, 30, tzinfo=UTC)
@@ -205,11 +206,11 @@ async def test_a_page_weighs_less_than_150_kilobytes_with_styles_script_and_font
 
 
 async def test_static_files_named_by_content_are_kept_for_ever(lively_site: Any) -> None:
-    asset = re.search(r'"(/static/base\.css\?v=[^"]+)"', (await lively_site.get("/")).text)
+    asset = re.search(r'"(/static/site\.css\?v=[^"]+)"', (await lively_site.get("/")).text)
     assert asset is not None
     answer = await lively_site.get(asset[1])
     assert "immutable" in answer.headers["cache-control"]
-    assert (await lively_site.get("/static/base.css")).headers["cache-control"] == "no-cache"
+    assert (await lively_site.get("/static/site.css")).headers["cache-control"] == "no-cache"
 
 
 async def test_the_filter_form_leads_to_a_short_address(lively_site: Any) -> None:
@@ -308,12 +309,21 @@ async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: 
 
 async def test_each_font_is_asked_for_under_one_address(lively_site: Any) -> None:
     text = (await lively_site.get("/")).text
-    preloaded = set(re.findall(r'href="/static/(fonts/[^"]+)"', text))
-    theme = re.search(r'href="(/static/theme\.css[^"]*)"', text)
-    assert theme is not None
-    style = (await lively_site.get(theme[1])).text
-    assert preloaded == set(re.findall(r"url\((fonts/[^)]+)\)", style))
+    preloaded = set(re.findall(r'<link rel="preload"[^>]* href="([^"]+)"', text))
+    (sheet,) = re.findall(r'<link rel="stylesheet" href="([^"]+)"', text)
+    style = (await lively_site.get(sheet)).text
+    assert preloaded == set(re.findall(r"url\((/[^)]+)\)", style))
     assert len(preloaded) == 2
+    kept = {(await lively_site.get(font)).headers["cache-control"] for font in preloaded}
+    assert kept == {"public, max-age=31536000, immutable"}
+
+
+async def test_all_sources_of_the_style_are_one_sheet(lively_site: Any) -> None:
+    (sheet,) = set(re.findall(r'"(/static/[^"]+\.css[^"]*)"', (await lively_site.get("/")).text))
+    style = (await lively_site.get(sheet)).text
+    sources = sorted(STATIC.glob("*.css"))
+    assert {source.stem for source in sources} == set(STYLES)
+    assert all(source.read_text().splitlines()[-1] in style for source in sources)
 
 
 async def test_search_engines_keep_the_phase_and_every_board_that_is_history(

@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -12,6 +13,7 @@ from tests.server.pages.invented_board import KEYS
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.exports import bibtex, comma_separated, latex, tex_escape
 
@@ -62,7 +64,7 @@ def test_every_latex_row_has_the_columns_of_the_head_whatever_the_names_are(
 def test_every_file_says_which_board_it_is(
     lively_board: Board,
     protocol: ProtocolDocument,
-    write: Callable[[Board, ProtocolDocument, str], str],
+    write: Callable[..., str],
 ) -> None:
     text = write(lively_board, protocol, SITE)
     assert f"{SITE}/?phase=sample&board=7" in text
@@ -134,3 +136,32 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     assert said[0].startswith("No planner is ranked on this board yet.")
     assert said[1].startswith("Of 6 ranked planners, Kestrel-2 leads: hazard clearance compliance")
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"
+
+
+def test_facts_are_columns_and_no_formula(lively_board: Board, protocol: ProtocolDocument) -> None:
+    first = lively_board.entries[0]
+    assert first.submission_id is not None
+    told = EntryFacts(
+        facts=MethodFacts(
+            type="other",
+            type_note="=HYPERLINK(1)",
+            sensors=("radar", "lidar"),
+            extra_data_note="@cmd",
+            hardware="+1 & 50% \\input{x}",
+            parameters_millions=350,
+        ),
+        edited_at=datetime(2026, 11, 22, tzinfo=UTC),
+    )
+    facts = {first.submission_id: told}
+    lines = list(csv.DictReader(io.StringIO(comma_separated(lively_board, protocol, SITE, facts))))
+    row = next(line for line in lines if line["submission_id"] == first.submission_id)
+    assert row["type_note"] == "'=HYPERLINK(1)"
+    assert row["extra_data_note"] == "'@cmd"
+    assert row["hardware"] == "'+1 & 50% \\input{x}"
+    assert (row["type"], row["sensors"]) == ("other", "lidar radar")
+    assert (row["parameters_millions"], row["open_code"]) == ("350.0", "")
+    assert row["edited_at"] == "2026-11-22T00:00:00Z"
+    table = latex(lively_board, protocol, SITE, facts)
+    assert "& Type &" in table
+    assert "=HYPERLINK(1) &" in table
+    assert "Type" not in latex(lively_board, protocol, SITE)

@@ -8,7 +8,15 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-IMMUTABLE = ("audit_lines", "boards", "board_entries", "board_flips", "protocols", "score_sheets")
+IMMUTABLE = (
+    "audit_lines",
+    "boards",
+    "board_entries",
+    "board_flips",
+    "protocols",
+    "score_sheets",
+    "submission_edits",
+)
 """Nothing in these tables is ever overwritten or deleted, by whatever code."""
 
 NEEDED_BY_KIND_OF_WORK = {
@@ -243,7 +251,25 @@ def create_submissions() -> None:
         sa.Column("arrived_at", TIME),
         sa.Column("chosen_at", TIME),
         sa.Column("published_at", TIME),
+        sa.Column("facts", sa.Text()),
+        sa.Column("edited_at", TIME),
     )
+    op.create_index(
+        "ix_submissions_edited",
+        "submissions",
+        ["phase_id", "edited_at"],
+        sqlite_where=sa.text("edited_at IS NOT NULL"),
+        postgresql_where=sa.text("edited_at IS NOT NULL"),
+    )
+    op.create_table(
+        "submission_edits",
+        sa.Column("id", sa.Integer(), primary_key=True),
+        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), nullable=False),
+        sa.Column("edited_at", TIME, nullable=False),
+        sa.Column("actor", sa.String(), nullable=False),
+        sa.Column("changes", sa.Text(), nullable=False),
+    )
+    op.create_index("ix_submission_edits_submission_id", "submission_edits", ["submission_id"])
     op.create_index("ix_submissions_team", "submissions", ["team_id", "phase_id", "received_at"])
     op.create_index(
         "uq_submissions_same_bytes",

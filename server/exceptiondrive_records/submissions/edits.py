@@ -1,0 +1,193 @@
+"""What a team says of its submissions, changed at any time: name, words, links, facts.
+
+No board is altered: a new one says the new name, and facts are joined to a board when it is read.
+"""
+
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.identifiers import checked_link, checked_name
+from exceptiondrive_records.phases.policy import has_closed, is_anonymous
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import (
+    checked_description,
+    checked_facts,
+    find_submission,
+    lock_team,
+)
+from exceptiondrive_records.submissions.tables import Submission, SubmissionEdit
+from exceptiondrive_schemas.method_facts import (
+    EditChanges,
+    EntryFacts,
+    MethodFacts,
+    SubmissionChange,
+    SubmissionEditView,
+)
+
+MAX_EDITS_A_DAY = 50
+"""Of a team: each may ask for a new board."""
+
+
+def edit_submission(
+    session: Session, submission_id: str, change: SubmissionChange, *, actor: str
+) -> Submission:
+    """Change what a team says of a submission: the fields that were set, and no others.
+
+    A name is the method's: all its runs in the phase take it. Taking the name of another method of
+    the team makes one of both, which may change what stands on the board, so only until the deadline.
+    Quota, time and score stay as they are. What changes nothing leaves no trace.
+
+    Raises:
+        NotFound: No such submission.
+        InvalidRecord: A text, link or name cannot be used.
+        Conflict: The name is that of another method and the deadline has passed, or the team has
+            edited enough today.
+    """
+    submission = find_submission(session, submission_id)
+    lock_team(session, submission.team_id)
+    session.refresh(submission, with_for_update=True)
+    phase = session.get_one(Phase, submission.phase_id)
+    now = database_now(session)
+    old_name = submission.method
+    before = _told(submission)
+    _set(submission, change)
+    changed = _changed(before, _told(submission))
+    if not changed:
+        return submission
+    _require_edits_left(session, submission.team_id, now)
+    runs = [submission]
+    if submission.method != old_name:
+        runs += _other_runs(session, submission, old_name)
+        _require_free_name(session, phase, submission, runs, now)
+    for run in runs:
+        run.method, run.edited_at = submission.method, now
+        said = changed if run is submission else {"method": changed["method"]}
+        session.add(
+            SubmissionEdit(
+                submission_id=run.id, edited_at=now, actor=actor, changes=EditChanges(changed=said)
+            )
+        )
+        audit(session, actor, "submission edited", run.id, {"changed": said})
+    if any(not name.startswith("facts.") for name in changed):
+        want_boards(session, phase)
+    return submission
+
+
+def _set(submission: Submission, change: SubmissionChange) -> None:
+    given = change.model_fields_set
+    if "method" in given and change.method not in (None, submission.method):
+        submission.method = checked_name("method name", change.method or "")
+    if "description" in given:
+        submission.description = checked_description(change.description or "")
+    if "paper_url" in given:
+        submission.paper_url = checked_link("paper", change.paper_url)
+    if "code_url" in given:
+        submission.code_url = checked_link("code", change.code_url)
+    if "facts" in given:
+        submission.facts = checked_facts(_merged(submission.facts, change.facts))
+
+
+def _merged(old: MethodFacts | None, change: MethodFacts | None) -> MethodFacts:
+    if change is None:
+        return MethodFacts()
+    given = {name: getattr(change, name) for name in change.model_fields_set}
+    return (old or MethodFacts()).model_copy(update=given)
+
+
+def _told(submission: Submission) -> dict[str, Any]:
+    facts = (submission.facts or MethodFacts()).model_dump()
+    return {
+        "method": submission.method,
+        "description": submission.description,
+        "paper": submission.paper_url,
+        "code": submission.code_url,
+        **{f"facts.{name}": value for name, value in facts.items()},
+    }
+
+
+def _changed(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    return {name: (before[name], after[name]) for name in after if before[name] != after[name]}
+
+
+def _other_runs(session: Session, submission: Submission, method: str) -> list[Submission]:
+    query = select(Submission).where(
+        Submission.team_id == submission.team_id,
+        Submission.phase_id == submission.phase_id,
+        Submission.method == method,
+        Submission.id != submission.id,
+    )
+    return list(session.scalars(query.order_by(Submission.id).with_for_update()))
+
+
+def _require_free_name(
+    session: Session, phase: Phase, submission: Submission, runs: list[Submission], now: datetime
+) -> None:
+    others = _other_runs(session, submission, submission.method)
+    if has_closed(phase, now) and any(other not in runs for other in others):
+        raise Conflict(
+            f"Your team has another method {submission.method!r} in this phase. After the deadline "
+            "two methods cannot become one: which run stands would change. Choose another name."
+        )
+
+
+def _require_edits_left(session: Session, team_id: int, now: datetime) -> None:
+    query = (
+        select(func.count())
+        .select_from(SubmissionEdit)
+        .join(Submission, Submission.id == SubmissionEdit.submission_id)
+        .where(Submission.team_id == team_id, SubmissionEdit.edited_at > now - timedelta(days=1))
+    )
+    if (session.scalar(query) or 0) >= MAX_EDITS_A_DAY:
+        raise Conflict(f"A team may make {MAX_EDITS_A_DAY} edits in 24 hours; go on later.")
+
+
+def edits_of(session: Session, submission_id: str) -> tuple[SubmissionEditView, ...]:
+    """Return what was changed of a submission, newest first: for its team and the organizers."""
+    query = select(SubmissionEdit).where(SubmissionEdit.submission_id == submission_id)
+    return tuple(
+        SubmissionEditView(changed=row.changes.changed, edited_at=row.edited_at, by=row.actor)
+        for row in session.scalars(query.order_by(SubmissionEdit.id.desc()))
+    )
+
+
+def facts_of_entries(
+    session: Session, phase_id: str, submission_ids: Iterable[str | None]
+) -> dict[str, EntryFacts]:
+    """Return what teams tell of entries now; who tells nothing and changed nothing is left out.
+
+    While a phase is anonymous nothing is told: facts name teams as links do.
+
+    Args:
+        session: To read with.
+        phase_id: Of the phase.
+        submission_ids: Of the entries of one of its boards: what is on none is its team's alone.
+    """
+    phase = session.get(Phase, phase_id)
+    if phase is None or is_anonymous(phase):
+        return {}
+    query = select(Submission.id, Submission.facts, Submission.edited_at).where(
+        Submission.phase_id == phase_id,
+        Submission.facts.is_not(None) | Submission.edited_at.is_not(None),
+    )
+    wanted = set(submission_ids)
+    return {
+        submission_id: EntryFacts(facts=facts or MethodFacts(), edited_at=edited_at)
+        for submission_id, facts, edited_at in session.execute(query)
+        if submission_id in wanted
+    }
+
+
+def newest_edit_at(session: Session, phase_id: str) -> datetime | None:
+    """Return when a team last edited a submission of a phase: a kept page is as new as this."""
+    query = select(func.max(Submission.edited_at)).where(
+        Submission.phase_id == phase_id, Submission.edited_at.is_not(None)
+    )
+    return session.scalar(query)

@@ -1,0 +1,56 @@
+"""The site's own style, scripts, fonts and icons, each named by its content and kept for ever.
+
+Sources of the style are small files by subject; readers fetch one, made of all of them.
+"""
+
+import hashlib
+import re
+from functools import cache
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi.responses import Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+STATIC = Path(__file__).parent / "static"
+STYLE = "site.css"
+"""The one style sheet; it is no file of the folder."""
+STYLES = (
+    "theme", "base", "parts", "board", "board-small", "charts", "pages", "entry", "guide", "team",
+    "organize",
+)  # fmt: skip
+"""Its sources, in the order in which their rules count."""
+
+
+@cache
+def asset(name: str) -> str:
+    """Return the address of a static file; it changes whenever the content does."""
+    content = style_sheet().encode() if name == STYLE else (STATIC / name).read_bytes()
+    return f"/static/{name}?v={hashlib.sha256(content).hexdigest()[:10]}"
+
+
+@cache
+def style_sheet() -> str:
+    """Return all sources as one, with the fonts under the addresses that pages preload."""
+    joined = "".join((STATIC / f"{name}.css").read_text("utf-8") for name in STYLES)
+    return re.sub(r"url\((fonts/[^)]+)\)", lambda found: f"url({asset(found[1])})", joined)
+
+
+class _NamedByContent(StaticFiles):
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Answer with a file, and say how long it may be kept."""
+        if path == STYLE:
+            answer = Response(style_sheet(), media_type="text/css")
+        else:
+            answer = await super().get_response(path, scope)
+        is_named_by_content = b"v=" in scope.get("query_string", b"")
+        lasting = "public, max-age=31536000, immutable"
+        answer.headers["Cache-Control"] = lasting if is_named_by_content else "no-cache"
+        answer.headers["X-Content-Type-Options"] = "nosniff"
+        return answer
+
+
+def mount_static(app: FastAPI) -> None:
+    """Serve all of it under `/static`."""
+    app.mount("/static", _NamedByContent(directory=STATIC), name="static")

@@ -1,0 +1,259 @@
+"""What the lists look like in terminals of 80, 100 and 160 columns, as kept in `terminal/`.
+
+`python -m tests.client.test_terminal_widths` writes the texts anew, to be looked at.
+"""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console, RenderableType
+from tests.support.documents import make_sheet
+
+from exceptiondrive.cli.board_commands import phases_table
+from exceptiondrive.cli.fitted_table import Column, FittedTable
+from exceptiondrive.cli.tables import (
+    board_view,
+    quota_table,
+    records_table,
+    submission_view,
+    submissions_view,
+)
+from exceptiondrive_schemas.board import Board, BoardEntry, Links
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.score_sheet import BreakdownRow, Flag, ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_schemas.submission import (
+    PhaseView,
+    QueuePlace,
+    Quota,
+    SubmissionStatus,
+    SubmissionView,
+)
+
+TEXTS = Path(__file__).with_name("terminal")
+WIDTHS = (80, 100, 160)
+NOW = datetime(2026, 11, 22, 8, 58, 31, 123456, tzinfo=UTC)
+SHIPPED = packaged_protocol()
+PROTOCOL = ProtocolRef(version=SHIPPED.version, digest=SHIPPED.digest)
+SPLIT = SplitRef(name="nuscenes-real", revision="sha256:5")
+
+METHODS: tuple[tuple[str, str, float, float, tuple[str, ...]], ...] = (
+    ("DriveVLM-Dual, risk aware decoding, 8 samples", "Vehicle Intelligence Lab Graz",
+     0.7412, 0.1833, ()),
+    ("gemini-2.5-pro-preview-06-05", "Foundation Models for Driving", 0.5548, 0.3912,
+     ("blind_to_the_edit",)),
+    ("Bypass Planner", "ExceptionDrive baselines", 0.3356, 0.4007, ()),
+    ("Creep ahead", "my-team", 0.3232, 0.4569, ("hardly_moves", "impossible_motion")),
+    ("谨慎的规划器", "清华大学车辆学院", 0.3135, 0.6021, ()),
+)  # fmt: skip
+
+
+def row(hcc: float, ur: float) -> dict[str, float | None]:
+    return {"hcc": hcc, "ur": ur, "hpr": 0.19634, "cts": 2.99, "cts_x": 12.938, "cts_y": 0.33}
+
+
+def entry(number: int, **changes: Any) -> BoardEntry:
+    method, team, hcc, ur, flags = METHODS[number]
+    known: dict[str, Any] = {
+        "source": "scored",
+        "rank": number + 1,
+        "rank_interval": (max(1, number), number + 2),
+        "unranked_because": None,
+        "submission_id": f"2mjvnt33drhnasw{number}",
+        "method": method,
+        "team": team,
+        "description": "",
+        "submitted_at": NOW,
+        "metrics": row(hcc, ur),
+        "micro": row(hcc, ur),
+        "macro_family": row(hcc, ur),
+        "intervals": {},
+        "families": {},
+        "flags": tuple(Flag(code=code, label=FLAGS[code].label, detail="") for code in flags),
+    }
+    return BoardEntry(**{**known, **changes})
+
+
+def board() -> Board:
+    apart = {"rank": None, "rank_interval": None}
+    reference = {"source": "reference", "team": "Reference", **apart}
+    reference["unranked_because"] = "a reference, for comparison"
+    reported = {"source": "reported", "team": "ExceptionDrive paper", **apart}
+    reported["unranked_because"] = "reported in a paper, not scored here"
+    entries = [entry(number) for number in range(len(METHODS))]
+    entries += [entry(2, method=name, **reference) for name in ("FREEZE", "CONSTANT VELOCITY")]
+    entries += [entry(2, method=name, **reported) for name in ("Impromptu VLA", "LightEMMA", "VAD")]
+    entries.append(entry(3, method="Creep ahead, late", is_late=True, **apart))
+    return Board(
+        challenge=PLANNING.id,
+        phase="nuscenes-real-2026",
+        split=SPLIT,
+        protocol=PROTOCOL,
+        headline="macro_family",
+        board=17,
+        published_at=NOW,
+        n_samples=3181,
+        confidence=0.95,
+        families=(),
+        entries=tuple(entries),
+    )
+
+
+def submission(number: int, status: str, **changes: Any) -> SubmissionView:
+    method, team, hcc, ur, _ = METHODS[number]
+    sheet = make_sheet(SHIPPED.digest, row(hcc, ur))
+    families = {each.id: BreakdownRow.of(530, row(hcc, ur)) for each in SHIPPED.families}
+    is_scored = status == "scored"
+    known: dict[str, Any] = {
+        "id": f"2mjvnt33drhnasw{number}",
+        "phase": "nuscenes-real-2026",
+        "challenge": PLANNING.id,
+        "team": team,
+        "method": method,
+        "description": "",
+        "links": Links(),
+        "file_digest": "d",
+        "size_bytes": 1,
+        "status": SubmissionStatus(status),
+        "received_at": NOW,
+        "status_at": NOW,
+        "sheet": sheet.model_copy(update={"families": families, "protocol": PROTOCOL})
+        if is_scored
+        else None,
+        "rank": number + 1 if is_scored else None,
+    }
+    return SubmissionView(**{**known, **changes})
+
+
+def submissions() -> list[SubmissionView]:
+    queue = QueuePlace(position=3, expected_wait_s=12.3, attempts=0, workers_alive=4)
+    return [
+        submission(0, "scored"),
+        submission(1, "scored", rank=None, replaced_by="2mjvnt33drhnasw0"),
+        submission(2, "queued", queue=queue),
+        submission(3, "rejected"),
+        submission(4, "withdrawn", phase="carla"),
+    ]
+
+
+def quota(**changes: Any) -> Quota:
+    known = {"per_day": 3, "used_today": 1, "remaining_today": 2, "total": None, "used_total": 1}
+    caps = {"rejected_per_day": 30, "rejected_today": 4}
+    return Quota(**{**known, **caps, "resets_at": NOW + timedelta(hours=15), **changes})
+
+
+def phase(phase_id: str, **changes: Any) -> PhaseView:
+    known: dict[str, Any] = {
+        "id": phase_id,
+        "challenge": PLANNING.id,
+        "title": "Hidden split of the 2026 challenge",
+        "split": "nuscenes-real",
+        "split_revision": "sha256:5",
+        "split_is_public": False,
+        "n_samples": 3181,
+        "protocol": SHIPPED.version,
+        "protocol_digest": SHIPPED.digest,
+        "is_open": True,
+        "max_upload_bytes": 1,
+        "quota_per_day": 3,
+        "quota": quota(),
+    }
+    return PhaseView(**{**known, **changes})
+
+
+def shown() -> dict[str, list[RenderableType]]:
+    one, *_ = submissions()
+    quotas = {
+        "nuscenes-real-2026": quota(),
+        "carla-pairs-strategy": quota(total=40, concurrent=4, waiting=1),
+    }
+    phases = (
+        phase("nuscenes-real-2026", closes_at=NOW + timedelta(days=40)),
+        phase("carla-pairs-strategy", title="Strategy, development", quota=None,
+              split="carla-pairs", split_is_public=True),
+    )  # fmt: skip
+    tokens = [
+        {"id": "3f9qk2m1x0ab7cde", "name": "laptop of Anna", "scopes": ["submit", "read:own"],
+         "created_at": "2026-11-22T08:58:31.123456Z", "expires_at": None},
+    ]  # fmt: skip
+    columns = ("id", "name", "scopes", "created_at", "expires_at")
+    page = f"https://exceptiondrive.example.org/submissions/{one.id}"
+    return {
+        "leaderboard": [*board_view(board())],
+        "submissions": [*submissions_view(submissions())],
+        "status": [*submission_view(one, page)],
+        "quota": [quota_table(quotas)],
+        "phases": [phases_table(phases)],
+        "tokens": [records_table(tokens, columns)],
+    }
+
+
+def text_of(parts: list[RenderableType], width: int) -> str:
+    console = Console(width=width, color_system=None, highlight=False, markup=False, emoji=False)
+    with console.capture() as captured:
+        for part in parts:
+            console.print(part)
+    return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
+
+
+IDS = {
+    "leaderboard": (),
+    "submissions": tuple(view.id for view in submissions()),
+    "status": ("2mjvnt33drhnasw0",),
+    "quota": ("nuscenes-real-2026", "carla-pairs-strategy"),
+    "phases": ("nuscenes-real-2026", "carla-pairs-strategy"),
+    "tokens": ("3f9qk2m1x0ab7cde",),
+}
+"""What somebody copies out of a terminal."""
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", sorted(shown()))
+def test_it_looks_as_it_was_looked_at(name: str, width: int) -> None:
+    text = text_of(shown()[name], width)
+    assert text == (TEXTS / f"{name}.{width}.txt").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("width", [40, 60, 79, 80, 81, 100, 132, 160, 200])
+@pytest.mark.parametrize("name", sorted(IDS))
+def test_no_line_is_wider_than_the_terminal_and_ids_stay_whole(name: str, width: int) -> None:
+    text = text_of(shown()[name], width)
+    longest = max(text.splitlines(), key=cell_len)
+    assert cell_len(longest) <= width or longest.startswith("https://")
+    assert [each for each in IDS[name] if each not in text] == []
+
+
+def test_what_is_left_out_is_named_and_the_least_important_leaves_first() -> None:
+    table = FittedTable.of(
+        Column("id", "id"),
+        Column("never mind", left_out=2),
+        Column("nice", left_out=1),
+        Column("empty", left_out=1),
+    )
+    table.add_row("0123456789abcdef", "aaaaaaaaaaaaaaaa", "bbbbbbbbbbbbbbbb", "")
+    assert text_of([table], 60).splitlines()[0].split() == ["id", "never", "mind", "nice"]
+    narrow = text_of([table], 40).splitlines()
+    assert narrow == [
+        "id                nice",
+        "0123456789abcdef  bbbbbbbbbbbbbbbb",
+        "wider, or with --json: never mind",
+    ]
+    assert text_of([table], 15).splitlines()[0] == "id:"
+
+
+def test_a_row_has_a_cell_for_each_column() -> None:
+    with pytest.raises(ValueError, match="1 cells for 2 columns"):
+        FittedTable.of("a", "b").add_row("x")
+
+
+if __name__ == "__main__":
+    TEXTS.mkdir(exist_ok=True)
+    for name, parts in shown().items():
+        for width in WIDTHS:
+            path = TEXTS / f"{name}.{width}.txt"
+            path.write_text(text_of(parts, width), encoding="utf-8")

@@ -1,0 +1,191 @@
+"""What a team says of a submission changes at any time, with a history; what stands does not."""
+
+import pytest
+from sqlalchemy import select, text
+from sqlalchemy.exc import DatabaseError
+from tests.records.conftest import World
+
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.boards.ranking import entries_for_board
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions import edits
+from exceptiondrive_records.submissions.edits import (
+    edit_submission,
+    edits_of,
+    facts_of_entries,
+    newest_edit_at,
+)
+from exceptiondrive_records.submissions.submissions import accept, find_submission
+from exceptiondrive_schemas.method_facts import MethodFacts, SubmissionChange
+
+VLA = MethodFacts(type="vla", sensors=("lidar", "front_camera"), parameters_millions=7000)
+
+
+def edit(world: World, submission_id: str, **change: object) -> None:
+    with world.database.write() as session:
+        edit_submission(
+            session, submission_id, SubmissionChange.model_validate(change), actor="team:1"
+        )
+
+
+def scored(world: World, content: str, method: str) -> str:
+    accepted = world.submit(content, method)
+    world.score(accepted.job_id)
+    return accepted.submission.id
+
+
+def standing(world: World) -> dict[str, str]:
+    with world.database.read() as session:
+        entries = entries_for_board(session, world.phase_id, world.protocol_digest)
+        return {entry.submission_id: entry.method for entry in entries}
+
+
+def close(world: World) -> None:
+    with world.database.write() as session:
+        phase = session.get_one(Phase, world.phase_id)
+        phase.closes_at = database_now(session)
+
+
+def test_an_edit_changes_what_it_names_and_keeps_before_and_after(world: World) -> None:
+    one = scored(world, "a", "Planer")
+    edit(world, one, method="Planner", paper_url="https://example.org/paper", facts=VLA)
+    with world.database.read() as session:
+        now = find_submission(session, one)
+        history = edits_of(session, one)
+        audited = session.scalars(
+            select(AuditLine).where(AuditLine.action == "submission edited")
+        ).one()
+    assert (now.method, now.description, now.code_url) == ("Planner", "", None)
+    assert now.facts == VLA
+    assert now.edited_at == history[0].edited_at
+    assert history[0].by == "team:1"
+    assert history[0].changed == {
+        "method": ("Planer", "Planner"),
+        "paper": (None, "https://example.org/paper"),
+        "facts.type": (None, "vla"),
+        "facts.sensors": ((), ("front_camera", "lidar")),
+        "facts.parameters_millions": (None, 7000.0),
+    }
+    assert audited.subject == one
+
+
+def test_of_the_facts_only_those_that_were_sent_change(world: World) -> None:
+    one = scored(world, "a", "Planner")
+    edit(world, one, facts=VLA)
+    edit(world, one, facts={"map": "hd", "parameters_millions": None})
+    with world.database.read() as session:
+        facts = find_submission(session, one).facts
+    assert facts == MethodFacts(type="vla", sensors=("front_camera", "lidar"), map="hd")
+
+
+def test_what_changes_nothing_leaves_no_trace(world: World) -> None:
+    one = scored(world, "a", "Planner")
+    edit(world, one, method="Planner", description="", facts=MethodFacts())
+    with world.database.read() as session:
+        assert edits_of(session, one) == ()
+        assert find_submission(session, one).edited_at is None
+        assert newest_edit_at(session, world.phase_id) is None
+
+
+def test_a_name_is_the_methods_so_that_what_stands_stays(world: World) -> None:
+    first, second = scored(world, "a", "Planer"), scored(world, "b", "Planer")
+    assert standing(world) == {second: "Planer"}
+    edit(world, second, method="Planner")
+    assert standing(world) == {second: "Planner"}
+    with world.database.read() as session:
+        assert find_submission(session, first).method == "Planner"
+        assert edits_of(session, first)[0].changed == {"method": ("Planer", "Planner")}
+
+
+def test_two_methods_become_one_until_the_deadline_and_never_after(world: World) -> None:
+    first, second = scored(world, "a", "Planner"), scored(world, "b", "Planer")
+    third = scored(world, "c", "Other")
+    edit(world, second, method="Planner")
+    assert standing(world) == {second: "Planner", third: "Other"}
+    close(world)
+    with pytest.raises(Conflict, match="After the deadline two methods cannot become one"):
+        edit(world, third, method="Planner")
+    edit(world, third, method="Another", description="The name alone may still be mended.")
+    assert standing(world) == {second: "Planner", third: "Another"}
+    assert first not in standing(world)
+
+
+@pytest.mark.parametrize("name", ["FREEZE", "\u200b", "Ref\u0435rence", "=\u0301\u0301\u0301"])
+def test_a_new_name_keeps_the_rules_of_names(world: World, name: str) -> None:
+    one = scored(world, "a", "Planner")
+    with pytest.raises(InvalidRecord):
+        edit(world, one, method=name)
+    assert standing(world) == {one: "Planner"}
+
+
+def test_links_are_https_and_texts_can_be_shown(world: World) -> None:
+    one = scored(world, "a", "Planner")
+    for change in (
+        {"paper_url": "http://example.org"},
+        {"code_url": "javascript:alert(1)"},
+        {"description": "\u202eback"},
+        {"facts": {"hardware": "a\x1b[31m"}},
+        {"facts": {"type_note": "two\nlines"}},
+    ):
+        with pytest.raises(InvalidRecord):
+            edit(world, one, **change)
+
+
+def test_a_day_has_a_limit_of_edits(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edits, "MAX_EDITS_A_DAY", 2)
+    one = scored(world, "a", "Planner")
+    edit(world, one, description="one")
+    edit(world, one, description="two")
+    with pytest.raises(Conflict, match="2 edits in 24 hours"):
+        edit(world, one, description="three")
+    edit(world, one, description="two")
+
+
+def test_the_history_cannot_be_altered(world: World) -> None:
+    one = scored(world, "a", "Planner")
+    edit(world, one, description="one")
+    with pytest.raises(DatabaseError), world.database.write() as session:
+        session.execute(text("UPDATE submission_edits SET actor = 'nobody'"))
+
+
+def test_the_same_bytes_with_other_words_are_refused_plainly(world: World) -> None:
+    one = world.submit("a", "Planer").submission.id
+    assert world.submit("a", "Planer").is_duplicate
+    with pytest.raises(Conflict, match=f"exceptiondrive edit {one}") as refusal:
+        world.submit("a", "Planner")
+    assert "What differs now: method." in str(refusal.value)
+    edit(world, one, method="Planner", facts=VLA)
+    assert world.submit("a", "Planner").submission.id == one
+
+
+def test_the_next_run_of_a_method_has_its_facts(world: World) -> None:
+    one = scored(world, "a", "Planner")
+    edit(world, one, facts=VLA)
+    assert world.submit("b", "Planner").submission.facts == VLA
+    assert world.submit("c", "Other").submission.facts is None
+    with world.database.write() as session:
+        told = accept(
+            session,
+            team_id=world.team_id,
+            phase_id=world.phase_id,
+            method="Planner",
+            facts=MethodFacts(type="rule"),
+            file_digest="sha256:" + "d" * 64,
+            size_bytes=1,
+        )
+    assert told.submission.facts == MethodFacts(type="rule")
+
+
+def test_facts_of_an_anonymous_phase_wait_for_its_names(world: World) -> None:
+    one, other = scored(world, "a", "Planner"), scored(world, "b", "Other")
+    edit(world, one, facts=VLA)
+    with world.database.read() as session:
+        assert facts_of_entries(session, world.phase_id, [one, other, None])[one].facts == VLA
+        assert facts_of_entries(session, world.phase_id, [other]) == {}
+    with world.database.write() as session:
+        phase = session.get_one(Phase, world.phase_id)
+        phase.policy = phase.policy.model_copy(update={"anonymous": True})
+    with world.database.read() as session:
+        assert facts_of_entries(session, world.phase_id, [one]) == {}

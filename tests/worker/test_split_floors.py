@@ -1,0 +1,359 @@
+"""Floors that only workers read: what an organizer, or whoever has the server, cannot ask for."""
+
+import json
+import re
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+from sqlalchemy import func, select
+from tests.support.documents import region_ahead
+from tests.support.records import add_phase
+from tests.support.worker import build_board_of
+
+from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_page
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.operations.dashboard import dashboard
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.submissions.sheets import scored_within_a_day
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_worker.failures import FailureCode
+from exceptiondrive_worker.split_floors import (
+    FloorsUnreadableError,
+    SplitFloors,
+    breaches,
+)
+from exceptiondrive_worker.split_store import read_split
+from exceptiondrive_worker.splits_admin import publish_split_file
+
+World = Any
+FloatArray = NDArray[np.float64]
+SAMPLE = Path(__file__).parents[2] / "hidden_splits" / "sample" / "split.json.gz"
+NO_FLOORS = """
+min_samples_per_cell = 1
+max_percent_decimals = 4
+footprint_length_m = [0, 1000]
+footprint_width_m = [0, 1000]
+d_safe_m = [0, 5000]
+waypoints = [1, 200]
+"""
+N_TASKS_READ = 12
+
+
+def changed(version: str, **values: object) -> str:
+    """Return protocol 1.1 as another version, with other values of fields by their name."""
+    text = packaged_protocol_toml("1.1").replace('version = "1.1"', f'version = "{version}"')
+    for name, value in values.items():
+        text, n_found = re.subn(rf"(?m)^{name} = [^#\n]*", f"{name} = {value} ", text)
+        assert n_found, name
+    return text
+
+
+POINT = changed(
+    "9.0",
+    waypoints=1,
+    max_step_m=1000.0,
+    footprint_length_m=0.001,
+    footprint_width_m=0.001,
+    footprint_centre_ahead_m=0.0,
+    d_safe_scale=10.0,
+    d_safe_m=20.0,
+    collision_tube='"footprints"',
+    percent_decimals=4,
+).replace("sensitivity_factors = [0.5, 2.0] ", "sensitivity_factors = [10.0] ")
+"""Made to read regions: HCC of one sample a task is the distance of a point from its region."""
+
+
+@pytest.fixture(scope="module")
+def withheld() -> Split:
+    """The sample split without recorded paths, as most splits are; never published here."""
+    split = read_split(SAMPLE)
+    bare = tuple(sample.model_copy(update={"recorded": None}) for sample in split.samples)
+    return split.model_copy(update={"samples": bare})
+
+
+def write_floors(world: World, text: str, name: str = "sample") -> None:
+    folder = world.settings.splits_dir / name
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "floors.toml").write_text(text)
+
+
+def open_phase(world: World, toml: str, split: Split, phase_id: str = "made") -> str:
+    world.add_split(split)
+    with world.database.write() as session:
+        version = add_protocol(session, toml, "organizer").version
+        add_phase(session, phase_id, split=split.name, protocol=version, quota_per_day=10_000)
+    return version
+
+
+class Reader:
+    """Reads the region of one sample of each of twelve tasks, all of them by every upload.
+
+    All other samples are not answered, so HCC of a task is the distance of a point from a region:
+    first of the start, then of points around it, then of points around what is surmised.
+    """
+
+    def __init__(self, world: World, split: Split) -> None:
+        self.world, self.split = world, split
+        self.protocol = parse_protocol(POINT)
+        self.sizes = {task.id: 0 for task in self.protocol.tasks}
+        self.probed: dict[str, Any] = {}
+        for sample in split.samples:
+            self.sizes[sample.task] += 1
+            if len(self.probed) < N_TASKS_READ:
+                self.probed.setdefault(sample.task, sample)
+        self.statuses: list[str] = []
+
+    def distances_m(self, at_m: dict[str, FloatArray]) -> dict[str, float]:
+        """Upload a point for each task; return how far each is from the region of its sample."""
+        points = {self.probed[task].sample_id: list(map(float, at_m[task])) for task in at_m}
+        answers = []
+        for sample in self.split.samples:
+            way = [points[sample.sample_id]] if sample.sample_id in points else None
+            answers.append({"sample_id": sample.sample_id, "source": way, "edited": way})
+        head = {"schema": "exceptiondrive.planning/1", "split": self.split.name}
+        data = json.dumps({**head, "predictions": answers}).encode()
+        submission_id = self.world.score(data, phase_id="made", method=f"m{len(self.statuses)}")
+        self.statuses.append(self.world.submission(submission_id).status.value)
+        with self.world.database.read() as session:
+            query = select(ScoreSheetRow.sheet).where(ScoreSheetRow.submission_id == submission_id)
+            sheet = session.scalar(query)
+        if sheet is None:
+            return {}
+        required_m = 20.0 * self.protocol.grading.d_safe_scale
+        shares = {task: sheet.tasks[task].metrics["hcc"] or 0.0 for task in at_m}
+        return {task: share * self.sizes[task] * required_m for task, share in shares.items()}
+
+    def read(self, n_around: tuple[int, ...]) -> list[float]:
+        """Return the IoU of each region that was read with the true one."""
+        start = self.distances_m({task: np.zeros(2) for task in self.probed})
+        seen: dict[str, list[tuple[FloatArray, float]]] = {task: [] for task in self.probed}
+        for angle in np.linspace(-np.pi / 2, np.pi / 2, 16):
+            toward = np.array([np.cos(angle), np.sin(angle)])
+            self._look(seen, start, {task: toward * start.get(task, 1.0) for task in self.probed})
+        for n_points in n_around:
+            discs = {task: _surmised(seen[task]) for task in self.probed if seen[task]}
+            for angle in np.linspace(0, 2 * np.pi, n_points, endpoint=False):
+                toward = np.array([np.cos(angle), np.sin(angle)])
+                at_m = {task: at + (radius + 3.0) * toward for task, (at, radius) in discs.items()}
+                self._look(seen, start, at_m or {task: n_points * toward for task in self.probed})
+        return [_iou(self.probed[task].region, seen[task]) for task in self.probed]
+
+    def _look(
+        self,
+        seen: dict[str, list[tuple[FloatArray, float]]],
+        start: dict[str, float],
+        at_m: dict[str, FloatArray],
+    ) -> None:
+        for task, distance_m in self.distances_m(at_m).items():
+            if distance_m < start[task] - 0.01:  # else the start is nearer
+                seen[task].append((at_m[task], distance_m))
+
+
+def _surmised(seen: list[tuple[FloatArray, float]]) -> tuple[FloatArray, float]:
+    """Middle and radius of the disc that fits best what was read."""
+    places = np.stack(np.meshgrid(np.arange(0, 80, 0.5), np.arange(-40, 40, 0.5)), -1)
+    places = places.reshape(-1, 2)
+    points = np.array([point for point, _ in seen])
+    far = np.linalg.norm(places[:, None] - points[None], axis=-1)
+    gap = far - np.array([distance_m for _, distance_m in seen])
+    best = np.argmin(gap.std(axis=1))
+    return np.asarray(places[best]), max(float(gap[best].mean()), 0.5)
+
+
+def _iou(region: Any, seen: list[tuple[FloatArray, float]]) -> float:
+    """What no circle around a point covers is the region: its true size decides nothing here."""
+    if not seen:
+        return 0.0
+    middle, radius_m = _surmised(seen)
+    guess: Any = shapely.Point(middle).buffer(2 * radius_m + 3)
+    for point, distance_m in seen:
+        guess = guess.difference(shapely.Point(point).buffer(distance_m, quad_segs=200))
+    true = shapely.Polygon(region)
+    return float(true.intersection(guess).area / true.union(guess).area)
+
+
+def held(world: World) -> list[tuple[str, dict[str, Any]]]:
+    """Subjects and details of the audit lines about floors, oldest first."""
+    with world.database.read() as session:
+        lines = audit_page(session, limit=1000)
+        return [(it.subject, it.detail) for it in lines[::-1] if it.action == SPLIT_FLOOR_HELD]
+
+
+def code_of(world: World, submission_id: str) -> str | None:
+    code: str | None = world.submission(submission_id).failure_code
+    return code
+
+
+def test_a_protocol_made_for_it_reads_regions_where_no_floor_holds(
+    world: World, withheld: Split
+) -> None:
+    """The attack itself, so that the next test refuses something that works."""
+    write_floors(world, NO_FLOORS)
+    open_phase(world, POINT, withheld)
+    reader = Reader(world, withheld)
+    ious = reader.read((8, 24))
+    assert set(reader.statuses) == {SubmissionStatus.SCORED}
+    assert sum(iou > 0.6 for iou in ious) >= 5
+    assert held(world) == []
+
+
+def test_the_same_protocol_reads_nothing_where_the_usual_floors_hold(
+    world: World, withheld: Split
+) -> None:
+    version = open_phase(world, POINT, withheld)
+    reader = Reader(world, withheld)
+    assert reader.read((8, 24)) == [0.0] * N_TASKS_READ
+    assert set(reader.statuses) == {SubmissionStatus.FAILED}
+    with world.database.read() as session:
+        assert session.scalar(select(func.count()).select_from(ScoreSheetRow)) == 0
+        (line,) = dashboard(session).floors_held
+    ((subject, detail),) = held(world)
+    assert (subject, detail["phase"], detail["protocol"]) == ("sample", "made", version)
+    asked = " ".join(detail["asked"])
+    for name in ("percent_decimals", "footprint_length_m", "waypoints", "d_safe_m"):
+        assert name in asked
+    assert line.detail == detail
+
+
+FINER = [
+    ("percent_decimals", {"percent_decimals": 3}, "percent_decimals is 3, at most 2 may be"),
+    ("metre_decimals", {"metre_decimals": 4}, "metre_decimals is 4, at most 2 may be"),
+    ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 2"),
+    ("width", {"footprint_width_m": 0.01}, "footprint_width_m is 0.01"),
+    ("micrometres", {"d_safe_m": 1e-6}, "d_safe_m is 1e-06, it must lie from 0.1 to 10"),
+    ("far", {"d_safe_scale": 10.0}, "d_safe_m is 20"),
+    ("one point", {"waypoints": 1}, "waypoints is 1"),
+    ("pairs", {"compared_entries": 50}, "compared_entries is 50"),
+    ("factors", {"sensitivity_factors": [0.5, 0.9, 1.1]}, "the number of sensitivity_factors is 3"),
+    ("curve", {"clearance_curve": '"all_splits"'}, 'clearance_curve is "all_splits"'),
+    ("outcomes", {"outcome_cells": '"all_splits"'}, 'outcome_cells is "all_splits"'),
+]
+
+
+@pytest.mark.parametrize(("what", "values", "words"), FINER, ids=[one[0] for one in FINER])
+def test_what_is_finer_than_the_usual_floors_is_named(
+    what: str, values: dict[str, Any], words: str
+) -> None:
+    protocol = parse_protocol(changed("9.1", **values))
+    (found,) = breaches(SplitFloors(), protocol)
+    assert found.startswith(words), what
+
+
+@pytest.mark.parametrize("version", ["1.0", "1.1"])
+def test_the_packaged_protocols_pass_the_usual_floors(version: str) -> None:
+    assert list(breaches(SplitFloors(), parse_protocol(packaged_protocol_toml(version)))) == []
+
+
+def test_no_board_is_built_below_the_floors(
+    world: World, tiny: Split, planning_file: Callable[..., bytes]
+) -> None:
+    """Floors that were raised hold what was scored before, too: its board is not built anew."""
+    world.add_phase(tiny)
+    world.score(planning_file(tiny))
+    write_floors(world, "min_samples_per_cell = 100", tiny.name)
+    with world.database.read() as session:
+        digest = session.get_one(Phase, "dev").protocol_digest
+    build_board_of(world.context, "dev", digest)
+    with world.database.read() as session:
+        assert session.scalar(select(func.count()).select_from(BoardRow)) == 0
+    ((_, detail),) = held(world)
+    assert detail["asked"] == ["min_samples_per_cell is 1, the floor is 100"]
+    write_floors(world, "", tiny.name)
+    submission_id = world.score(planning_file(tiny, edited_mps=1.2))
+    assert world.submission(submission_id).status is SubmissionStatus.SCORED
+
+
+def test_a_public_split_holds_nothing_back(
+    world: World, make_split: Callable[..., Split], planning_file: Callable[..., bytes]
+) -> None:
+    tiny = make_split({"a": {"region": region_ahead(10.0)}})
+    write_floors(world, "min_samples_per_cell = 100", tiny.name)
+    world.add_phase(tiny)
+    context = world.context
+    protocol = parse_protocol(packaged_protocol_toml())
+    publish_split_file(world.database, world.files, context.splits, tiny.name, protocol)
+    submission_id = world.score(planning_file(tiny))
+    assert world.submission(submission_id).status is SubmissionStatus.SCORED
+
+
+def test_only_so_many_submissions_a_day_are_scored_over_all_phases_and_teams(
+    world: World, tiny: Split, planning_file: Callable[..., bytes]
+) -> None:
+    write_floors(world, "max_scored_per_day = 3", tiny.name)
+    world.add_phase(tiny, "one")
+    world.add_phase(tiny, "two")
+    files = [planning_file(tiny, edited_mps=1.0 + number / 10) for number in range(6)]
+    where = [("one", "alpha"), ("one", "beta"), ("two", "alpha"), ("two", "gamma"), ("one", "beta")]
+    ids = [
+        world.score(data, phase_id=phase, team=team)
+        for data, (phase, team) in zip(files, where, strict=False)
+    ]
+    codes = [code_of(world, submission_id) for submission_id in ids]
+    assert codes == [None, None, None, *[FailureCode.SPLIT_DAY_FULL.value] * 2]
+    assert "at most 3 a day" in held(world)[0][1]["asked"][0]
+    with world.database.read() as session:
+        now = database_now(session)
+        found = [
+            scored_within_a_day(session, tiny.name, at, besides=ids[0])
+            for at in (now, now + timedelta(days=1))
+        ]
+    assert found == [2, 0]
+
+
+def test_only_so_many_protocols_ever_ask(
+    world: World, tiny: Split, planning_file: Callable[..., bytes]
+) -> None:
+    write_floors(world, "max_protocols = 2", tiny.name)
+    codes = []
+    for number in range(3):
+        open_phase(world, changed(f"9.{number}"), tiny, f"phase-{number}")
+        submission_id = world.score(planning_file(tiny), phase_id=f"phase-{number}")
+        codes.append(code_of(world, submission_id))
+    assert codes == [None, None, FailureCode.SPLIT_FLOOR.value]
+    assert held(world)[-1][1]["asked"] == ["it would be protocol number 3, at most 2 may be"]
+
+
+def test_the_private_part_is_closed_until_its_date(
+    world: World, make_split: Callable[..., Split], planning_file: Callable[..., bytes]
+) -> None:
+    """Whoever has the server's role may point a phase at the private part: it is not scored."""
+    parts = {f"s{n}": {"part": "private" if n % 2 else "public"} for n in range(6)}
+    split = make_split(parts, name="parted")
+    write_floors(world, "private_part_from = 2999-01-01T00:00:00Z", split.name)
+    world.add_phase(split, "parted")
+    with world.database.write() as session:
+        session.get_one(Phase, "parted").split_revision = split.part("private").revision
+    submission_id = world.score(planning_file(split), phase_id="parted")
+    assert code_of(world, submission_id) == FailureCode.SPLIT_FLOOR.value
+    assert held(world)[-1][1]["asked"] == ["the private part is closed until 2999-01-01 00:00 UTC"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "max_protocol = 3",
+        "d_safe_m = [3, 1]",
+        "not toml",
+        "private_part_from = 2026-01-01T00:00:00",
+    ],
+)
+def test_floors_that_cannot_be_read_leave_everything_queued(
+    world: World, tiny: Split, planning_file: Callable[..., bytes], text: str
+) -> None:
+    world.add_phase(tiny)
+    write_floors(world, text, tiny.name)
+    with pytest.raises(FloorsUnreadableError, match=r"floors\.toml of tiny"):
+        world.add_split(tiny)
+    submission_id = world.score(planning_file(tiny))
+    assert world.submission(submission_id).status is SubmissionStatus.RECEIVED

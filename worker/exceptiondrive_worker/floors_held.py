@@ -1,0 +1,84 @@
+"""Holds the floors of a split against what the records ask for, and says so in the audit log."""
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.splits.drawings import find_public_split
+from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_worker.split_floors import (
+    FloorHeldError,
+    SplitDayFullError,
+    SplitFloors,
+    breaches,
+)
+
+
+def hold_floors(
+    session: Session,
+    floors: SplitFloors,
+    ref: SplitRef,
+    protocol: ProtocolDocument,
+    submission_id: str | None = None,
+) -> None:
+    """Let pass what the floors of a split allow.
+
+    Args:
+        session: To read with.
+        floors: Of the split.
+        ref: The split, at the revision that is asked for.
+        protocol: Under which something is to be published.
+        submission_id: What is to be scored; None: a board is to be built.
+
+    Raises:
+        SplitDayFullError: Enough submissions were scored within a day.
+        FloorHeldError: Anything else is too much.
+    """
+    if find_public_split(session, ref) is not None:
+        return
+    protocols = protocols_of_split(session, ref.name) | {protocol.digest}
+    found = [*breaches(floors, protocol)]
+    if len(protocols) > floors.max_protocols:
+        found.append(
+            f"it would be protocol number {len(protocols)}, at most {floors.max_protocols} may be"
+        )
+    opens, now = floors.private_part_from, database_now(session)
+    is_private = find_split(session, ref.name, ref.revision).part == "private"
+    if is_private and opens is not None and now < opens:
+        found.append(f"the private part is closed until {opens:%Y-%m-%d %H:%M %Z}")
+    if found:
+        raise FloorHeldError(*found)
+    if submission_id is not None:
+        n_scored = scored_within_a_day(session, ref.name, now, besides=submission_id)
+        if n_scored >= floors.max_scored_per_day:
+            raise SplitDayFullError(
+                f"another submission, after {n_scored} of {now:%Y-%m-%d}; at most "
+                f"{floors.max_scored_per_day} a day may be scored"
+            )
+
+
+def hold_floors_of(
+    database: Database,
+    floors: SplitFloors,
+    ref: SplitRef,
+    protocol: ProtocolDocument,
+    phase_id: str,
+    submission_id: str | None = None,
+) -> None:
+    """Hold the floors of a split; what is refused is said once in the audit log.
+
+    Raises:
+        FloorHeldError: As `hold_floors`.
+    """
+    try:
+        with database.read() as session:
+            hold_floors(session, floors, ref, protocol, submission_id)
+    except FloorHeldError as held:
+        detail = {"phase": phase_id, "protocol": protocol.version, "asked": list(held.asked)}
+        with database.write() as session:
+            audit_once(session, "worker", SPLIT_FLOOR_HELD, ref.name, detail)
+        raise

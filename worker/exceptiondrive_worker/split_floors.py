@@ -1,0 +1,142 @@
+"""Floors of a withheld split: what nobody may publish of it, whatever a phase or protocol says.
+
+They lie beside the split file, in `floors.toml`, where only workers read and no organizer, API or
+server writes. A worker that is asked for more scores nothing, builds no board, and says so in the
+audit log. Without a file the defaults hold. A public split has nothing to hold back.
+"""
+
+import json
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import tomllib
+from pydantic import Field, ValidationError, model_validator
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.protocol import ProtocolDocument
+
+FLOORS_FILE = "floors.toml"
+
+Bounds = tuple[float, float]
+Count = Annotated[int, Field(ge=1)]
+Decimals = Annotated[int, Field(ge=0, le=4)]
+
+
+class SplitFloors(Document):
+    """What a worker publishes of a withheld split at most.
+
+    Bounds are the least and the largest value, both allowed; `d_safe_m` holds for every required
+    clearance of the protocol, those of its sensitivity factors among them.
+    """
+
+    min_samples_per_cell: Count = 1
+    max_percent_decimals: Decimals = 2
+    max_metre_decimals: Decimals = 2
+    max_compared_entries: Annotated[int, Field(ge=0)] = 10
+    max_sensitivity_factors: Annotated[int, Field(ge=0)] = 2
+    shows: tuple[Literal["clearance_curve", "outcome_cells"], ...] = ()
+    """What a protocol may publish of all splits, and so of this one."""
+    footprint_length_m: Bounds = (2.0, 30.0)
+    footprint_width_m: Bounds = (1.0, 5.0)
+    d_safe_m: Bounds = (0.1, 10.0)
+    waypoints: Bounds = (4, 200)
+    max_protocols: Count = 12
+    """Protocols that the split is ever scored under."""
+    max_scored_per_day: Count = 2000
+    """Submissions that get their first sheet within 24 hours, over all phases and teams."""
+    private_part_from: datetime | None = None
+    """Before this the private part is not scored; with a time zone."""
+    second_organizer: bool = False
+    """Whether a protocol needs a second organizer, who confirms what another proposed."""
+
+    @model_validator(mode="after")
+    def _bounds_are_in_order(self) -> Self:
+        for name in ("footprint_length_m", "footprint_width_m", "d_safe_m", "waypoints"):
+            least, most = getattr(self, name)
+            if not 0 <= least <= most:
+                raise ValueError(f"{name}: the least comes first, and none is negative")
+        if self.private_part_from is not None and self.private_part_from.tzinfo is None:
+            raise ValueError("private_part_from needs a time zone, such as Z")
+        return self
+
+
+class FloorsUnreadableError(ValueError):
+    """The floors of a split cannot be read: nothing of it is scored until they can."""
+
+
+class FloorHeldError(ValueError):
+    """More was asked of a withheld split than its floors allow; `asked` says what, in words."""
+
+    def __init__(self, *asked: str) -> None:
+        self.asked = asked
+        super().__init__("; ".join(asked))
+
+
+class SplitDayFullError(FloorHeldError):
+    """As many submissions as the floors allow have been scored within a day."""
+
+
+def read_floors(folder: Path) -> SplitFloors:
+    """Return the floors that lie in the folder of a split; the defaults where there is no file.
+
+    Raises:
+        FloorsUnreadableError: The file is no floors; each problem is named.
+    """
+    try:
+        document = tomllib.loads((folder / FLOORS_FILE).read_text("utf-8"))
+        return SplitFloors.model_validate_json(json.dumps(document, default=str))
+    except FileNotFoundError:
+        return SplitFloors()
+    except ValidationError as error:
+        lines = [f"{'.'.join(map(str, it['loc'])) or 'file'}: {it['msg']}" for it in error.errors()]
+        raise FloorsUnreadableError(
+            f"{FLOORS_FILE} of {folder.name}:\n" + "\n".join(lines)
+        ) from None
+    except (OSError, ValueError) as error:
+        raise FloorsUnreadableError(
+            f"{FLOORS_FILE} of {folder.name} cannot be read ({type(error).__name__})"
+        ) from None
+
+
+def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
+    """Yield in words what of a protocol lies below the floors."""
+    publication, geometry = protocol.publication, protocol.geometry
+    least = floors.min_samples_per_cell
+    if publication.min_samples_per_cell < least:
+        yield f"min_samples_per_cell is {publication.min_samples_per_cell}, the floor is {least}"
+    numbers = (
+        ("percent_decimals", publication.percent_decimals, floors.max_percent_decimals),
+        ("metre_decimals", publication.metre_decimals, floors.max_metre_decimals),
+        ("compared_entries", publication.compared_entries, floors.max_compared_entries),
+        (
+            "the number of sensitivity_factors",
+            len(protocol.grading.sensitivity_factors),
+            floors.max_sensitivity_factors,
+        ),
+    )
+    for name, value, most in numbers:
+        if value > most:
+            yield f"{name} is {value}, at most {most} may be"
+    for name in ("clearance_curve", "outcome_cells"):
+        if getattr(publication, name) == "all_splits" and name not in floors.shows:
+            yield f'{name} is "all_splits", which the floors do not show'
+    ranges = (
+        ("footprint_length_m", geometry.footprint_length_m),
+        ("footprint_width_m", geometry.footprint_width_m),
+        ("waypoints", geometry.waypoints),
+        *(("d_safe_m", value) for value in _required_clearances_m(protocol)),
+    )
+    told = set()
+    for name, number in ranges:
+        low, high = getattr(floors, name)
+        if not low <= number <= high and name not in told:
+            told.add(name)
+            yield f"{name} is {number:g}, it must lie from {low:g} to {high:g}"
+
+
+def _required_clearances_m(protocol: ProtocolDocument) -> list[float]:
+    grading = protocol.grading
+    d_safe_m = [task.d_safe_m * grading.d_safe_scale for task in protocol.tasks]
+    return [each * factor for each in d_safe_m for factor in (1.0, *grading.sensitivity_factors)]
