@@ -37,10 +37,13 @@ class SampleDrawing(Document):
         region: Corners of the hazard region.
         source: Waypoints with the origin in front; empty where missing.
         edited: The same of the edited scene.
-        footprints: Vehicle rectangles along `edited`.
+        source_footprints: Vehicle rectangles along `source`.
+        footprints: The same along `edited`.
         tube: Convex pieces of the collision tube.
         segment: Ends of the clearance, on the tube and on the region; None on intrusion.
         clearance_m: Distance of tube and region; None where edited is missing.
+        clearances_m: The same of the tube until each time step, t = 0 first: it never grows, is 0
+            from contact on, and ends at `clearance_m`.
         d_safe_m: Required clearance.
         metrics: Of this sample alone, by key; None where undefined.
     """
@@ -52,10 +55,12 @@ class SampleDrawing(Document):
     region: Outline
     source: Outline
     edited: Outline
+    source_footprints: tuple[Outline, ...]
     footprints: tuple[Outline, ...]
     tube: tuple[Outline, ...]
     segment: tuple[Position, Position] | None
     clearance_m: float | None
+    clearances_m: tuple[float, ...]
     d_safe_m: float
     metrics: MetricRow
 
@@ -66,9 +71,13 @@ class SampleDrawing(Document):
 
 
 class DrawnSample(Document):
-    """A sample that stands for its family: its worst, or its middle by HCC, then clearance."""
+    """A sample that stands for its family.
 
-    chosen_as: Literal["worst", "middle"]
+    `scene` is the same for every entry of a split: the one whose region stands at the middle
+    distance. `worst` and `middle` are the entry's own, by HCC, then clearance.
+    """
+
+    chosen_as: Literal["scene", "worst", "middle"]
     drawing: SampleDrawing
 
 
@@ -143,11 +152,19 @@ class View:
     height: float
 
     @classmethod
-    def of(cls, sample: SampleDrawing, width: float, height: float) -> "View":
-        """Return the view that holds everything that moves, and the region near it."""
-        points = [(0.0, 0.0), *sample.source, *sample.edited, *_corners(sample.footprints)]
-        points += [point for point in sample.region if math.hypot(*point) <= MAX_REACH_M]
-        points += [] if sample.segment is None else [sample.segment[1]]
+    def of(cls, samples: Sequence[SampleDrawing], width: float, height: float) -> "View":
+        """Return the view that holds everything that moves, and the region near it.
+
+        Args:
+            samples: The same sample of one or more entries.
+            width: Of the box, in pixels.
+            height: Of the box, in pixels.
+        """
+        points = [(0.0, 0.0)]
+        for sample in samples:
+            points += [*sample.source, *sample.edited, *_corners(sample.footprints)]
+            points += [point for point in sample.region if math.hypot(*point) <= MAX_REACH_M]
+            points += [] if sample.segment is None else [sample.segment[1]]
         low_x, high_x = _span(point[0] for point in points)
         low_y, high_y = _span(point[1] for point in points)
         scale = min(width / max(high_x - low_x, MIN_SPAN_M), height / (high_y - low_y))
@@ -193,10 +210,10 @@ MINUS = "\u2212"
 
 def shapes(sample: SampleDrawing, width: float, height: float) -> str:
     """Return the shapes of one sample for a box of this size, from back to front."""
-    view = View.of(sample, width, height)
+    view = View.of([sample], width, height)
     parts = [
-        *_grid(view),
-        *_hazard(sample, view),
+        *grid(view),
+        *hazard(sample, view),
         *_source(sample, view),
         *_edited(sample, view),
         *_clearance(sample, view),
@@ -227,7 +244,8 @@ def _with_unit(value: float, unit: str) -> str:
     return f"{value * 100:.2f} %" if unit == "fraction" else f"{value:.2f} m"
 
 
-def _grid(view: View) -> Iterator[str]:
+def grid(view: View) -> Iterator[str]:
+    """Yield the lines of the grid, in metres, with their numbers along x."""
     along, across = view.grid_m()
     for x in along:
         at = view.at((x, 0))[0]
@@ -239,8 +257,8 @@ def _grid(view: View) -> Iterator[str]:
         yield f'<path class="grid" d="M0 {view.at((0, y))[1]:.1f}H{view.width:g}"/>'
 
 
-def _hazard(sample: SampleDrawing, view: View) -> Iterator[str]:
-    """The region, and the band of required clearance around it: a stroke twice as wide."""
+def hazard(sample: SampleDrawing, view: View) -> Iterator[str]:
+    """Yield the region, and the band of required clearance around it: a stroke twice as wide."""
     points, width = view.points(sample.region), 2 * sample.d_safe_m * view.scale
     yield f'<polygon class="safe" points="{points}" stroke-width="{width:.1f}"/>'
     yield f'<polygon class="region" points="{points}"/>'

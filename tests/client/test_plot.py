@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive import InvalidArgumentError, InvalidFileError, StrategyRecorder
-from exceptiondrive.checking import manifest_of, read_file
+from exceptiondrive.checking import manifest_of
 from exceptiondrive.cli import app
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_bytes, given_split
 from exceptiondrive.plot import Scenes, picture, plot_file
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.drawing import View
@@ -39,9 +39,9 @@ def file(planning_file: MakeFile) -> Path:
 
 @pytest.fixture
 def scenes(file: Path, split_file: Path) -> Scenes:
-    protocol, split = packaged_protocol(), read_split(split_file)
+    protocol, split = packaged_protocol(), given_split(split_file)
     manifest = manifest_of(split, protocol)
-    document = check(read_file(file), protocol=protocol, manifest=manifest).document
+    document = check(given_bytes(file).data, protocol=protocol, manifest=manifest).document
     assert document is not None
     return Scenes(document, split, protocol)
 
@@ -90,7 +90,7 @@ def test_the_worst_come_first_and_missing_trajectories_not_at_all(scenes: Scenes
 def test_everything_that_moves_lies_inside_the_panel_in_one_scale(scenes: Scenes) -> None:
     for sample_id in ("s0", "s1", "s2"):
         scene = scenes.scene(sample_id)
-        view = View.of(scene, 430, 240)
+        view = View.of([scene], 430, 240)
         for point in (*scene.edited, *scene.source, *(c for f in scene.footprints for c in f)):
             x, y = view.at(point)
             assert 0 <= x <= 430

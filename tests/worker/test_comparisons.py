@@ -21,6 +21,7 @@ from exceptiondrive_schemas.score_sheet import BreakdownRow, ScoreSheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.comparisons import published_comparison
 from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.rounding import Rounding
 
 World = Any
 MakeFile = Callable[..., bytes]
@@ -74,7 +75,7 @@ def test_a_difference_is_the_difference_of_what_the_board_shows(board: Board) ->
 def test_the_same_answers_differ_nowhere_and_cannot_be_told_apart(board: Board) -> None:
     same = by_method(board)["best", "twin"]
     assert {each.difference for each in same.overall.values()} <= {0.0, None}
-    assert same.overall["hcc"].discordant == 0.0
+    assert same.overall["hcc"].discordant is None, "how many differ is withheld"
     assert same.overall["hcc"].verdict == "not separable on this split"
 
 
@@ -90,8 +91,9 @@ def test_a_verdict_names_the_method_and_follows_from_the_interval(board: Board) 
 def test_only_digits_that_the_protocol_publishes_leave(board: Board) -> None:
     for pair in board.comparisons:
         for found in (*pair.overall.values(), *pair.families.values()):
-            values = [found.difference, found.discordant, *(found.interval or ())]
-            assert all(value is None or value == round(value, 4) for value in values)
+            assert found.difference is None or found.difference == round(found.difference, 4)
+        for key in ("hcc", "ur", "hpr"):
+            assert all(end == round(end, 2) for end in pair.overall[key].interval or ())
 
 
 def test_a_new_entry_repeats_no_comparison(
@@ -155,6 +157,9 @@ def test_small_tasks_and_families_are_left_out(
         assert pair.overall["hcc"].difference is not None
 
 
+PUBLIC = Rounding(PLANNING, packaged_protocol().publication, is_public=True)
+
+
 def _pair(difference: float, interval: tuple[float, float]) -> PairedComparison:
     one = PairedDifference(
         difference=difference, interval=interval, discordant=0.05, verdict="A is better"
@@ -183,7 +188,9 @@ def test_no_difference_of_shares_reads_the_exact_values_once_more(exact: float) 
     """Exact means 0.12344 and 0.12005, or 0.12336 and 0.12046: published, they are the same two."""
     example = ScoreSheet.model_validate_json(example_text("score-sheet"))
     shown = (_sheet(example, 0.1234), _sheet(example, 0.12))
-    told = published_comparison(_pair(exact, (0.0, 0.01)), PLANNING, packaged_protocol(), shown)
+    told = published_comparison(
+        _pair(exact, (0.0, 0.01)), PLANNING, packaged_protocol(), shown, PUBLIC
+    )
     cells = [told.overall[key] for key in ("hcc", "ur", "hpr")]
     cells += [*told.families.values(), *told.tasks.values()]
     assert [cell.difference for cell in cells] == [0.0034] * 5
@@ -193,11 +200,34 @@ def test_a_verdict_is_not_surer_than_the_interval_beside_it() -> None:
     example = ScoreSheet.model_validate_json(example_text("score-sheet"))
     shown = (_sheet(example, 0.1234), _sheet(example, 0.12))
     barely = _pair(0.0034, (0.00004, 0.0071))
-    told = published_comparison(barely, PLANNING, packaged_protocol(), shown)
+    told = published_comparison(barely, PLANNING, packaged_protocol(), shown, PUBLIC)
     assert told.overall["hcc"].interval == (0.0, 0.0071)
     assert told.overall["hcc"].verdict == "not separable on this split"
     sure = _pair(0.0034, (0.0004, 0.0071))
-    told = published_comparison(sure, PLANNING, packaged_protocol(), shown)
+    told = published_comparison(sure, PLANNING, packaged_protocol(), shown, PUBLIC)
     assert told.overall["hcc"].verdict == "A is better"
     assert told.tasks["LB1"].interval == (0.0, 0.01)
     assert told.tasks["LB1"].verdict == "not separable on this split"
+
+
+def test_of_a_withheld_split_intervals_are_whole_per_cents_and_no_count_is_told() -> None:
+    example = ScoreSheet.model_validate_json(example_text("score-sheet"))
+    shown = (_sheet(example, 0.1234), _sheet(example, 0.12))
+    withheld = Rounding(PLANNING, packaged_protocol().publication)
+    pair = _pair(0.0034, (0.0104, 0.0271))
+    told = published_comparison(pair, PLANNING, packaged_protocol(), shown, withheld)
+    for cell in (told.overall["hcc"], *told.families.values(), *told.tasks.values()):
+        assert (cell.interval, cell.discordant) == ((0.01, 0.03), None)
+        assert cell.difference == 0.0034
+    assert PUBLIC.interval("hcc", (0.0104, 0.0271)) == (0.0104, 0.0271)
+
+
+def test_two_entries_of_one_team_are_not_compared_on_a_withheld_split(
+    world: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    """Files that differ in one sample would have that sample's value for an interval."""
+    world.add_phase(tiny)
+    for method, team in (("a", "one"), ("b", "one"), ("c", "two")):
+        speed = {"a": 1.0, "b": 2.0, "c": 3.0}[method]
+        world.score(planning_file(tiny, edited_mps=speed), method=method, team=team)
+    assert set(by_method(build(world))) == {("a", "c"), ("b", "c")}

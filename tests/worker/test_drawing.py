@@ -98,7 +98,8 @@ def test_entries_of_a_public_split_are_drawn_once_with_the_board(
     assert {each.drawing.family for each in samples} == {
         protocol.taxonomy.task(sample.task).family for sample in tiny.samples
     }
-    assert {each.chosen_as for each in samples} == {"worst"}  # families of one or two samples
+    # families of one or two samples have no middle one
+    assert {each.chosen_as for each in samples} == {"scene", "worst"}
     for each in samples:
         corners = [coordinate for corner in each.drawing.region for coordinate in corner]
         true = [coordinate for corner in tiny.samples[0].region for coordinate in corner]
@@ -124,11 +125,78 @@ def test_the_worst_and_the_middle_of_a_family_are_those_of_the_stated_order(
     build(world)
     chosen = kept(world, submission_id, split, protocol).samples
     assert [(each.chosen_as, each.drawing.sample_id) for each in chosen] == [
+        ("scene", "c"),  # of a to e: their regions are equally far away
         ("worst", "c"),  # drives into the region; e gave no answer and cannot be drawn
         ("middle", "b"),  # of c, d, b, a
     ]
-    assert chosen[0].drawing.segment is None
-    assert chosen[0].drawing.metrics["hcc"] == 0.0
+    assert chosen[1].drawing.segment is None
+    assert chosen[1].drawing.metrics["hcc"] == 0.0
+
+
+def test_the_scene_of_a_family_is_the_same_for_every_entry_whether_it_answered_or_not(
+    world: World,
+    make_split: Callable[..., Split],
+    planning_file: MakeFile,
+    protocol: ProtocolDocument,
+) -> None:
+    def box(x: float) -> dict[str, Any]:
+        return {"region": ((x, -1.0), (x + 2, -1.0), (x + 2, 1.0), (x, 1.0))}
+
+    split = make_split({"a": box(30.0), "b": box(10.0), "c": box(20.0)})
+    world.add_phase(split)
+    publish(world, protocol)
+    answered = world.score(planning_file(split, edited_mps=9.0), method="answered")
+    silent = planning_file(split, changes={"c": {"edited": None}})
+    left_out = world.score(silent, method="left out")
+    build(world)
+    scenes = [
+        each.drawing
+        for submission_id in (answered, left_out)
+        for each in kept(world, submission_id, split, protocol).samples
+        if each.chosen_as == "scene"
+    ]
+    assert [scene.sample_id for scene in scenes] == ["c", "c"]  # neither the near nor the far one
+    assert (len(scenes[0].edited), len(scenes[0].clearances_m)) == (7, 7)
+    assert (scenes[1].edited, scenes[1].clearances_m) == ((), ())
+
+
+def test_a_drawn_trajectory_is_that_of_its_sample_where_some_samples_do_not_count(
+    world: World,
+    make_split: Callable[..., Split],
+    planning_file: MakeFile,
+    protocol: ProtocolDocument,
+) -> None:
+    split = make_split({"a": {"control": True}, "b": {"withdrawn": "blurred"}, "c": {}, "d": {}})
+    ends = {"a": 1.0, "b": 2.0, "c": 3.0, "d": 0.5}
+    changes = {key: {"edited": [[v * k, 0.0] for k in range(1, 7)]} for key, v in ends.items()}
+    world.add_phase(split)
+    publish(world, protocol)
+    submission_id = world.score(planning_file(split, changes=changes))
+    build(world)
+    for each in kept(world, submission_id, split, protocol).samples:
+        assert each.drawing.sample_id in ("c", "d")
+        assert each.drawing.edited[-1][0] == pytest.approx(6 * ends[each.drawing.sample_id])
+
+
+def test_the_clearance_at_each_time_step_is_what_the_scorer_measures_of_what_was_driven_until_then(
+    world: World, tiny: Split, planning_file: MakeFile, protocol: ProtocolDocument
+) -> None:
+    world.add_phase(tiny)
+    publish(world, protocol)
+    submission_id = world.score(planning_file(tiny, edited_mps=9.0))
+    build(world)
+    n_hits = 0
+    for each in kept(world, submission_id, tiny, protocol).samples:
+        sample = each.drawing
+        path, region = np.array([sample.edited]), prepare_regions(np.array([sample.region]))
+        assert len(sample.clearances_m) == 7
+        for step in range(1, 7):
+            cut = clearance_m(path[:, : step + 1], region, protocol.geometry)[0]
+            assert sample.clearances_m[step] == pytest.approx(cut, abs=1e-9)
+        assert sample.clearances_m[-1] == pytest.approx(sample.clearance_m, abs=1e-9)
+        assert list(sample.clearances_m) == sorted(sample.clearances_m, reverse=True)
+        n_hits += sample.clearances_m[-1] == 0
+    assert n_hits > 0  # some of it is a hit, which starts after t = 0
 
 
 def test_among_equally_compliant_samples_the_nearest_is_the_worst(
@@ -147,7 +215,8 @@ def test_among_equally_compliant_samples_the_nearest_is_the_worst(
     submission_id = world.score(planning_file(split, changes=changes))
     build(world)
     chosen = kept(world, submission_id, split, protocol).samples
-    assert [(each.drawing.sample_id, each.drawing.metrics["hcc"]) for each in chosen] == [
+    own = [each.drawing for each in chosen if each.chosen_as != "scene"]
+    assert [(drawing.sample_id, drawing.metrics["hcc"]) for drawing in own] == [
         ("b", 1.0),
         ("c", 1.0),
     ]

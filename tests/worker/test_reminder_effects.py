@@ -18,6 +18,7 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
+from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off
@@ -152,9 +153,12 @@ def test_the_effect_is_what_a_naive_paired_bootstrap_finds(
     naive = naive_effect(scenes, answers(scenes, 2, 0.7), answers(scenes, 1, 0.3), protocol)
     for metric, (difference, interval, discordant) in naive.items():
         published = effect.differences[metric]
-        assert published.difference == round(difference, 4)
-        assert published.interval == pytest.approx(interval, abs=0.00005 + 1e-9)
-        assert published.discordant == round(discordant, 4)
+        assert published.difference == pytest.approx(difference, abs=0.00011)
+        low, high = interval
+        whole = (math.floor(low * 100 + 1e-7) / 100, math.ceil(high * 100 - 1e-7) / 100)
+        assert published.interval == pytest.approx(whole), "of a withheld split"
+        assert published.discordant is None
+        assert 0 < discordant < 1
     assert effect.differences["accuracy"].verdict == "better with the reminder"
     assert effect.differences["under_warning"].verdict == "better with the reminder"
 
@@ -176,7 +180,7 @@ def test_the_same_answers_have_no_effect(world: World, scenes: Split) -> None:
     again = file_of(scenes, dict(reversed(same.items())))
     world.score(again, method="again", linked_to=plain)
     accuracy = effect_of(build(world), "again").differences["accuracy"]
-    assert (accuracy.difference, accuracy.discordant) == (0.0, 0.0)
+    assert (accuracy.difference, accuracy.discordant) == (0.0, None)
     assert accuracy.verdict == "not separable on this split"
 
 
@@ -237,7 +241,8 @@ def test_a_verdict_never_says_more_than_the_published_interval() -> None:
     )
     differences = dict.fromkeys(STRATEGY.metric_keys, barely)
     effect = ReminderEffect(without="a", without_method="A", differences=differences)
-    rounding = Rounding(STRATEGY, packaged_protocol().publication)
-    published = reminder_effects_module.published_effect(effect, STRATEGY, rounding)
+    rounding = Rounding(STRATEGY, packaged_protocol().publication, is_public=True)
+    row: MetricRow = dict.fromkeys(STRATEGY.metric_keys, 0.5)
+    published = reminder_effects_module.published_effect(effect, STRATEGY, rounding, [row, row])
     assert published.differences["accuracy"].interval == (0.0, 0.02)
     assert published.differences["accuracy"].verdict == compare_module.NOT_SEPARABLE

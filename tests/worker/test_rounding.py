@@ -99,8 +99,13 @@ def test_rounding_twice_changes_nothing(rounding: Rounding, sheet: ScoreSheet) -
     assert rounding.sheet(once) == once
 
 
-def test_intervals_are_rounded_like_their_metric(rounding: Rounding) -> None:
-    assert rounding.interval("hcc", (0.123456, 0.2)) == (0.1235, 0.2)
+def test_intervals_are_rounded_like_their_metric(
+    rounding: Rounding, protocol: ProtocolDocument
+) -> None:
+    public = Rounding(PLANNING, protocol.publication, is_public=True)
+    assert public.interval("hcc", (0.123456, 0.2)) == (0.1235, 0.2)
+    assert rounding.interval("hcc", (0.123456, 0.2)) == (0.12, 0.2)
+    assert rounding.interval("hcc", (0.2, 0.201)) == (0.2, 0.21)
     assert rounding.interval("cts", (-0.0, 1.239)) == (0.0, 1.24)
     assert rounding.interval("cts", None) is None
 
@@ -112,12 +117,13 @@ def test_the_exact_sheet_is_left_as_it_was(rounding: Rounding, sheet: ScoreSheet
 
 
 def test_the_clearance_curve_leaves_only_where_it_may(
-    rounding: Rounding, sheet: ScoreSheet
+    rounding: Rounding, sheet: ScoreSheet, protocol: ProtocolDocument
 ) -> None:
     curve = ClearanceCurve(step=0.1, micro=(1.0, 2 / 3), macro_family=(0.5, 1 / 7))
     exact = sheet.model_copy(update={"clearance_curve": curve})
     assert rounding.sheet(exact).clearance_curve is None
-    shown = rounding.sheet(exact, is_public=True).clearance_curve
+    public = Rounding(PLANNING, protocol.publication, is_public=True)
+    shown = public.sheet(exact).clearance_curve
     assert shown == ClearanceCurve(step=0.1, micro=(1.0, 0.6667), macro_family=(0.5, 0.1429))
 
 

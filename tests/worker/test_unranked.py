@@ -78,7 +78,7 @@ def submit_all(world: World, split: Split, planning_file: MakeFile) -> None:
     """A parked car, one that creeps, one that brakes late and one that brakes in time."""
     world.score(planning_file(split, edited_mps=0.0), method="parked")
     world.score(planning_file(split, edited_mps=0.25), method="creeping")
-    world.score(planning_file(split, edited_mps=2.5), method="late")
+    world.score(planning_file(split, edited_mps=2.5), method="late", team="beta")
     world.score(planning_file(split, edited_mps=1.5), method="in time")
 
 
@@ -175,7 +175,7 @@ def test_too_few_scenes_have_no_interval_and_the_board_says_so(
 ) -> None:
     few = make_split({f"s-{i}": {"scene_id": f"scene-{i % n_scenes}"} for i in range(10)})
     world = open_phase(few, version)
-    world.score(planning_file(few, edited_mps=2.5), method="late")
+    world.score(planning_file(few, edited_mps=2.5), method="late", team="beta")
     world.score(planning_file(few, edited_mps=1.5), method="in time")
     board = board_of(world)
     ranked = [row for row in teams(board) if row.rank is not None]

@@ -43,6 +43,26 @@ def clearance_m(
     return clearance_of_footprints_m(footprints(at, steps(at), geometry), regions, geometry)
 
 
+def clearance_so_far_m(
+    points_m: FloatArray, regions: PreparedRegions, geometry: GeometrySection
+) -> FloatArray:
+    """Clearance of what is swept until each time step: the tube of the trajectory, cut off there.
+
+    Args:
+        points_m: (N, T + 1, 2) finite positions, the origin first.
+        regions: Prepared regions of the same N samples.
+        geometry: Heading rule, footprint, kind of tube.
+
+    Returns:
+        (N, T + 1) metres, never growing with time: the footprint's at step 0, `clearance_m` at T.
+    """
+    at = positions(points_m)
+    boxes = footprints(at, steps(at), geometry)
+    ends = range(1, len(boxes.x_m) + 1)
+    columns = [clearance_of_footprints_m(boxes[:end], regions, geometry) for end in ends]
+    return np.stack(columns, axis=-1)
+
+
 def clearance_of_footprints_m(
     boxes: Footprints, regions: PreparedRegions, geometry: GeometrySection
 ) -> FloatArray:

@@ -29,7 +29,7 @@ from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
-from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.clearance import clearance_m, clearance_so_far_m
 from exceptiondrive_scoring.footprint import footprints_m
 from exceptiondrive_scoring.grade import SampleScores, grade
 from exceptiondrive_scoring.measure import Measurements, measure
@@ -68,12 +68,21 @@ class Drawer:
         near, given = self.measured.clearance_m, np.flatnonzero(self.measured.edited_given)
         return sorted(given.tolist(), key=lambda i: (hcc[i], near[i], self.sample_ids[i]))
 
-    def worst_and_middle(self) -> EntryDrawings:
-        """Draw the worst sample of each family, and the one in the middle of the same order."""
+    def chosen(self) -> EntryDrawings:
+        """Draw of each family its scene, and the entry's worst and middle sample.
+
+        The scene is the same for every entry: its region stands at the middle distance of those of
+        its family from the vehicle at t = 0, then by sample id.
+        """
         family_index, best_last = self.split.family_index, self.from_worst_to_best()
+        by_distance = self._from_near_to_far()
         drawn = []
         for family in range(len(self.protocol.families)):
+            far = [i for i in by_distance if family_index[i] == family]
             ordered = [i for i in best_last if family_index[i] == family]
+            if far:
+                scene = far[len(far) // 2]
+                drawn.append(DrawnSample(chosen_as="scene", drawing=self.drawing(scene)))
             if ordered:
                 drawn.append(DrawnSample(chosen_as="worst", drawing=self.drawing(ordered[0])))
             if len(ordered) > 2:
@@ -81,27 +90,43 @@ class Drawer:
                 drawn.append(DrawnSample(chosen_as="middle", drawing=self.drawing(middle)))
         return EntryDrawings(samples=tuple(drawn))
 
+    def _from_near_to_far(self) -> list[int]:
+        """Samples by the distance of their region from the footprint at t = 0, then by id."""
+        at_start = np.zeros((self.split.n_samples, 1, 2))
+        away = clearance_m(at_start, self.split.prepared_regions, self.protocol.geometry)
+        return sorted(range(self.split.n_samples), key=lambda i: (away[i], self.sample_ids[i]))
+
     def drawing(self, index: int) -> SampleDrawing:
         """Draw the sample at this place."""
         geometry = self.protocol.geometry
         task = self.protocol.tasks[int(self.split.task_index[index])]
         edited, source = _path(self.pairs.edited[index]), _path(self.pairs.source[index])
         is_given = bool(self.measured.edited_given[index])
+        has_source = bool(self.measured.source_given[index])
         return SampleDrawing(
             sample_id=self.sample_ids[index],
             family=task.family,
             task=task.id,
             hazard=task.hazard,
             region=_outline(self.split.regions_m[index]),
-            source=_outline(source) if self.measured.source_given[index] else (),
+            source=_outline(source) if has_source else (),
             edited=_outline(edited) if is_given else (),
-            footprints=_outlines(footprints_m(edited[None], geometry)[0]) if is_given else (),
+            source_footprints=_boxes(source, geometry) if has_source else (),
+            footprints=_boxes(edited, geometry) if is_given else (),
             tube=_outlines(tube_pieces_m(edited, geometry)) if is_given else (),
             segment=self._segment(index, edited),
             clearance_m=float(self.measured.clearance_m[index]) if is_given else None,
+            clearances_m=self._clearances_m(index, edited) if is_given else (),
             d_safe_m=float(self.split.d_safe_m[index]) * self.protocol.grading.d_safe_scale,
             metrics=self._metrics(index),
         )
+
+    def _clearances_m(self, index: int, edited: FloatArray) -> tuple[float, ...]:
+        """What is left of the clearance at each time step; 0 from contact on."""
+        region = prepare_regions(self.split.regions_m[index : index + 1])
+        so_far = clearance_so_far_m(edited[None], region, self.protocol.geometry)[0]
+        is_contact = so_far <= self.protocol.geometry.contact_tolerance_m
+        return tuple(np.where(is_contact, 0.0, so_far).tolist())
 
     def _segment(self, index: int, edited: FloatArray) -> tuple[Position, Position] | None:
         if self.measured.intrusion[index]:
@@ -131,6 +156,10 @@ def _outline(points: Iterable[FloatArray]) -> Outline:
 
 def _outlines(pieces: Iterable[Iterable[FloatArray]]) -> tuple[Outline, ...]:
     return tuple(_outline(piece) for piece in pieces)
+
+
+def _boxes(points_m: FloatArray, geometry: GeometrySection) -> tuple[Outline, ...]:
+    return _outlines(footprints_m(points_m[None], geometry)[0])
 
 
 Corner = tuple[float, float]

@@ -113,10 +113,10 @@ class PlanningScoring:
         split: SplitArrays,
         protocol: ProtocolDocument,
     ) -> EntryDrawings | None:
-        """The worst and the middle sample of each family."""
+        """Of each family its scene, and the worst and the middle sample of the entry."""
         pairs = TrajectoryPairs.from_columns(answers)
         measured = Measurements.from_columns(measurements)
-        return Drawer(sample_ids, pairs, measured, split, protocol).worst_and_middle()
+        return Drawer(sample_ids, pairs, measured, split, protocol).chosen()
 
 
 def clearance_sensitivity(

@@ -46,13 +46,14 @@ def board_entries(
     made: Sequence[ScoredReference],
     challenge: Challenge,
     protocol: ProtocolDocument,
+    rounding: Rounding,
 ) -> tuple[BoardEntry, ...]:
     """Return the rows of a board: ranked entries first, then references, those of teams last.
 
     Entries that take no rank for their flags follow the ranked ones, in the order that they would
     have among them; then those that have no rank to take.
     """
-    rows = _Rows(challenge, protocol)
+    rows = _Rows(challenge, protocol, rounding)
     of_teams = [entry for entry in entries if not entry.record.is_reference]
     references = [entry for entry in entries if entry.record.is_reference]
     is_listed = [bool(rows.unranked_flags(entry.record.sheet)) for entry in of_teams]
@@ -88,12 +89,14 @@ def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[Family
 class _Rows:
     """Makes rows of one board; everything in them is rounded."""
 
-    def __init__(self, challenge: Challenge, protocol: ProtocolDocument) -> None:
+    def __init__(
+        self, challenge: Challenge, protocol: ProtocolDocument, rounding: Rounding
+    ) -> None:
         self._challenge = challenge
         self._protocol = protocol
         self._ranking = protocol.ranking
         self._order = protocol.ranking.order_of(challenge)
-        self._rounding = Rounding(challenge, protocol.publication)
+        self._rounding = rounding
         self._keys_of_intervals = [metric.key for metric in challenge.interval_metrics]
 
     def ranks(self, entries: Sequence[ScoredEntry], may_rank: Sequence[bool]) -> list[int | None]:

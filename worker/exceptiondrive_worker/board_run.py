@@ -11,6 +11,7 @@ from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import part_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.work.board_requests import claim_board, is_due
 from exceptiondrive_records.work.tables import BoardRequest
@@ -21,6 +22,7 @@ from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
 from exceptiondrive_worker.comparisons import Standing, comparisons, entry_uncertainties
 from exceptiondrive_worker.context import WorkerContext
@@ -29,6 +31,7 @@ from exceptiondrive_worker.failures import job_boundary
 from exceptiondrive_worker.floors_held import hold_floors_of
 from exceptiondrive_worker.references import scored_references
 from exceptiondrive_worker.reminder_effects import reminder_effects
+from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.split_floors import FloorHeldError
 from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
@@ -131,17 +134,21 @@ def _board(
         part = part_of(find_split(session, phase.split_name, claimed.split_revision))
         rows = (latest_board(session, *key, view), current_board(session, phase.id))
         texts = {row.id: row.body for row in rows if row is not None}
+        ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
+        is_public = find_public_split(session, ref) is not None
     read = {number: Board.model_validate_json(text) for number, text in texts.items()}
     boards = [None if row is None else read[row.id] for row in rows]
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
-    floors, ref = context.splits.floors(phase.split_name), split.manifest.ref
+    floors = context.splits.floors(phase.split_name)
     hold_floors_of(context.database, floors, ref, protocol, phase.id)
     targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
     standings = list(zip(targets, records, strict=True))
     references = scored_references(context, challenge, split, protocol)
-    entries = board_entries(_scored(context, standings), references, challenge, protocol)
-    compared = comparisons(context.private, context.stages, standings, entries, protocol)
+    rounding = Rounding(challenge, protocol.publication, is_public=is_public)
+    scored = _scored(context, standings, rounding)
+    entries = board_entries(scored, references, challenge, protocol, rounding)
+    compared = comparisons(context.private, context.stages, standings, entries, protocol, rounding)
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, *boards)
@@ -151,10 +158,12 @@ def _board(
     return board, standings
 
 
-def _scored(context: WorkerContext, standings: list[Standing]) -> list[ScoredEntry]:
+def _scored(
+    context: WorkerContext, standings: list[Standing], rounding: Rounding
+) -> list[ScoredEntry]:
     measured = [(target, record.measurement_key) for target, record in standings]
     uncertainties = entry_uncertainties(context.private, context.stages, measured)
-    effects = reminder_effects(context.private, context.stages, standings)
+    effects = reminder_effects(context.private, context.stages, standings, rounding)
     records = (record for _, record in standings)
     return [ScoredEntry(*parts) for parts in zip(records, uncertainties, effects, strict=True)]
 

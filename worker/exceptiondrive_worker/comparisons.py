@@ -37,8 +37,12 @@ def comparisons(
     standings: Sequence[Standing],
     entries: Sequence[BoardEntry],
     protocol: ProtocolDocument,
+    rounding: Rounding,
 ) -> tuple[PairedComparison, ...]:
     """Compare each of the best ranked entries with each, the better ranked first; rounded.
+
+    Of a withheld split two entries of one team are not compared: two files that differ in one sample
+    would have an interval that is that sample's value.
 
     Args:
         private: Keeps exact comparisons.
@@ -46,15 +50,21 @@ def comparisons(
         standings: Target and record of every scored entry.
         entries: Rows of the board, ranked ones first and in order.
         protocol: Says how many entries are compared.
+        rounding: For what may be published of this split.
     """
     by_id = {record.submission_id: (target, record) for target, record in standings}
     ranked = [row.submission_id for row in entries if row.rank is not None and row.submission_id]
     best = [by_id[name] for name in ranked[: protocol.publication.compared_entries]]
     return tuple(
         published_comparison(
-            _kept_or_made(private, stages, a, b), a[0].challenge, protocol, (a[1].sheet, b[1].sheet)
+            _kept_or_made(private, stages, a, b),
+            a[0].challenge,
+            protocol,
+            (a[1].sheet, b[1].sheet),
+            rounding,
         )
         for a, b in combinations(best, 2)
+        if rounding.is_public or a[1].team_slug != b[1].team_slug
     )
 
 
@@ -82,15 +92,17 @@ def published_comparison(
     challenge: Challenge,
     protocol: ProtocolDocument,
     sheets: tuple[ScoreSheet, ScoreSheet],
+    rounding: Rounding,
 ) -> PairedComparison:
     """Round a comparison, metrics in column order; only this may leave the worker.
 
     Families and tasks with fewer samples than the protocol publishes are left out. A difference of
     shares is taken between the published values of the sheets: rounded by itself, it would be one
-    more reading of the exact ones, and nine comparisons would be nine (docs/leakage.md).
+    more reading of the exact ones, and nine comparisons would be nine (docs/leakage.md). How many
+    samples differ is told of public splits alone: it counts differences below any rounding.
     """
-    rounding, first = Rounding(challenge, protocol.publication), challenge.metrics[0].key
-    headlines = [_headline(sheet, protocol) for sheet in sheets]
+    first = challenge.metrics[0].key
+    headlines = [headline_of(sheet, protocol) for sheet in sheets]
 
     def cells(group: str, key: str) -> list[MetricRow]:
         return [getattr(sheet, group)[key].metrics for sheet in sheets]
@@ -98,11 +110,13 @@ def published_comparison(
     return exact.model_copy(
         update={
             "overall": {
-                metric.key: _rounded(exact.overall[metric.key], metric, headlines, rounding)
+                metric.key: rounded_difference(
+                    exact.overall[metric.key], metric, headlines, rounding
+                )
                 for metric in challenge.interval_metrics
             },
             "families": {
-                family.id: _rounded(
+                family.id: rounded_difference(
                     exact.families[family.id],
                     challenge.metric(first),
                     cells("families", family.id),
@@ -121,7 +135,8 @@ def published_comparison(
     )
 
 
-def _headline(sheet: ScoreSheet, protocol: ProtocolDocument) -> MetricRow:
+def headline_of(sheet: ScoreSheet, protocol: ProtocolDocument) -> MetricRow:
+    """Return the row that ranks."""
     return sheet.micro if protocol.grading.headline == "micro" else sheet.macro_family
 
 
@@ -176,22 +191,23 @@ def _difference(found: Difference, words: Mapping[str, str]) -> PairedDifference
     )
 
 
-def _rounded(
-    exact: PairedDifference, metric: Metric, rows: list[MetricRow], rounding: Rounding
+def rounded_difference(
+    exact: PairedDifference, metric: Metric, rows: Sequence[MetricRow], rounding: Rounding
 ) -> PairedDifference:
+    """Round a difference between two published rows, first minus second."""
     interval = rounding.interval(metric.key, exact.interval)
     return exact.model_copy(
         update={
             "difference": _published_difference(exact, metric, rows, rounding),
             "interval": interval,
-            "discordant": rounding.fraction(exact.discordant),
+            "discordant": rounding.fraction(exact.discordant) if rounding.is_public else None,
             "verdict": published_verdict(exact, interval),
         }
     )
 
 
 def _coarse(
-    exact: PairedDifference, key: str, rows: list[MetricRow], rounding: Rounding
+    exact: PairedDifference, key: str, rows: Sequence[MetricRow], rounding: Rounding
 ) -> PairedDifference:
     """A task's difference: few samples, so nothing finer than the two published cells."""
     interval = rounding.coarse_interval(exact.interval)
@@ -204,7 +220,7 @@ def _coarse(
 
 
 def _published_difference(
-    exact: PairedDifference, metric: Metric, rows: list[MetricRow], rounding: Rounding
+    exact: PairedDifference, metric: Metric, rows: Sequence[MetricRow], rounding: Rounding
 ) -> float | None:
     """Shares are defined for every sample; a shift may be undefined, and is its own team's to know."""
     if metric.unit == "fraction":
@@ -212,7 +228,7 @@ def _published_difference(
     return rounding.metric(metric.key, exact.difference)
 
 
-def _between(key: str, rows: list[MetricRow], rounding: Rounding) -> float | None:
+def _between(key: str, rows: Sequence[MetricRow], rounding: Rounding) -> float | None:
     a, b = (row.get(key) for row in rows)
     return None if a is None or b is None else rounding.metric(key, a - b)
 

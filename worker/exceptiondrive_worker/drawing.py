@@ -90,9 +90,9 @@ def drawings_of(stages: Stages, split: PublicSplit, target: Target) -> EntryDraw
     if loaded.manifest.ref != split.ref:
         raise WithheldSplitError(f"split {loaded.manifest.name} is not public: nothing is drawn")
     return SCORING[target.challenge.id].drawings(
-        stages.answers(target),
+        stages.counted_answers(target),
         stages.measurements(target),
-        loaded.manifest.sample_ids,
+        loaded.counted_ids,
         loaded.arrays,
         target.protocol,
     )

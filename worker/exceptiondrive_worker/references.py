@@ -41,14 +41,14 @@ def scored_references(
         context.stages,
         [(target, each.measurement_key) for target, each in zip(targets, scored, strict=True)],
     )
-    rounding = Rounding(challenge, protocol.publication)
     with context.database.read() as session:
         is_public = find_public_split(session, split.manifest.ref) is not None
+    rounding = Rounding(challenge, protocol.publication, is_public=is_public)
     drives = split.manifest.recorded
     return [
         ScoredReference(
             reference,
-            rounding.sheet(each.sheet, is_public=is_public, has_public_drives=drives is not None),
+            rounding.sheet(each.sheet, has_public_drives=drives is not None),
             sure,
         )
         for reference, each, sure in zip(made, scored, uncertainties, strict=True)

@@ -13,8 +13,9 @@ from exceptiondrive_records.boards.ranking import EntryRecord, LinkedRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_scoring.compare import Comparison, Difference, compare
-from exceptiondrive_worker.comparisons import published_verdict
+from exceptiondrive_worker.comparisons import headline_of, rounded_difference
 from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.stages import Stages, Target
@@ -31,6 +32,7 @@ def reminder_effects(
     private: PrivateStore,
     stages: Stages,
     entries: Sequence[tuple[Target, EntryRecord]],
+    rounding: Rounding,
 ) -> list[ReminderEffect | None]:
     """Return the published effect of each entry, in order; None where nothing is linked.
 
@@ -38,9 +40,12 @@ def reminder_effects(
         private: Keeps exact effects.
         stages: Gives the sample scores of the entries whose effects are not kept.
         entries: Of one board: target, and what is on record.
+        rounding: For what may be published of this split.
     """
     return [
-        None if record.linked is None else _effect(private, stages, target, record, record.linked)
+        None
+        if record.linked is None
+        else _effect(private, stages, target, record, record.linked, rounding)
         for target, record in entries
     ]
 
@@ -51,6 +56,7 @@ def _effect(
     target: Target,
     record: EntryRecord,
     linked: LinkedRecord,
+    rounding: Rounding,
 ) -> ReminderEffect:
     other = replace(target, file_digest=linked.file_digest)
     key = content_key(
@@ -69,9 +75,8 @@ def _effect(
         compared = compare(with_it, without, target.split.arrays, target.protocol, target.challenge)
         effect = exact_effect(compared, linked)
         private.write(Shelf.EFFECTS, key, canonical_json(effect))
-    return published_effect(
-        effect, target.challenge, Rounding(target.challenge, target.protocol.publication)
-    )
+    rows = [headline_of(sheet, target.protocol) for sheet in (record.sheet, linked.sheet)]
+    return published_effect(effect, target.challenge, rounding, rows)
 
 
 def exact_effect(compared: Comparison, linked: LinkedRecord) -> ReminderEffect:
@@ -84,24 +89,26 @@ def exact_effect(compared: Comparison, linked: LinkedRecord) -> ReminderEffect:
 
 
 def published_effect(
-    effect: ReminderEffect, challenge: Challenge, rounding: Rounding
+    effect: ReminderEffect, challenge: Challenge, rounding: Rounding, rows: Sequence[MetricRow]
 ) -> ReminderEffect:
-    """Round an effect, metrics in column order; only this may leave the worker."""
-    differences = {
-        metric.key: _published(metric.key, effect.differences[metric.key], rounding)
-        for metric in challenge.interval_metrics
-    }
+    """Round an effect, metrics in column order; only this may leave the worker.
+
+    Args:
+        effect: Exact.
+        challenge: Metrics in column order.
+        rounding: For what may be published of this split.
+        rows: Published headline with the reminder and without it: of a withheld split shares
+            differ by these, and tell nothing more.
+    """
+    differences = {}
+    for metric in challenge.interval_metrics:
+        exact = effect.differences[metric.key]
+        found = rounded_difference(exact, metric, rows, rounding)
+        if rounding.is_public:
+            own = rounding.metric(metric.key, exact.difference)
+            found = found.model_copy(update={"difference": own})
+        differences[metric.key] = found
     return effect.model_copy(update={"differences": differences})
-
-
-def _published(key: str, exact: PairedDifference, rounding: Rounding) -> PairedDifference:
-    interval = rounding.interval(key, exact.interval)
-    return PairedDifference(
-        difference=rounding.metric(key, exact.difference),
-        interval=interval,
-        discordant=rounding.fraction(exact.discordant),
-        verdict=published_verdict(exact, interval),
-    )
 
 
 def _difference(found: Difference) -> PairedDifference:

@@ -19,9 +19,20 @@ from exceptiondrive_schemas.score_sheet import (
 
 
 class Rounding:
-    """Rounds values of one challenge by the protocol's publication section."""
+    """Rounds values of one challenge by the protocol's publication section.
 
-    def __init__(self, challenge: Challenge, publication: PublicationSection) -> None:
+    Args:
+        challenge: Says which metrics are shares.
+        publication: Digits and cells.
+        is_public: Whether anybody may read the regions of the split. Of a withheld one intervals of
+            shares are told to whole per cents: they are further readings of the same samples, and
+            finer ones would tell more than the bounds of docs/leakage.md count.
+    """
+
+    def __init__(
+        self, challenge: Challenge, publication: PublicationSection, *, is_public: bool = False
+    ) -> None:
+        self.is_public = is_public
         self._publication = publication
         self._fraction_decimals = publication.percent_decimals + 2
         self._metre_decimals = publication.metre_decimals
@@ -34,10 +45,12 @@ class Rounding:
 
     def metric(self, key: str, value: float | None) -> float | None:
         """Round a value of a metric; keys that are no metric hold shares."""
-        metric = self._metrics.get(key)
-        if value is None or metric is None or metric.unit == "fraction":
+        if value is None or self._is_share(key):
             return self.fraction(value)
         return _rounded(value, self._metre_decimals)
+
+    def _is_share(self, key: str) -> bool:
+        return key not in self._metrics or self._metrics[key].unit == "fraction"
 
     def row(self, metrics: MetricRow) -> MetricRow:
         """Round a row of metrics."""
@@ -54,6 +67,8 @@ class Rounding:
         """Round both ends of an interval of a metric."""
         if interval is None:
             return None
+        if not self.is_public and self._is_share(key):
+            return self.coarse_interval(interval)
         low, high = self.metric(key, interval[0]), self.metric(key, interval[1])
         return None if low is None or high is None else (low, high)
 
@@ -76,17 +91,14 @@ class Rounding:
         metrics = self.row(row.metrics) | dict.fromkeys(row.metrics.keys() & hidden)
         return row.model_copy(update=dict.fromkeys(metrics) if is_withheld else metrics)
 
-    def sheet(
-        self, sheet: ScoreSheet, *, is_public: bool = False, has_public_drives: bool = False
-    ) -> ScoreSheet:
+    def sheet(self, sheet: ScoreSheet, *, has_public_drives: bool = False) -> ScoreSheet:
         """Return the sheet that may be published.
 
         Args:
             sheet: Exact.
-            is_public: Whether anybody may read the regions of its split.
             has_public_drives: Whether anybody may read the recorded paths.
         """
-        publication, told = self._publication, {"always"}
+        publication, told, is_public = self._publication, {"always"}, self.is_public
         if publication.shows_outcome_cells(is_public_split=is_public):
             told.add("of public regions")
         if is_public or has_public_drives:

@@ -134,10 +134,8 @@ def _score(context: WorkerContext, job: Job) -> None:
             outcome = finish_rejected(session, job, rejected.report)
         _log.info("rejected", **_ids(job), outcome=outcome.value)
         return
-    published = Rounding(challenge, protocol.publication).sheet(
-        scored.sheet,
-        is_public=is_public,
-        has_public_drives=split.manifest.recorded is not None,
+    published = Rounding(challenge, protocol.publication, is_public=is_public).sheet(
+        scored.sheet, has_public_drives=split.manifest.recorded is not None
     )
     with context.database.write() as session:
         outcome = finish_scored(

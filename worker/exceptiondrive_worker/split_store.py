@@ -66,6 +66,12 @@ class LoadedSplit:
     recorded_m: FloatArray | None = None
 
     @property
+    def counted_ids(self) -> tuple[str, ...]:
+        """Ids of the samples of `arrays`, in their order."""
+        ids = self.manifest.sample_ids
+        return tuple(ids) if self.rows is None else tuple(ids[row] for row in self.rows.tolist())
+
+    @property
     def rows_digest(self) -> str | None:
         """Digest of which samples count; None where all do."""
         return None if self.rows is None else array_digest(self.rows)

@@ -130,9 +130,8 @@ class Stages:
         kept = self._private.read_columns(Shelf.MEASUREMENTS, key)
         if kept is not None:
             return kept
-        answers = self.answers(target)
         measured = self._scoring_of(target).measure(
-            _rows(answers, target.split.rows), target.split.arrays, target.protocol.geometry
+            self.counted_answers(target), target.split.arrays, target.protocol.geometry
         )
         self._private.write_columns(Shelf.MEASUREMENTS, key, measured)
         return measured
@@ -145,6 +144,14 @@ class Stages:
         """
         kept = self._private.read_columns(Shelf.ANSWERS, self._answers_digest(target))
         return kept or self._read(target)[1]
+
+    def counted_answers(self, target: Target) -> Columns:
+        """Return those of them that count, in the order of `measurements`.
+
+        Raises:
+            RejectedUpload: The upload has faults.
+        """
+        return _rows(self.answers(target), target.split.rows)
 
     def sums_key(self, target: Target, measurement_key: str) -> str:
         """Return the key of the scene sums that belong to measurements."""

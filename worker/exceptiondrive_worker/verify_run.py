@@ -56,9 +56,11 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
         except RejectedUpload:
             _record(context, item, VerifyState.DIFFERS, None, "the file is rejected now")
             return
-    rounding, drives = Rounding(challenge, protocol.publication), split.manifest.recorded
+    publication, has_drives = protocol.publication, split.manifest.recorded is not None
     withheld, public = (  # a split may have become public since
-        rounding.sheet(scored.sheet, is_public=each, has_public_drives=drives is not None)
+        Rounding(challenge, publication, is_public=each).sheet(
+            scored.sheet, has_public_drives=has_drives
+        )
         for each in (False, True)
     )
     published = public if public == expected else withheld

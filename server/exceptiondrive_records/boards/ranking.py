@@ -1,6 +1,6 @@
 """Which scored submissions stand on a board, and what the board may say of each."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -33,6 +33,7 @@ class LinkedRecord:
     submission_id: str
     method: str
     file_digest: str
+    sheet: ScoreSheet
     measurement_key: str
 
 
@@ -96,11 +97,13 @@ def entries_for_board(
     key = (protocol_digest, split_revision or phase.split_revision)
     scored = _scored_under(session, phase, *key)
     due = _due(session, phase, scored, view)
-    sheets = _sheets(session, [each.submission.id for each in due], *key)
     public = {each.submission.id: each for each in scored if _is_public(phase, each.submission)}
+    linked = [public.get(each.submission.linked_to or "") for each in due]
+    told = [*due, *(each for each in linked if each is not None)]
+    sheets = _sheets(session, [each.submission.id for each in told], *key)
     return [
-        _entry(phase, each, sheets[each.submission.id], public.get(each.submission.linked_to or ""))
-        for each in due
+        _entry(phase, each, counterpart, sheets)
+        for each, counterpart in zip(due, linked, strict=True)
     ]
 
 
@@ -270,9 +273,13 @@ def _chosen_at(scored: _Scored) -> datetime:
 
 
 def _entry(
-    phase: Phase, scored: _Scored, row: ScoreSheetRow, counterpart: _Scored | None
+    phase: Phase,
+    scored: _Scored,
+    counterpart: _Scored | None,
+    sheets: Mapping[str, ScoreSheetRow],
 ) -> EntryRecord:
     submission, team = scored.submission, scored.team
+    row = sheets[submission.id]
     is_masked = is_anonymous(phase) and not team.is_reference
     return EntryRecord(
         submission_id=submission.id,
@@ -288,16 +295,17 @@ def _entry(
         measurement_key=row.measurement_key,
         exact_digest=row.exact_digest,
         scorer_version=row.scorer_version,
-        linked=None if counterpart is None else _linked(phase, counterpart),
+        linked=None if counterpart is None else _linked(phase, counterpart, sheets),
         is_late=is_late(phase, submission),
     )
 
 
-def _linked(phase: Phase, scored: _Scored) -> LinkedRecord:
+def _linked(phase: Phase, scored: _Scored, sheets: Mapping[str, ScoreSheetRow]) -> LinkedRecord:
     return LinkedRecord(
         submission_id=scored.submission.id,
         method=_method(phase, scored),
         file_digest=scored.submission.file_digest,
+        sheet=sheets[scored.submission.id].sheet,
         measurement_key=scored.measurement_key,
     )
 

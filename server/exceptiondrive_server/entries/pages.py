@@ -9,10 +9,13 @@ from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.entries.compare import compare_page
 from exceptiondrive_server.entries.pictures import badge, entry_picture
 from exceptiondrive_server.entries.queries import EntryData, read_comparison, read_entry
+from exceptiondrive_server.entries.scenes import Scenes, read_scenes
 from exceptiondrive_server.entries.view import entry_page, sample_page
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
 from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
 
@@ -32,6 +35,26 @@ def show_sample(request: Request, services: ServicesOf, key: str, place: str) ->
     if shown is None:
         raise NotFound("drawing", place)
     return page(request, "entries/sample.html", "board", **shown)
+
+
+@router.get("/scenes")
+def show_scenes(request: Request, services: ServicesOf) -> Response:
+    """Show the scenes of a board in motion: its leader, and up to two more entries that are named."""
+    return page(request, "entries/scenes.html", "board", page=_scenes(request, services))
+
+
+@router.get("/scenes.svg")
+def show_still_scenes(request: Request, services: ServicesOf) -> Response:
+    """Give the same as one picture that stands still."""
+    body = render("entries/scenes.svg", page=_scenes(request, services)).encode()
+    return conditional(request, body, "image/svg+xml", headers=SECURITY_HEADERS)
+
+
+def _scenes(request: Request, services: Services) -> Scenes:
+    pairs = request.query_params.multi_items()
+    keys = [value for key, value in pairs if key == "with"]
+    with services.database.read() as session:
+        return read_scenes(session, BoardQuery.parse(pairs), keys)
 
 
 @router.get("/badges/{key}.svg")

@@ -28,6 +28,7 @@ from exceptiondrive_server.boards.table import (
     RowBuilder,
     outcome_bar,
 )
+from exceptiondrive_server.entries.motion import Motion, motion
 from exceptiondrive_server.entries.queries import EntryData
 from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
 from exceptiondrive_server.web.numbers import Digits
@@ -71,6 +72,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
     is_macro = board.headline == "macro_family"
     effects = effect_table(board, entry, digits)
     curve = sheet.clearance_curve if sheet else None
+    shown = panels(reading)
     curves = ((entry, curve),) if curve else ()
     return {
         "reading": reading,
@@ -88,7 +90,9 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "narrow_curve": curve_chart(curves, board.headline, width=350, height=300),
         "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
         "past_axis": _past_axis(reading, challenge.metrics[0]),
-        "panels": panels(reading),
+        "panels": shown,
+        "scenes": motions(reading, tuple(each for each in shown if each.group == "scene")),
+        "beside": urlencode([*board_fields(board, reading.is_current), ("with", entry_key(entry))]),
         "tables": (
             *([effects] if effects.lines else ()),
             *(sheet_tables(sheet, reading.protocol, digits) if sheet else ()),
@@ -261,12 +265,15 @@ def plausibility_lines(
     return lines
 
 
+GROUPS = ("scene", "worst", "middle")
+
+
 @dataclass(frozen=True)
 class Panel:
     """One drawn sample: who, what happened, where its own page is."""
 
     group: str
-    """`worst` or `middle` of its family."""
+    """`scene`, `worst` or `middle` of its family."""
     place: str
     url: str
     sample: SampleDrawing
@@ -291,7 +298,7 @@ class Panel:
 
 
 def panels(reading: EntryData) -> tuple[Panel, ...]:
-    """Return the drawn samples of an entry: the worst of each family, then the middle ones."""
+    """Return the drawn samples of an entry: of each family the scene, the worst, the middle one."""
     path, _, query = entry_url(reading.entry, reading.board, reading.is_current).partition("?")
     families = {family.id: family.title for family in reading.protocol.families}
     found = []
@@ -301,7 +308,13 @@ def panels(reading: EntryData) -> tuple[Panel, ...]:
         url = f"{path}/samples/{place}" + (f"?{query}" if query else "")
         task = reading.protocol.taxonomy.task(sample.task)
         found.append(Panel(drawn.chosen_as, place, url, sample, families[sample.family], task))
-    return tuple(sorted(found, key=lambda panel: panel.group != "worst"))
+    return tuple(sorted(found, key=lambda panel: GROUPS.index(panel.group)))
+
+
+def motions(reading: EntryData, drawn: tuple[Panel, ...]) -> tuple[Motion, ...]:
+    """Return drawn samples of an entry in motion."""
+    name = reading.entry.method
+    return tuple(motion([(name, each.sample)], reading.protocol, each.url) for each in drawn)
 
 
 @template_filter
@@ -319,6 +332,7 @@ def sample_page(reading: EntryData, place: str) -> dict[str, Any] | None:
     return {
         "reading": reading,
         "panel": drawn[index],
+        "scene": motions(reading, drawn[index : index + 1])[0],
         "metrics": challenge_of(reading.board).metrics,
         "digits": Digits.of(reading.protocol.publication),
         "before": drawn[index - 1] if index else None,

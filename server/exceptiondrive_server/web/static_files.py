@@ -17,8 +17,8 @@ STATIC = Path(__file__).parent / "static"
 STYLE = "site.css"
 """The one style sheet; it is no file of the folder."""
 STYLES = (
-    "theme", "base", "parts", "board", "board-small", "charts", "pages", "entry", "guide", "team",
-    "organize",
+    "theme", "base", "parts", "board", "board-small", "charts", "pages", "entry", "player", "guide",
+    "team", "phase", "organize",
 )  # fmt: skip
 """Its sources, in the order in which their rules count."""
 

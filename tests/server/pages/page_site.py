@@ -46,6 +46,7 @@ from exceptiondrive_schemas.score_sheet import (
     ProtocolRef,
     ScoreSheet,
 )
+from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
@@ -110,18 +111,25 @@ class Site:
             assert claim is not None
             assert publish_board(session, claim, board, late) is not None
 
-    def create_phase(self, phase_id: str, challenge: str = "planning", **more: Any) -> None:
-        """Create a phase over the small split, registering protocol and split."""
+    def create_phase(
+        self,
+        phase_id: str,
+        challenge: str = "planning",
+        manifest: Manifest = MANIFEST,
+        **more: Any,
+    ) -> None:
+        """Create a phase over a split, by default the small one, registering protocol and split."""
         with self.database.write() as session:
             add_protocol(session, packaged_protocol_toml(), "test")
-            register_split(session, MANIFEST, COUNTS, "test", datasheet=DATASHEET)
+            datasheet = DATASHEET if manifest is MANIFEST else None
+            register_split(session, manifest, COUNTS, "test", datasheet=datasheet)
             create_phase(
                 session,
                 NewPhase(
                     id=phase_id,
                     challenge=ChallengeId(challenge),
                     title=phase_id.replace("-", " ").title(),
-                    split="sample",
+                    split=manifest.name,
                     protocol="1.0",
                     **more,
                 ),
