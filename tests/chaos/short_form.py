@@ -1,6 +1,6 @@
 """The short form of the fault suite, for `make test`: every fault, with fewer files and shorter waits.
 
-One file of tests for each kind of system, so that they run beside each other.
+A file of tests for each kind of system, two for the commonest, so that they run beside each other.
 """
 
 from collections.abc import Iterator
@@ -12,9 +12,13 @@ from tests.chaos.suite import FAULTS, Fault, On, run_fault, running
 from exceptiondrive_server.launcher.broker import NoBrokerError, find_broker_binary
 
 
-def faults_on(on: On) -> list[object]:
-    """Return the faults that are injected into such a system, as parameters of a test."""
-    return [pytest.param(fault, id=fault.id) for fault in FAULTS if fault.on is on]
+def faults_on(on: On, *, after: str = "", to: str = "G") -> list[object]:
+    """Return the faults that are injected into such a system, between two ids, as parameters of a test."""
+    return [
+        pytest.param(fault, id=fault.id)
+        for fault in FAULTS
+        if fault.on is on and after < fault.id <= to
+    ]
 
 
 def started(on: On) -> Iterator[Run | None]:
