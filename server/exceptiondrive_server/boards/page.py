@@ -16,11 +16,11 @@ from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
-from exceptiondrive_schemas.method_facts import FactsOfBoard
+from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
-from exceptiondrive_server.boards.comparison import Comparison, default_pair
+from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
 from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
@@ -56,8 +56,9 @@ class Same(Generic[T]):
 class ShownBoard(NamedTuple):
     """What follows from a board, its protocol and a query; `rows` are the rows of nobody's own.
 
-    `address` is the query that names this very board. `axes` and `head` belong to the table,
-    `change` tells what is new since the board before.
+    `address` is the query that names this very board, `compared_fields` what names it to the
+    comparison. `axes` and `head` belong to the table, `change` tells what is new since the board
+    before.
     """
 
     name: str
@@ -71,6 +72,7 @@ class ShownBoard(NamedTuple):
     charts: Markup
     families: Markup
     metrics: Markup
+    compared_fields: tuple[tuple[str, str], ...]
 
 
 _MADE: Memory[Hashable, Any] = Memory(12_000)
@@ -91,9 +93,10 @@ def _shown(
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
+    facts: Same[FactsOfBoard],
 ) -> ShownBoard:
     board, protocol, curves = same_board.value, same_protocol.value, same_curves.value
-    table = board_table(board, protocol, query, is_current)
+    table = board_table(board, protocol, query, is_current, facts.value)
     digits, average = table.builder.digits, table.builder.average
     set_row, pair = macro("boards/table.html", "board_row"), default_pair(board)
     narrow, low = NARROW_PX
@@ -120,6 +123,7 @@ def _shown(
         charts=charts,
         families=macro("boards/table.html", "heat_map")(table),
         metrics=_metrics(Same(table.builder.challenge), average),
+        compared_fields=board_fields(board, is_current),
     )
 
 
@@ -146,8 +150,7 @@ def forget_shown_boards() -> None:
     _scene.cache_clear()
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """One option of a select field."""
 
     value: str
@@ -261,7 +264,7 @@ class BoardPage:
     has_late_view: bool = False
     curves: Curves = ()
     """Clearance curves of the best entries."""
-    facts: FactsOfBoard = field(default_factory=dict, compare=False)
+    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS, compare=False)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
     board_digest: str = ""
     facts_at: datetime | None = None
@@ -284,8 +287,8 @@ class BoardPage:
         if self.board is None:
             return None
         same = Same(self.board), Same(self.protocol), Same(self.curves)
-        rest = self.query, self.is_current, self.before
-        return of_board(self.board, ("page", *same[1:], *rest), lambda: _shown(*same, *rest))
+        key = *same, self.query, self.is_current, self.before, Same(self.facts)
+        return of_board(self.board, key, lambda: _shown(*key))
 
     @property
     def challenge(self) -> Challenge:
@@ -299,6 +302,11 @@ class BoardPage:
             return self.shown.headline
         digits = Digits.of(self.protocol.publication)
         return headline(None, self.challenge, len(self.protocol.tasks), digits)
+
+    @property
+    def most_compared(self) -> int:
+        """How many rows may be chosen to be compared."""
+        return MAX_COMPARED
 
     @property
     def withheld(self) -> str:
@@ -354,7 +362,7 @@ class BoardPage:
     @property
     def kept_fields(self) -> list[tuple[str, str]]:
         """What the filter form carries on unseen."""
-        kept = ("challenge", "phase", "view", "source", "sort")
+        kept = ("challenge", "phase", "view", "source", "fact")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
 
     @cached_property
