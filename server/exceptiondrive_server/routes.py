@@ -36,7 +36,7 @@ from exceptiondrive_server.rescoring import organizer_pages as run_pages
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.splits import pages as split_pages
 from exceptiondrive_server.submissions import api as submissions
-from exceptiondrive_server.submissions import events, receipts_api
+from exceptiondrive_server.submissions import edit_pages, events, receipts_api
 from exceptiondrive_server.submissions import organizer_api as organizer_submissions
 from exceptiondrive_server.submissions import organizer_pages as organizer_submission_pages
 from exceptiondrive_server.submissions import pages as submission_pages
@@ -106,6 +106,7 @@ for _part in (
     pictures.router,
     responses.router,
     account_pages.router,
+    edit_pages.router,
     submission_pages.router,
     team_pages.router,
     token_pages.router,
