@@ -31,7 +31,7 @@ def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
 
 
 def organize(server: "Running", *arguments: object) -> Any:
-    return run(server, "organizer", "phases", *arguments, token=running.organizer_token)
+    return run(server, "organizer", "phases", *arguments, token=server.organizer_token)
 
 
 def make_phase(server: "Running", *settings: str) -> None:
