@@ -12,6 +12,7 @@ from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.site_state import SiteState
 from exceptiondrive_server.web.upload_places import UploadPlaces
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ class Services:
     settings: ServerSettings
     signer: ReceiptSigner
     upload_places: UploadPlaces
+    site_state: SiteState
     provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
@@ -48,6 +50,7 @@ class Services:
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
             upload_places=places,
+            site_state=SiteState(database, settings.heartbeat_ttl_s),
             provider=_provider(settings),
             metrics=metrics,
         )
