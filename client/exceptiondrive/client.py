@@ -18,12 +18,15 @@ from exceptiondrive.errors import (
     NotFoundError,
     NotSignedInError,
     ScoringFailedError,
+    ServerError,
     WaitTimeoutError,
 )
+from exceptiondrive.facts import Facts, facts_of
 from exceptiondrive.transport import Connection, Progress, Record, UploadBody, quoted, read_answer
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.method_facts import SubmissionEditView
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 from exceptiondrive_schemas.split import Manifest, Split
@@ -46,6 +49,7 @@ MAX_OUTAGES = 5
 OnChange = Callable[[SubmissionView], None]
 AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
+EDITS = TypeAdapter(tuple[SubmissionEditView, ...])
 PAGE_SIZE = 100
 
 
@@ -295,6 +299,7 @@ class Client(Connection):
         description: str = "",
         paper: str | None = None,
         code: str | None = None,
+        facts: Facts | None = None,
         without_reminder: str | None = None,
         on_progress: Progress | None = None,
         before_upload: BeforeUpload | None = None,
@@ -308,6 +313,8 @@ class Client(Connection):
             description: One or two sentences about it.
             paper: https link.
             code: https link.
+            facts: Facts of the method: a document, a mapping, or the path of a JSON file; without
+                any, those of the team's last run of the method.
             without_reminder: Id of your submission of the same agent without reminder, in this
                 strategy phase: the board then shows what the reminder changed.
             on_progress: Called with bytes sent and bytes in all.
@@ -338,6 +345,7 @@ class Client(Connection):
             "description": description,
             "paper_url": paper,
             "code_url": code,
+            "facts": None if facts is None else facts_of(facts).model_dump_json(),
             "linked_to": without_reminder,
         }
         body = UploadBody(Path(file).name, read_file(file), fields, on_progress)
@@ -376,6 +384,58 @@ class Client(Connection):
             if after is None:
                 break
         return tuple(found)
+
+    def edit(
+        self,
+        submission_id: str,
+        *,
+        method: str | None = None,
+        description: str | None = None,
+        paper: str | None = None,
+        code: str | None = None,
+        facts: Facts | None = None,
+    ) -> SubmissionView:
+        """Change what is said of a submission; score, time and quota stay as they are.
+
+        Args:
+            submission_id: Which.
+            method: New name; all runs of the method in the phase take it.
+            description: New words; empty takes them away.
+            paper: https link; empty takes it away.
+            code: https link; empty takes it away.
+            facts: Those to change: a document, a mapping, or the path of a JSON file. What is not
+                named stays.
+        """
+        said = {
+            "method": method,
+            "description": description,
+            "paper_url": paper,
+            "code_url": code,
+            "facts": None
+            if facts is None
+            else facts_of(facts).model_dump(mode="json", exclude_unset=True),
+        }
+        change = {name: value for name, value in said.items() if value is not None}
+        path = f"/submissions/{quoted(submission_id)}"
+        return read_answer(SubmissionView.read, self._transport.send_patch(path, change))
+
+    def edits(self, submission_id: str) -> tuple[SubmissionEditView, ...]:
+        """Return what was changed of a submission, newest first: who, when, before and after."""
+        answer = self._transport.get(f"/submissions/{quoted(submission_id)}/edits")
+        return read_answer(lambda data: EDITS.validate_json(data, extra="allow"), answer)
+
+    def download(self, submission_id: str) -> bytes:
+        """Return the team's own upload, bit by bit.
+
+        Raises:
+            NotFoundError: It is another team's, or the server keeps it no longer.
+            ServerError: What came is not what was sent.
+        """
+        view = self.status(submission_id)
+        data = self._transport.get(f"/submissions/{quoted(submission_id)}/file").content
+        if bytes_digest(data) != view.file_digest:
+            raise ServerError("damaged", "The file that came has another digest than the upload.")
+        return data
 
     def withdraw(self, submission_id: str) -> SubmissionView:
         """Take a submission off the board; it keeps its place in the team's own list."""
@@ -450,17 +510,6 @@ class Client(Connection):
         except NotFoundError:
             return False
         return True
-
-    def unranked_because(self, view: SubmissionView) -> str | None:
-        """Return why the board shows a scored submission without a rank; None if it does not."""
-        if view.status is not SubmissionStatus.SCORED or view.rank is not None:
-            return None
-        try:
-            entries = self.leaderboard(phase=view.phase).entries
-        except NotFoundError:
-            return None
-        reasons = (entry.unranked_because for entry in entries if entry.submission_id == view.id)
-        return next(reasons, None)
 
     def page_url(self, submission_id: str) -> str:
         """Address of the page of a submission, from upload to rank, for members of its team."""

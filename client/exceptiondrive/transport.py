@@ -250,8 +250,11 @@ class Transport:
 
     def patch(self, path: str, changes: Mapping[str, Any]) -> Record:
         """PATCH; the same change twice is one."""
-        answer = self._send(lambda: self._http.patch(path, json=dict(changes)))
-        return read_answer(_RECORD.validate_json, answer)
+        return read_answer(_RECORD.validate_json, self.send_patch(path, changes))
+
+    def send_patch(self, path: str, changes: Mapping[str, Any]) -> httpx.Response:
+        """PATCH as `patch` does; return the answer unread."""
+        return self._send(lambda: self._http.patch(path, json=dict(changes)))
 
     def record(self, path: str, query: Query | None = None) -> Record:
         """GET one JSON object."""

@@ -42,6 +42,11 @@ COMMANDS = {
         ".submission_commands",
         "Show what the team may still submit, and when the count resets.",
     ),
+    "edit": (
+        ".submission_commands",
+        "Change name, links, description or facts of a submission; without options, list its changes.",
+    ),
+    "download": (".submission_commands", "Get the team's own upload again, bit by bit."),
     "withdraw": (".submission_commands", "Take a submission off the board."),
     "choose": (
         ".submission_commands",

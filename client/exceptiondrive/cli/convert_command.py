@@ -31,7 +31,9 @@ ROTATIONS_DEG = (90, -90, 180)
 def convert(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="FILE", help="JSON, JSON lines, CSV or NPZ; shards become one."),
+        typer.Argument(
+            metavar="FILE", help="JSON, JSON lines, CSV, Parquet or NPZ; shards become one."
+        ),
     ] = None,
     output: Annotated[
         Path,

@@ -30,3 +30,12 @@ ProtocolOption = Annotated[
 ]
 Phase = Annotated[str | None, typer.Option("--phase", metavar="PHASE", help="Id of a phase.")]
 SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
+FactsFile = Annotated[
+    Path | None, typer.Option("--facts", metavar="FILE", help="JSON file of the method's facts.")
+]
+Fact = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fact", metavar="KEY=VALUE", help="One fact, as often as needed: sensors=lidar,radar."
+    ),
+]
