@@ -165,7 +165,7 @@ def dot_plot(
     families = [board.families[place] for place in order_of(board, hardest_families(board))]
     if not entries or not families:
         return None
-    left, right = (150.0 if width > 480 else 104.0), width - 14.0
+    left, right = (150.0 if width > 480 else 122.0), width - 14.0
     cells = [entry.families.get(head.id) for entry in entries for head in families]
     known = [v for cell in cells if cell and (v := cell.metrics.get(metric.key)) is not None]
     spans = [span for cell in cells if cell and (span := cell.intervals.get(metric.key))]
