@@ -6,17 +6,16 @@ The options of the settings are made from `PhaseSettings`: a further field is a 
 from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.checking import read_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
@@ -204,7 +203,7 @@ def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
     if field.kind == "lines" and given.startswith("@"):
-        return read_file(Path(given[1:])).decode("utf-8-sig")
+        return given_bytes(given[1:]).data.decode("utf-8-sig")
     if field.kind == "whole":
         if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):
             raise InvalidArgumentError(
