@@ -522,7 +522,11 @@ class Curve:
 
 @dataclass(frozen=True)
 class CurveChart:
-    """Curves on one pair of axes, in SVG units; `required_x` is the required clearance."""
+    """Curves on one pair of axes, in SVG units; `required_x` is the required clearance.
+
+    The points of curves count steps of the curve along x and thousandths of the scenes up;
+    `transform` brings them to the axes, so that they are written once for every size.
+    """
 
     width: int
     height: int
@@ -533,6 +537,7 @@ class CurveChart:
     required_x: str
     x_ticks: tuple[Tick, ...]
     y_ticks: tuple[Tick, ...]
+    transform: str
     curves: tuple[Curve, ...]
     description: str
 
@@ -558,9 +563,10 @@ def curve_chart(
     names = labels_of([entry for entry, _ in known])
     for name, (_, curve) in zip(names, known, strict=True):
         shares = curve.micro if average == "micro" else curve.macro_family
-        at = [(x_scale.at(k * curve.step), y_scale.at(share)) for k, share in enumerate(shares)]
-        points = " ".join(f"{px(x)},{px(y)}" for x, y in at)
+        points = " ".join([f"{k},{share * 1000:.0f}" for k, share in enumerate(shares)])
         curves.append(Curve(name, points, shares[round(1 / curve.step)]))
+    along = (right - left) / reach * known[0][1].step
+    transform = f"matrix({along:.4f} 0 0 {(top - bottom) / 1000:.4f} {left:g} {bottom:g})"
     return CurveChart(
         width=width,
         height=height,
@@ -571,6 +577,7 @@ def curve_chart(
         required_x=px(x_scale.at(1.0)),
         x_ticks=tuple(Tick(px(x_scale.at(tick)), f"{tick:g}") for tick in x_scale.ticks),
         y_ticks=tuple(Tick(px(y_scale.at(tick)), f"{tick:.0%}"[:-1]) for tick in y_scale.ticks),
+        transform=transform,
         curves=tuple(curves),
         description="Share of scenes that keep the whole required clearance: "
         + ", ".join(f"{one.name} {one.at_required:.1%}" for one in curves),

@@ -17,6 +17,8 @@ from exceptiondrive_server.web.scales import Scale, nice_scale, px
 
 MAX_SHEETS = 100
 """Of so many ranked entries, the best first, the tasks are read."""
+DOT_WIDTH, DOT_LEFT = 400, 122.0
+"""One drawing for wide screens and for phones."""
 ROW_HEIGHT = 46.0
 DOT_GAP = 6.5
 TOP, FOOT = 8.0, 42.0
@@ -149,23 +151,20 @@ class DotPlot:
     description: str
 
 
-def dot_plot(
-    board: Board, entries: Sequence[BoardEntry], digits: Digits, *, width: int = 640
-) -> DotPlot | None:
+def dot_plot(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> DotPlot | None:
     """Draw some entries of a board by family, hardest first; None where none tells families.
 
     Args:
         board: Whose families they are.
         entries: At most six, in the order of their colours.
         digits: Of the protocol.
-        width: 640 for wide screens, 350 for phones.
     """
     metric = challenge_of(board).metrics[0]
     entries = [entry for entry in entries if entry.families]
     families = [board.families[place] for place in order_of(board, hardest_families(board))]
     if not entries or not families:
         return None
-    left, right = (150.0 if width > 480 else 122.0), width - 14.0
+    left, right = DOT_LEFT, DOT_WIDTH - 14.0
     cells = [entry.families.get(head.id) for entry in entries for head in families]
     known = [v for cell in cells if cell and (v := cell.metrics.get(metric.key)) is not None]
     spans = [span for cell in cells if cell and (span := cell.intervals.get(metric.key))]
@@ -173,7 +172,7 @@ def dot_plot(
     scale = nice_scale(
         [*(100 * value for value in known), *ends],
         (left, right),
-        n_ticks=6 if width > 480 else 4,
+        n_ticks=5,
         floor=0.0,
         ceiling=100.0,
         include=(0.0, 10.0),
@@ -190,7 +189,7 @@ def dot_plot(
         f"{row.title}: {', '.join(dot.title for dot in row.dots) or 'none'}" for row in rows
     )
     return DotPlot(
-        width=width,
+        width=DOT_WIDTH,
         height=height,
         left=px(left),
         right=px(right),

@@ -119,7 +119,6 @@ def _shown(
             table=table,
             shown=families_of(board),
             plot=dot_plot(board, best_entries(board), digits),
-            narrow_plot=dot_plot(board, best_entries(board), digits, width=narrow),
             tasks=same_tasks.value,
         ),
         metrics=_metrics(Same(table.builder.challenge), average),

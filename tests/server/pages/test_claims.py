@@ -282,7 +282,7 @@ def check_the_dots(section: Node, board: Board, expected: list[str]) -> None:
     metric = challenge_of(board).metrics[0]
     leader = leader_of(board)
     best = sorted(ranked(board), key=lambda e: (e is not leader, e.rank))[:5]
-    svg = next(svg for svg in section.all("svg", "wide"))
+    svg = section.one("svg", "dots")
     true = []
     for title in expected:
         head = next(head for head in board.families if head.title == title)
@@ -436,7 +436,9 @@ def check_the_curve(page: Node, entry: BoardEntry) -> None:
     zero, top = (
         float(tick["y1"]) for tick in (svg.all("line", "gr")[0], svg.all("line", "gr")[-1])
     )
-    _, y = (float(at) for at in lines[0]["points"].split()[0].split(","))
+    group = next(group for group in svg.all("g") if group.all("polyline"))
+    scale, _, offset = map(float, re.findall(r"-?[\d.]+", group["transform"])[3:])
+    y = offset + scale * float(lines[0]["points"].split()[0].split(",")[1])
     assert (y - zero) / (top - zero) == pytest.approx(1 - (entry.metrics["ur"] or 0), abs=0.002)
     said = re.search(rf"{entry.method}: (\S+) % keep all of it", page.text)
     assert said is not None
