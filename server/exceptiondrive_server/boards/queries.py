@@ -35,7 +35,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
-from exceptiondrive_schemas.method_facts import FactsOfBoard
+from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
@@ -79,7 +79,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         tasks=told.tasks,
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
-        facts=facts_on(session, board) if board else {},
+        facts=facts_on(session, board) if board else NO_FACTS,
     )
 
 
