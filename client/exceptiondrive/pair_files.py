@@ -3,9 +3,9 @@
 JSON: a submission file, a bare list of its predictions, or an object by sample id. JSON lines: one
 prediction a line; a recorder's journal is such a file. CSV: one waypoint a row, with the header
 `sample_id,trajectory,step,x_m,y_m` and perhaps `heading_rad`; `trajectory` is `source` or `edited`.
-NPZ: `sample_id` (N), `source` and `edited` (N, T, 2 or 3), NaN where missing. A trajectory may
-stand in a list of several modes. Plain or gzip, with or without a byte order mark. Nothing is ever
-unpickled.
+Parquet: those columns, or a prediction a row, its lists in `source` and `edited`. NPZ: `sample_id`
+(N), `source` and `edited` (N, T, 2 or 3), NaN where missing. A trajectory may stand in a list of
+several modes. Plain or gzip, with or without a byte order mark. Nothing is ever unpickled.
 """
 
 import csv
@@ -13,7 +13,7 @@ import gzip
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 SIDES = ("source", "edited")
 CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
+PARQUET_MAGIC = b"PAR1"
 PICKLE_MAGIC = b"\x80"
 
 
@@ -162,8 +163,12 @@ def _number(value: Any) -> float:
 
 
 def _pairs_of(path: Path, splits: set[str], mode: int | None) -> Iterator[RawPair]:
-    if read_bytes(path).startswith((NPZ_MAGIC, NPY_MAGIC)):
+    data = read_bytes(path)
+    if data.startswith((NPZ_MAGIC, NPY_MAGIC)):
         yield from _pairs_of_arrays(path)
+        return
+    if data.startswith(PARQUET_MAGIC):
+        yield from _pairs_of_parquet(path, data, mode)
         return
     text = read_text(path)
     if text.lstrip()[:1] not in ("{", "["):
@@ -237,14 +242,45 @@ def _pair_of_json(path: Path, value: Any, mode: int | None) -> RawPair:
 
 def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
     reader = csv.DictReader(io.StringIO(text))
-    absent = sorted(set(CSV_COLUMNS) - set(reader.fieldnames or ()))
+    _require_columns(path, reader.fieldnames or ())
+    yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in reader))
+
+
+def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[RawPair]:
+    try:
+        from pyarrow import ArrowException, BufferReader
+        from pyarrow.parquet import read_table
+    except ModuleNotFoundError:
+        raise InvalidArgumentError(
+            "extra_missing",
+            "Parquet files need pyarrow.",
+            'Run: pip install "exceptiondrive[parquet]"',
+        ) from None
+    try:
+        table = read_table(BufferReader(data))
+    except (ArrowException, OSError) as error:
+        raise fault(path, f"cannot be read as Parquet: {error}") from None
+    rows = table.to_pylist()
+    if {"sample_id", *SIDES} <= set(table.column_names):
+        for row in rows:
+            yield _pair_of_json(path, row, mode)
+        return
+    _require_columns(path, table.column_names)
+    yield from _pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))
+
+
+def _require_columns(path: Path, names: Collection[str]) -> None:
+    absent = sorted(set(CSV_COLUMNS) - set(names))
     if absent:
         raise fault(
-            path, f"has no column {', '.join(absent)}; the header must be {','.join(CSV_COLUMNS)}."
+            path, f"has no column {', '.join(absent)}; there must be {','.join(CSV_COLUMNS)}."
         )
+
+
+def _pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Iterator[RawPair]:
+    """Gather waypoints, one a row, in any order; each row with where it stands."""
     points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
-    for row in reader:
-        where = f"line {reader.line_num}"
+    for where, row in rows:
         if row["trajectory"] not in SIDES:
             raise fault(path, f"{where}: trajectory must be source or edited.")
         step, point = _row(path, where, row)
@@ -257,9 +293,9 @@ def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
         yield RawPair(sample_id, source, edited)
 
 
-def _row(path: Path, where: str, row: dict[str, str]) -> tuple[int, tuple[float, ...]]:
+def _row(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float, ...]]:
     heading = row.get("heading_rad")
-    numbers = (row["x_m"], row["y_m"], *((heading,) if heading else ()))
+    numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))
     try:
         return int(row["step"]), tuple(float(number) for number in numbers)
     except (TypeError, ValueError):

@@ -3,10 +3,15 @@ import json
 import math
 import os
 import pickle
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from exceptiondrive.checking import write_file
@@ -123,6 +128,56 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
     np.savez(path, sample_id=np.array(["s1"]))
     with pytest.raises(InvalidArgumentError, match="has no array"):
         read_pairs([path])
+
+
+def parquet(path: Path, columns: Mapping[str, Any]) -> Path:
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def test_parquet_is_read_a_waypoint_a_row(tmp_path: Path) -> None:
+    columns = {
+        "sample_id": ["s1"] * 6,
+        "trajectory": ["source"] * 6,
+        "step": list(range(6, 0, -1)),
+        "x_m": [x for x, _ in reversed(SIX)],
+        "y_m": [y for _, y in reversed(SIX)],
+    }
+    assert read_pairs([parquet(tmp_path / "a.parquet", columns)]) == ((PAIR,), None)
+    headings = {**columns, "heading_rad": [0.0] * 6}
+    (pair,), _ = read_pairs([parquet(tmp_path / "b.parquet", headings)])
+    assert pair.source == tuple((*point, 0.0) for point in SIX)
+
+
+def test_parquet_is_read_a_prediction_a_row(tmp_path: Path) -> None:
+    columns = {"sample_id": ["s1"], "source": [LISTS], "edited": [None]}
+    assert read_pairs([parquet(tmp_path / "a.parquet", columns)]) == ((PAIR,), None)
+
+
+def test_a_data_frame_of_pandas_saved_as_parquet_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rows = [{"sample_id": "s1", "source": [np.array(point) for point in SIX], "edited": None}]
+    pd.DataFrame(rows, index=[7]).to_parquet(path, index=False)
+    assert read_pairs([path]) == ((PAIR,), None)
+
+
+def test_parquet_of_another_form_is_refused(tmp_path: Path) -> None:
+    path = parquet(tmp_path / "a.parquet", {"sample_id": ["s1"], "x": [1.0]})
+    with pytest.raises(InvalidArgumentError, match="has no column step, trajectory, x_m, y_m"):
+        read_pairs([path])
+    path.write_bytes(b"PAR1" + bytes(20))
+    with pytest.raises(InvalidArgumentError, match="cannot be read as Parquet"):
+        read_pairs([path])
+
+
+def test_parquet_without_pyarrow_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = parquet(tmp_path / "a.parquet", {"sample_id": ["s1"]})
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InvalidArgumentError, match="need pyarrow") as caught:
+        read_pairs([path])
+    assert caught.value.advice == 'Run: pip install "exceptiondrive[parquet]"'
 
 
 class Opened:

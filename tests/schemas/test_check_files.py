@@ -73,6 +73,18 @@ def test_a_file_of_another_kind_is_named(data: bytes, kind: str, checked: Check)
 
 
 @pytest.mark.parametrize(
+    ("data", "hint"),
+    [
+        (b"PAR1" + bytes(20), "exceptiondrive convert makes a submission of it"),
+        (zipped("source.npy"), "exceptiondrive convert makes a submission of it"),
+        (zipped("planning.json"), None),
+    ],
+)
+def test_what_convert_reads_is_said(data: bytes, hint: str | None, checked: Check) -> None:
+    assert checked(data).faults[0].examples[0].hint == hint
+
+
+@pytest.mark.parametrize(
     "damage",
     [
         lambda data: data[:-5],

@@ -8,7 +8,7 @@ import pytest
 
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.check.fault_list import json_path, shown
-from exceptiondrive_schemas.check.sample_ids import NearestId
+from exceptiondrive_schemas.check.sample_ids import SHARDS, NearestId
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, CheckReport, Fault, FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -143,6 +143,7 @@ def test_a_duplicate_key_is_found_wherever_it_stands(
     assert paths == ["$", "$.note[0]"]
 
 
+@pytest.mark.row("I07")
 def test_examples_are_few_and_the_count_is_whole(planning: dict[str, Any], checked: Check) -> None:
     unknown = [{"sample_id": f"x-{n}", "source": None, "edited": None} for n in range(50)]
     planning["predictions"] += unknown
@@ -150,6 +151,7 @@ def test_examples_are_few_and_the_count_is_whole(planning: dict[str, Any], check
     assert group.count == 50
     assert len(group.examples) == MAX_EXAMPLES
     assert group.examples[19].path == "$.predictions[22].sample_id"
+    assert [example.sample_id for example in group.examples] == [f"x-{n}" for n in range(20)]
 
 
 def test_a_missing_sample_names_the_id_that_stands_in_its_place(
@@ -160,6 +162,14 @@ def test_a_missing_sample_names_the_id_that_stands_in_its_place(
     missing = groups[FaultCode.MISSING_SAMPLE].examples[0]
     assert missing.sample_id == "s-001"
     assert missing.hint == 'the file has "S-001", which is no sample'
+
+
+def test_a_file_of_few_samples_is_asked_whether_it_is_a_shard(
+    planning: dict[str, Any], checked: Check
+) -> None:
+    del planning["predictions"][1:]
+    (missing,) = checked(planning).faults
+    assert {fault.hint for fault in missing.examples} == {SHARDS}
 
 
 @pytest.mark.parametrize("wanted", ["scene-0041-004x", "cene-0041-0041", "Scene-0041-0041"])

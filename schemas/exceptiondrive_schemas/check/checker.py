@@ -19,6 +19,7 @@ from exceptiondrive_schemas.check.fault_list import (
     quoted,
 )
 from exceptiondrive_schemas.check.inflate import (
+    CONVERTIBLE,
     MAX_INFLATED_BYTES,
     MAX_UPLOAD_BYTES,
     UnreadableFileError,
@@ -449,7 +450,8 @@ def check(
             data, max_upload_bytes=max_upload_bytes, max_inflated_bytes=max_inflated_bytes
         )
     except UnreadableFileError as error:
-        faults.add(error.code, (), expected=error.expected, got=error.got)
+        hint = CONVERT if error.got in CONVERTIBLE else None
+        faults.add(error.code, (), expected=error.expected, got=error.got, hint=hint)
         return Checked(_report(data, faults), None)
     reader = SubmissionReader(
         _without_byte_order_mark(text, faults),

@@ -30,6 +30,8 @@ MAGIC_BYTES: tuple[tuple[bytes, str], ...] = (
     (b"\xfe\xff", "UTF-16 text"),
     (b"<", "an HTML or XML file"),
 )
+CONVERTIBLE = {"a Parquet file", "a NumPy archive (.npz)"}
+"""Kinds of file that `exceptiondrive convert` reads, if they hold what it looks for."""
 PICKLE_PROTOCOLS = range(2, 6)
 TAR_MAGIC, TAR_MAGIC_AT = b"ustar", 257
 ZIP_HEAD_BYTES = 256

@@ -12,6 +12,8 @@ NEIGHBOURS = 25
 MAX_ID_CHARACTERS = 128
 SIMILARITY = 0.75
 
+SHARDS = "one shard of several? exceptiondrive convert A B ... makes one file of them"
+
 
 class NearestId:
     """Sorted valid ids; a search looks at few of them, so that 50,000 cost no more than 50.
@@ -138,15 +140,18 @@ class SampleIds:
             )
 
     def _report_missing(self, missing: list[str], unknown: NearestId) -> None:
+        is_a_part = not self._unknown and len(missing) >= len(self._first_at)
         for sample_id in missing[:MAX_EXAMPLES]:
-            nearest = unknown.nearest(sample_id)
+            hint = SHARDS if is_a_part else None
+            if nearest := unknown.nearest(sample_id):
+                hint = f"the file has {quoted(nearest)}, which is no sample"
             self._faults.add(
                 FaultCode.MISSING_SAMPLE,
                 ("predictions",),
                 expected=f"a prediction for {quoted(sample_id)}",
                 got="none",
                 sample_id=sample_id,
-                hint=f"the file has {quoted(nearest)}, which is no sample" if nearest else None,
+                hint=hint,
             )
         self._faults.count(FaultCode.MISSING_SAMPLE, missing[MAX_EXAMPLES:])
 

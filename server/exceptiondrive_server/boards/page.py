@@ -15,12 +15,19 @@ from markupsafe import Markup
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
-from exceptiondrive_schemas.method_facts import FactsOfBoard
-from exceptiondrive_schemas.phase_settings import PhaseNow
+from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
+from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
-from exceptiondrive_server.boards.comparison import Comparison, default_pair
+from exceptiondrive_server.boards.charts import (
+    Curves,
+    best_entries,
+    curve_chart,
+    effect_lines,
+    scatter_chart,
+)
+from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
 from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
+from exceptiondrive_server.boards.families import Tasks, dot_plot, families_of
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
     ChangeLine,
@@ -55,8 +62,9 @@ class Same(Generic[T]):
 class ShownBoard(NamedTuple):
     """What follows from a board, its protocol and a query; `rows` are the rows of nobody's own.
 
-    `address` is the query that names this very board. `axes` and `head` belong to the table,
-    `change` tells what is new since the board before.
+    `address` is the query that names this very board, `compared_fields` what names it to the
+    comparison. `axes` and `head` belong to the table, `change` tells what is new since the board
+    before.
     """
 
     name: str
@@ -70,6 +78,7 @@ class ShownBoard(NamedTuple):
     charts: Markup
     families: Markup
     metrics: Markup
+    compared_fields: tuple[tuple[str, str], ...]
 
 
 @lru_cache(maxsize=64)
@@ -77,12 +86,14 @@ def _shown(
     same_board: Same[Board],
     same_protocol: Same[ProtocolDocument],
     same_curves: Same[Curves],
+    same_tasks: Same[Tasks],
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
+    facts: Same[FactsOfBoard],
 ) -> ShownBoard:
     board, protocol, curves = same_board.value, same_protocol.value, same_curves.value
-    table = board_table(board, protocol, query, is_current)
+    table = board_table(board, protocol, query, is_current, facts.value)
     digits, average = table.builder.digits, table.builder.average
     set_row, pair = macro("boards/table.html", "board_row"), default_pair(board)
     narrow, low = NARROW_PX
@@ -107,8 +118,14 @@ def _shown(
         head=macro("boards/table.html", "table_head")(table),
         rows={row.key: set_row(row, table, False) for row in table.rows},
         charts=charts,
-        families=macro("boards/table.html", "heat_map")(table),
+        families=macro("boards/families.html", "families_section")(
+            table=table,
+            shown=families_of(board),
+            plot=dot_plot(board, best_entries(board), digits),
+            tasks=same_tasks.value,
+        ),
         metrics=_metrics(Same(table.builder.challenge), average),
+        compared_fields=board_fields(board, is_current),
     )
 
 
@@ -135,8 +152,7 @@ def forget_shown_boards() -> None:
     _scene.cache_clear()
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """One option of a select field."""
 
     value: str
@@ -158,6 +174,9 @@ class PhaseLink:
     takes_late: bool
     """Whether it has closed, and what comes now is ranked on its late view."""
     is_current: bool
+    visibility: Visibility
+    description: str
+    """Markdown."""
     opens_at: datetime | None
     closes_at: datetime | None
     quota_per_day: int
@@ -168,6 +187,8 @@ class PhaseLink:
     @property
     def state_words(self) -> str:
         """Say whether it takes submissions, and until or from when."""
+        if self.visibility != "shown":
+            return self.visibility.capitalize()
         if self.is_ahead and self.opens_at:
             return f"Opens {minute(self.opens_at)}"
         if self.is_open:
@@ -181,7 +202,29 @@ class PhaseLink:
         """Say it in a word where it is not open: `closed`, `opens 3 Dec 2026`."""
         if self.is_ahead and self.opens_at:
             return f"opens {day(self.opens_at)}"
-        return "" if self.is_open else "closed"
+        return "" if self.is_open else "closed" if self.is_shown else self.visibility
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it is neither archived nor hidden."""
+        return self.visibility == "shown"
+
+    @property
+    def is_past(self) -> bool:
+        """Whether it has closed, or was put away."""
+        return (
+            self.is_shown and not (self.is_open or self.is_ahead)
+        ) or self.visibility == "archived"
+
+    @property
+    def takes_files(self) -> bool:
+        """Whether it takes submissions now, be it for the late view."""
+        return self.is_open or self.takes_late
+
+    @property
+    def page_url(self) -> str:
+        """Address of the page about it."""
+        return f"/phases/{self.id}"
 
     @property
     def challenge_title(self) -> str:
@@ -220,7 +263,9 @@ class BoardPage:
     has_late_view: bool = False
     curves: Curves = ()
     """Clearance curves of the best entries."""
-    facts: FactsOfBoard = field(default_factory=dict)
+    tasks: Tasks = ()
+    """Tasks, hardest first, as far as the sheets of the best entries tell them."""
+    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
@@ -234,8 +279,8 @@ class BoardPage:
         """
         if self.board is None:
             return None
-        same = Same(self.board), Same(self.protocol), Same(self.curves)
-        return _shown(*same, self.query, self.is_current, self.before)
+        same = Same(self.board), Same(self.protocol), Same(self.curves), Same(self.tasks)
+        return _shown(*same, self.query, self.is_current, self.before, Same(self.facts))
 
     @property
     def challenge(self) -> Challenge:
@@ -249,6 +294,11 @@ class BoardPage:
             return self.shown.headline
         digits = Digits.of(self.protocol.publication)
         return headline(None, self.challenge, len(self.protocol.tasks), digits)
+
+    @property
+    def most_compared(self) -> int:
+        """How many rows may be chosen to be compared."""
+        return MAX_COMPARED
 
     @property
     def withheld(self) -> str:
@@ -304,7 +354,7 @@ class BoardPage:
     @property
     def kept_fields(self) -> list[tuple[str, str]]:
         """What the filter form carries on unseen."""
-        kept = ("challenge", "phase", "view", "source", "sort")
+        kept = ("challenge", "phase", "view", "source", "fact")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
 
     @cached_property

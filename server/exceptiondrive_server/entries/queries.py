@@ -30,14 +30,13 @@ from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server.boards.comparison import default_pair
+from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
 from exceptiondrive_server.boards.entry_facts import find_entry
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
 
 MOST_PROTOCOLS = 8
-MAX_COMPARED = 6
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     Raises:
         NotFound: No board shows it. Submissions that are on no board are their team's alone.
     """
-    submission = session.get(Submission, key)
+    submission = _shown_submission(session, key)
     board, is_current = _board_with(session, key, submission, query)
     entry = find_entry(board, key)
     phase = session.get(Phase, board.phase)
@@ -93,6 +92,15 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         drawings=_drawings(session, submission, board) if submission else None,
         told=facts_of_entries(session, phase.id, [key]).get(key, EntryFacts()),
     )
+
+
+def _shown_submission(session: Session, key: str) -> Submission | None:
+    """Return a submission, unless its phase is hidden: nobody may tell that from none."""
+    submission = session.get(Submission, key)
+    if submission is None:
+        return None
+    phase = session.get_one(Phase, submission.phase_id)
+    return None if phase.visibility == "hidden" else submission
 
 
 def _board_with(
@@ -138,7 +146,8 @@ def read_comparison(
     Args:
         session: Reads the records.
         query: Which board.
-        pairs: The address: `a`, `b` and any number of `more`; empty ones are nobody.
+        pairs: The address: `a`, `b` and any number of `more`, who step in where `a` or `b` is
+            missing; empty ones are nobody.
 
     Raises:
         NotFound: A named entry does not stand on this board.
@@ -147,8 +156,9 @@ def read_comparison(
     board, given = reading.board, dict(pairs)
     if board is None:
         return ComparedEntries(reading, (), (None, None))
-    more = dict.fromkeys(value for key, value in pairs if key == "more" and value)
-    named = [_named(board, given.get(key)) for key in ("a", "b")]
+    more = list(dict.fromkeys(value for key, value in pairs if key == "more" and value))
+    first_two = [given.get(key) or (more.pop(0) if more else None) for key in ("a", "b")]
+    named = [_named(board, key) for key in first_two]
     rest = [_named(board, key) for key in more]
     pair = _pair(board, *named)
     if pair is None:
@@ -253,7 +263,7 @@ def published_entry(session: Session, submission_id: str) -> EntryView:
 
 def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], ScoreSheet | None]:
     """Return what shows it now, the board first, and its sheet under the protocol of that board."""
-    submission = session.get(Submission, submission_id)
+    submission = _shown_submission(session, submission_id)
     if submission is None:
         return [], None
     phase = find_phase(session, submission.phase_id)
