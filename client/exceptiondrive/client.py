@@ -1,29 +1,35 @@
 """The SDK: what speaks for a team to one server, its submissions and its tokens."""
 
-import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date, datetime
-from pathlib import Path
+from difflib import get_close_matches
 from typing import Any, Literal, TypeVar
+from uuid import uuid4
 
 from pydantic import TypeAdapter
 
-from exceptiondrive.checking import check_file, read_file
+from exceptiondrive.checking import check_file
 from exceptiondrive.errors import (
+    InvalidArgumentError,
     InvalidFileError,
     NetworkError,
     NotAllowedError,
     NotFoundError,
     NotSignedInError,
     ScoringFailedError,
+    ServerError,
     WaitTimeoutError,
 )
+from exceptiondrive.facts import Facts, facts_of
+from exceptiondrive.inputs import SubmissionLike, given_submission
 from exceptiondrive.transport import Connection, Progress, Record, UploadBody, quoted, read_answer
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.method_facts import SubmissionEditView
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 from exceptiondrive_schemas.split import Manifest, Split
@@ -46,7 +52,10 @@ MAX_OUTAGES = 5
 OnChange = Callable[[SubmissionView], None]
 AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
+EDITS = TypeAdapter(tuple[SubmissionEditView, ...])
 PAGE_SIZE = 100
+MAX_NAMES = 12
+"""So many names are told where one was not found."""
 
 
 class Submission:
@@ -215,9 +224,13 @@ class Client(Connection):
         """Return one phase.
 
         Raises:
-            NotFoundError: There is no such phase.
+            NotFoundError: There is no such phase; the advice names those that there are.
         """
-        return self._get(PhaseView, f"/phases/{quoted(phase)}")
+        with self._naming(phase, self._phase_ids, "phases"):
+            return self._get(PhaseView, f"/phases/{quoted(phase)}")
+
+    def _phase_ids(self) -> list[str]:
+        return [view.id for view in self.phases()]
 
     def quota(self, phase: str | None = None) -> dict[str, Quota]:
         """Return what the team may still submit, by phase; of one phase or of all.
@@ -236,37 +249,78 @@ class Client(Connection):
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""
-        return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
+        with self._naming(phase, self._phase_ids, "phases"):
+            return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
 
     def protocol(self, version: str) -> ProtocolDocument:
         """Return a protocol by its version."""
         return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
 
-    def split(self, name: str) -> Split:
-        """Return a development split with its hazard regions; hidden splits are not found."""
-        return self._get(Split, f"/splits/{quoted(name)}")
+    def split(self, name: str, *, on_progress: Progress | None = None) -> Split:
+        """Return a development split with its hazard regions; hidden splits are not found.
 
-    def check(self, file: str | os.PathLike[str], *, phase: str) -> CheckReport:
+        Args:
+            name: Of the split.
+            on_progress: Called with bytes come and bytes in all.
+
+        Raises:
+            NotFoundError: There is none, or its regions are withheld; the advice says which.
+        """
+        with self._naming(name, lambda: self._public_splits(name), "public splits"):
+            path = f"/splits/{quoted(name)}"
+            return read_answer(Split.read, self._transport.get(path, on_progress=on_progress))
+
+    def _public_splits(self, wanted: str) -> list[str]:
+        phases = self.phases()
+        if any(view.split == wanted and not view.split_is_public for view in phases):
+            raise NotFoundError(
+                "split_withheld",
+                f"The regions of the split {wanted!r} are withheld: it is scored on the server.",
+                "Its sample ids: exceptiondrive manifest PHASE",
+            )
+        return list(dict.fromkeys(view.split for view in phases if view.split_is_public))
+
+    @contextmanager
+    def _naming(self, name: str, known: Callable[[], list[str]], what: str) -> Iterator[None]:
+        """Add to the error of a name that is not found what was probably meant."""
+        try:
+            yield
+        except NotFoundError as error:
+            names = known() if name else [name]
+            if name in names:  # something of it is not there
+                raise
+            near = get_close_matches(name, names, n=1)
+            meant = f"Did you mean {near[0]!r}? " if near else ""
+            listed = ", ".join(names[:MAX_NAMES]) + (" ..." if len(names) > MAX_NAMES else "")
+            advice = f"{meant}There are the {what} {listed}." if names else f"There are no {what}."
+            raise NotFoundError(error.code, error.sentence, advice) from None
+
+    def check(self, file: SubmissionLike, *, phase: str) -> CheckReport:
         """Check a file on this machine against the samples and the protocol of a phase."""
-        view = self.phase(phase)
+        return self._check(file, self.phase(phase))
+
+    def _check(self, file: SubmissionLike, phase: PhaseView) -> CheckReport:
         return check_file(
             file,
-            manifest=self.manifest(phase),
-            protocol=self.protocol_of(view),
-            challenge=view.challenge,
-            max_upload_bytes=view.max_upload_bytes,
+            manifest=self.manifest(phase.id),
+            protocol=self.protocol_of(phase),
+            challenge=phase.challenge,
+            max_upload_bytes=phase.max_upload_bytes,
         )
 
-    def outlook(self, file: str | os.PathLike[str], *, phase: str, method: str) -> Outlook:
+    def outlook(self, file: SubmissionLike, *, phase: str, method: str) -> Outlook:
         """Check a file as `check` does, and say what an upload of it will do.
 
         Args:
-            file: Path of the submission file.
+            file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
             phase: Id of the phase.
             method: Name of the method, as the board shows it.
         """
-        report = self.check(file, phase=phase)
-        return Outlook(report, self._replaced(self.phase(phase), method, report.digest))
+        return self._outlook(file, self.phase(phase), method)
+
+    def _outlook(self, file: SubmissionLike, phase: PhaseView, method: str) -> Outlook:
+        report = self._check(file, phase)
+        return Outlook(report, self._replaced(phase, method, report.digest))
 
     def _replaced(self, phase: PhaseView, method: str, file_digest: str) -> SubmissionView | None:
         """Return the team's entry that a file takes the place of, as far as the token may know."""
@@ -288,26 +342,32 @@ class Client(Connection):
 
     def submit(
         self,
-        file: str | os.PathLike[str],
+        file: SubmissionLike,
         *,
         phase: str,
         method: str,
         description: str = "",
         paper: str | None = None,
         code: str | None = None,
+        facts: Facts | None = None,
         without_reminder: str | None = None,
         on_progress: Progress | None = None,
         before_upload: BeforeUpload | None = None,
     ) -> Submission:
         """Check a file on this machine, then upload it.
 
+        A request that is sent again, as the network failed, carries the same `Idempotency-Key`: it
+        never counts twice.
+
         Args:
-            file: Path of the submission file.
+            file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
             phase: Id of the phase.
             method: Name of the method, as the board shows it.
             description: One or two sentences about it.
             paper: https link.
             code: https link.
+            facts: Facts of the method: a document, a mapping, or the path of a JSON file; without
+                any, those of the team's last run of the method.
             without_reminder: Id of your submission of the same agent without reminder, in this
                 strategy phase: the board then shows what the reminder changed.
             on_progress: Called with bytes sent and bytes in all.
@@ -323,10 +383,12 @@ class Client(Connection):
             NotAllowedError: The phase is closed, or the token may not submit.
             NetworkError: The server cannot be reached.
         """
+        view = self.phase(phase)
+        given = given_submission(file, view.split)
         if before_upload is None:
-            report = self.check(file, phase=phase)
+            report = self._check(given, view)
         else:
-            outlook = self.outlook(file, phase=phase, method=method)
+            outlook = self._outlook(given, view, method)
             report = outlook.report
         if not report.is_valid:
             raise InvalidFileError(report)
@@ -338,9 +400,10 @@ class Client(Connection):
             "description": description,
             "paper_url": paper,
             "code_url": code,
-            "linked_to": without_reminder,
+            "linked_to": without_reminder and self._id_of(without_reminder),
+            "facts": None if facts is None else facts_of(facts).model_dump_json(),
         }
-        body = UploadBody(Path(file).name, read_file(file), fields, on_progress)
+        body = UploadBody(given.name, given.data, fields, uuid4().hex, on_progress)
         answer = self._transport.post("/submissions", body)
         return Submission(self, read_answer(SubmissionView.read, answer))
 
@@ -349,8 +412,35 @@ class Client(Connection):
         return Submission(self, self.status(submission_id))
 
     def status(self, submission_id: str) -> SubmissionView:
-        """Return where a submission stands."""
-        return self._get(SubmissionView, f"/submissions/{quoted(submission_id)}")
+        """Return where a submission stands, by its id or the address of its page."""
+        return self._get(SubmissionView, self._path_of(submission_id))
+
+    def _path_of(self, submission: str) -> str:
+        return f"/submissions/{quoted(self._id_of(submission))}"
+
+    def _id_of(self, submission: str) -> str:
+        """Return the id of a submission, of the address of its page too.
+
+        Raises:
+            InvalidArgumentError: The address is of another server, or no address of a submission.
+        """
+        if "://" not in submission:
+            return submission.strip()
+        address = submission.strip().partition("?")[0].partition("#")[0].rstrip("/")
+        *_, noun, found = address.split("/")
+        if noun not in ("submissions", "entries"):
+            raise InvalidArgumentError(
+                "wrong_address",
+                f"{submission} is not the address of a submission.",
+                f"It is like {self.page_url('ID')}.",
+            )
+        if not address.startswith(f"{self.server}/"):
+            raise InvalidArgumentError(
+                "wrong_server",
+                f"{submission} is not at {self.server}.",
+                "Say which server: --server URL",
+            )
+        return found
 
     def submissions(
         self, *, phase: str | None = None, status: SubmissionStatus | None = None, limit: int = 100
@@ -377,6 +467,58 @@ class Client(Connection):
                 break
         return tuple(found)
 
+    def edit(
+        self,
+        submission_id: str,
+        *,
+        method: str | None = None,
+        description: str | None = None,
+        paper: str | None = None,
+        code: str | None = None,
+        facts: Facts | None = None,
+    ) -> SubmissionView:
+        """Change what is said of a submission; score, time and quota stay as they are.
+
+        Args:
+            submission_id: Which.
+            method: New name; all runs of the method in the phase take it.
+            description: New words; empty takes them away.
+            paper: https link; empty takes it away.
+            code: https link; empty takes it away.
+            facts: Those to change: a document, a mapping, or the path of a JSON file. What is not
+                named stays.
+        """
+        said = {
+            "method": method,
+            "description": description,
+            "paper_url": paper,
+            "code_url": code,
+            "facts": None
+            if facts is None
+            else facts_of(facts).model_dump(mode="json", exclude_unset=True),
+        }
+        change = {name: value for name, value in said.items() if value is not None}
+        path = self._path_of(submission_id)
+        return read_answer(SubmissionView.read, self._transport.send_patch(path, change))
+
+    def edits(self, submission_id: str) -> tuple[SubmissionEditView, ...]:
+        """Return what was changed of a submission, newest first: who, when, before and after."""
+        answer = self._transport.get(f"{self._path_of(submission_id)}/edits")
+        return read_answer(lambda data: EDITS.validate_json(data, extra="allow"), answer)
+
+    def download(self, submission_id: str) -> bytes:
+        """Return the team's own upload, bit by bit.
+
+        Raises:
+            NotFoundError: It is another team's, or the server keeps it no longer.
+            ServerError: What came is not what was sent.
+        """
+        view = self.status(submission_id)
+        data = self._transport.get(f"{self._path_of(submission_id)}/file").content
+        if bytes_digest(data) != view.file_digest:
+            raise ServerError("damaged", "The file that came has another digest than the upload.")
+        return data
+
     def withdraw(self, submission_id: str) -> SubmissionView:
         """Take a submission off the board; it keeps its place in the team's own list."""
         return self._say(submission_id, "withdraw")
@@ -394,12 +536,12 @@ class Client(Connection):
         return self._say(submission_id, "unpublish")
 
     def _say(self, submission_id: str, what: str) -> SubmissionView:
-        path = f"/submissions/{quoted(submission_id)}/{what}"
+        path = f"{self._path_of(submission_id)}/{what}"
         return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
     def receipt(self, submission_id: str) -> Receipt:
         """Return the signed receipt of a scored submission."""
-        return self._get(Receipt, f"/submissions/{quoted(submission_id)}/receipt")
+        return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
 
     def receipt_keys(self) -> ReceiptKeys:
         """Return the public keys of the server's receipts."""
@@ -427,7 +569,8 @@ class Client(Connection):
             view: `late`: with the entries that came after the deadline, ranked among all.
         """
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
-        return self._get(Board, "/leaderboard", query)
+        with self._naming(phase or "", self._phase_ids, "phases"):
+            return self._get(Board, "/leaderboard", query)
 
     def leaderboard_csv(
         self,
@@ -441,7 +584,8 @@ class Client(Connection):
     ) -> str:
         """Return a board as CSV, as the server writes it."""
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
-        return self._transport.get("/leaderboard.csv", query).text
+        with self._naming(phase or "", self._phase_ids, "phases"):
+            return self._transport.get("/leaderboard.csv", query).text
 
     def is_on_board(self, submission_id: str) -> bool:
         """Whether a current board shows a submission, with a rank or without."""
@@ -450,17 +594,6 @@ class Client(Connection):
         except NotFoundError:
             return False
         return True
-
-    def unranked_because(self, view: SubmissionView) -> str | None:
-        """Return why the board shows a scored submission without a rank; None if it does not."""
-        if view.status is not SubmissionStatus.SCORED or view.rank is not None:
-            return None
-        try:
-            entries = self.leaderboard(phase=view.phase).entries
-        except NotFoundError:
-            return None
-        reasons = (entry.unranked_because for entry in entries if entry.submission_id == view.id)
-        return next(reasons, None)
 
     def page_url(self, submission_id: str) -> str:
         """Address of the page of a submission, from upload to rank, for members of its team."""

@@ -75,6 +75,11 @@ class Organizer(Connection):
         path = f"/organizer/phases/{quoted(phase_id)}/similar"
         return self._transport.record(path)
 
+    def feature_phase(self, phase_id: str, reason: str) -> Record:
+        """Put a phase before all others: in lists, and on the front page."""
+        path = f"/organizer/phases/{quoted(phase_id)}/feature"
+        return self._transport.post_once(path, {"reason": reason})
+
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
         path = f"/organizer/phases/{quoted(phase_id)}/freeze"

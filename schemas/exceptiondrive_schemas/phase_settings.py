@@ -22,7 +22,53 @@ LateEntries = Literal["refused", "own_view"]
 FrozenScores = Literal["shown", "hidden"]
 EntriesShown = Literal["all", "chosen"]
 BoardView = Literal["main", "late"]
+Visibility = Literal["shown", "archived", "hidden"]
 Title = Annotated[str, Field(min_length=1, max_length=120)]
+
+
+class PhasePage(Document):
+    """What the page of a phase tells besides its description. Texts are Markdown."""
+
+    rules: str = Field(
+        default="",
+        max_length=20_000,
+        title="Rules",
+        description="What planners and teams may do, in Markdown.",
+    )
+    terms: str = Field(
+        default="",
+        max_length=20_000,
+        title="Terms",
+        description="What a team agrees to by submitting, in Markdown.",
+    )
+    prize: str = Field(
+        default="", max_length=4000, title="Prize", description="What is to be won, in Markdown."
+    )
+    contact: str = Field(
+        default="",
+        max_length=500,
+        title="Contact",
+        description="Whom to ask about the phase, in Markdown, such as `[Ada](mailto:ada@x.org)`.",
+    )
+    data_url: str = Field(
+        default="",
+        max_length=500,
+        title="Data",
+        description="https address of the page where scenes and edited images are had.",
+    )
+    data_licence: str = Field(
+        default="",
+        max_length=200,
+        title="Licence of the data",
+        description="Its name, such as CC BY-NC-SA 4.0; shown before anything is downloaded.",
+    )
+    data_manifest_url: str = Field(
+        default="",
+        max_length=500,
+        title="Data manifest",
+        description="https address of the list of files, with sizes and digests, that "
+        "`exceptiondrive data` downloads.",
+    )
 
 
 class PhasePolicy(Document):
@@ -84,7 +130,24 @@ class PhaseSettings(Document):
 
     title: Title = Field(title="Title", description="Shown to readers.")
     description: str = Field(
-        default="", max_length=4000, title="Description", description="Shown to readers."
+        default="",
+        max_length=4000,
+        title="Description",
+        description="What the phase asks, in Markdown; its first paragraph stands on the board.",
+    )
+    visibility: Visibility = Field(
+        default="shown",
+        title="Visibility",
+        description="Shown to everybody; archived: listed among past phases, takes no files; "
+        "hidden: seen by organizers alone, on no page, API, export or feed.",
+    )
+    position: int | None = Field(
+        default=None,
+        ge=1,
+        le=100_000,
+        title="Position",
+        description="Phases are listed by it, those without one behind; the first that is shown "
+        "is the front page.",
     )
     opens_at: Time | None = Field(
         default=None, title="Opens at", description="Without it the phase is open from the start."
@@ -128,13 +191,14 @@ class PhaseSettings(Document):
         description="Whether the board leads to what the paper reports, on a page of its own, and its "
         "document carries the paper's rows, marked as reported.",
     )
+    page: PhasePage = PhasePage()
     policy: PhasePolicy = PhasePolicy()
 
 
 class PhaseChange(PhaseSettings):
     """Settings to be changed: what is left out stays, null takes a limit or date away.
 
-    Of the fields of `policy`, too, only those that are sent are changed.
+    Of the fields of `page` and `policy`, too, only those that are sent are changed.
     """
 
     title: Title = Field(default="", title="Title", description="Shown to readers.")

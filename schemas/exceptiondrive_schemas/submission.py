@@ -9,7 +9,7 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.phase_settings import PhaseNow, PhaseSettings
 from exceptiondrive_schemas.python310 import StrEnum
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
 
 
 class SubmissionStatus(StrEnum):
@@ -82,6 +82,13 @@ class SubmissionView(Document):
     failure: Failure | None = None
     sheet: ScoreSheet | None = None
     rank: int | None = None
+    rank_interval: tuple[int, int] | None = None
+    intervals: dict[str, Interval | None] = {}
+    """Of the metrics, as the board shows them."""
+    unranked_because: str | None = None
+    """Why the board shows it without a rank."""
+    awaits_board: bool = False
+    """It is scored, and the board that will show it is being built."""
     is_duplicate: bool = False
     """The same bytes were there before: this is the first submission, and no quota was spent."""
     is_late: bool = False

@@ -21,7 +21,8 @@ from exceptiondrive_server.notifications import api as notifications
 from exceptiondrive_server.operations import organizer_pages as overview_pages
 from exceptiondrive_server.phases import api as phases
 from exceptiondrive_server.phases import organizer_api as organizer_phases
-from exceptiondrive_server.phases import organizer_pages as phase_pages
+from exceptiondrive_server.phases import organizer_pages as organizer_phase_pages
+from exceptiondrive_server.phases import pages as phase_pages
 from exceptiondrive_server.protocols import api as protocols
 from exceptiondrive_server.protocols import organizer_api as organizer_protocols
 from exceptiondrive_server.protocols import organizer_pages as organizer_protocol_pages
@@ -32,7 +33,7 @@ from exceptiondrive_server.rescoring import organizer_pages as run_pages
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.splits import pages as split_pages
 from exceptiondrive_server.submissions import api as submissions
-from exceptiondrive_server.submissions import events, receipts_api
+from exceptiondrive_server.submissions import edit_pages, events, receipts_api
 from exceptiondrive_server.submissions import organizer_api as organizer_submissions
 from exceptiondrive_server.submissions import organizer_pages as organizer_submission_pages
 from exceptiondrive_server.submissions import pages as submission_pages
@@ -92,12 +93,14 @@ PAGES = APIRouter(include_in_schema=False)
 for _part in (
     board_pages.router,
     entry_pages.router,
+    phase_pages.router,
     protocol_pages.router,
     split_pages.router,
     guide_pages.router,
     pictures.router,
     responses.router,
     account_pages.router,
+    edit_pages.router,
     submission_pages.router,
     team_pages.router,
     token_pages.router,
@@ -108,7 +111,7 @@ _ORGANIZER_PAGES = APIRouter(include_in_schema=False, dependencies=[Depends(orga
 for _part in (
     overview_pages.router,
     organizer_team_pages.router,
-    phase_pages.router,
+    organizer_phase_pages.router,
     organizer_submission_pages.router,
     organizer_protocol_pages.router,
     run_pages.router,

@@ -14,7 +14,7 @@ from tests.chaos.history import Call, History
 from tests.chaos.topology import LEASE_S, PHASE, Topology
 from tests.support.documents import digest_of
 
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_split
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Violation
@@ -239,7 +239,7 @@ class Run:
 
     @cached_property
     def _rescorer(self) -> Rescorer:
-        split = read_split(self.topology.splits / "sample" / "split.json.gz")
+        split = given_split(self.topology.splits / "sample" / "split.json.gz")
         return Rescorer(split, packaged_protocol())
 
     @cached_property

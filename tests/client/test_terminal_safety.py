@@ -75,6 +75,7 @@ def submission(text: str) -> SubmissionView:
         received_at=NOW,
         status_at=NOW,
         sheet=make_sheet("d", ROW),
+        unranked_because=text,
     )
 
 
@@ -83,7 +84,7 @@ def test_tables_and_sentences_hold_nothing_that_steers(capsys: pytest.CaptureFix
     views = [submission(text) for text in ALL.values()]
     show(*submissions_view(views))
     for view in views:
-        show(*submission_view(view, f"http://server/{view.id}", view.method))
+        show(*submission_view(view, f"http://server/{view.id}"))
         say(f"error: {view.method}")
     show(records_table([{"a": text, "b": [text]} for text in ALL.values()], ("a", "b")))
     shown = capsys.readouterr()

@@ -82,8 +82,9 @@ def test_a_board_knows_its_entries(world: World) -> None:
     second = publish(world, board(world, "b", "c"))
     with world.database.read() as session:
         assert boards.entry_ids(session, first.id) == {"a", "b"}
-        assert boards.ranks_on(session, second.id, ["a", "b", "c"]) == {"b": 1, "c": 2}
-        assert boards.ranks_on(session, None, ["a"]) == {}
+        shown = boards.entries_on(session, second.id)
+        assert {key: entry.rank for key, entry in shown.items()} == {"b": 1, "c": 2}
+        assert boards.entries_on(session, None) == {}
         newest = [boards.newest_board_with(session, each) for each in ("a", "b", "x")]
         assert [row and row.number for row in newest] == [1, 2, None]
         ids = (second.id, None, first.id)

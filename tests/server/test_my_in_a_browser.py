@@ -50,11 +50,11 @@ def test_the_list_shows_place_and_quota_and_follows_to_the_end(
 ) -> None:
     first, second = (api.submit(content).json()["id"] for content in ("one", "two"))
     page = my_page(blocked=blocked)
-    rows = page.locator(".subs tbody tr")
+    rows = page.locator(".runs tbody tr")
     expect(rows).to_have_count(2)
     expect(rows.nth(0)).to_contain_text("1 submission ahead")
     expect(rows.nth(1)).to_contain_text("next in line")
-    expect(page.locator(".quotas")).to_contain_text("3 of 5 left today")
+    expect(page.locator(".quotas")).to_contain_text("3 of 5")
     expect(page.locator(".quotas time")).to_have_attribute(
         "datetime", api.get("/phases/dev", "alpha").json()["quota"]["resets_at"]
     )

@@ -6,6 +6,7 @@ The options of the settings are made from `PhaseSettings`: a further field is a 
 from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
+from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
@@ -14,14 +15,17 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of
+from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
 
 PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
 ReasonOption = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
 ]
+LONGEST_SHOWN = 100
+"""Characters of a text that `show` prints; `--json` prints all."""
 WHAT = ("board", "names", "split")
 
 
@@ -50,19 +54,23 @@ def create(
         str | None,
         typer.Option("--protocol", metavar="V", help="Version or digest; else the one added last."),
     ] = None,
+    like: Annotated[
+        str | None,
+        typer.Option("--like", metavar="ID", help="Take over settings of this phase, not dates."),
+    ] = None,
     server: options.Server = None,
     json: options.Json = False,
     **settings: Any,
 ) -> None:
     """Make a phase."""
-    wanted = {
-        "id": phase_id,
-        "split": split,
-        "split_revision": split_revision,
-        "challenge": challenge,
-        **_document(settings),
-    }
     with open_organizer(server) as organizer:
+        wanted = {
+            "id": phase_id,
+            "split": split,
+            "split_revision": split_revision,
+            "challenge": challenge,
+            **_merged({} if like is None else _undated(organizer.phase(like)), _document(settings)),
+        }
         wanted["protocol"] = protocol or organizer.protocols()[-1]["version"]
         phase = organizer.create_phase(wanted)
     show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples")
@@ -82,6 +90,18 @@ def update(
         )
     with open_organizer(server) as organizer:
         phase = organizer.change_phase(phase_id, changes)
+    _show(phase, json)
+
+
+def feature(
+    phase_id: PhaseArgument,
+    reason: ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Put a phase before all others: in lists, and on the front page."""
+    with open_organizer(server) as organizer:
+        phase = organizer.feature_phase(phase_id, reason)
     _show(phase, json)
 
 
@@ -144,7 +164,8 @@ def _option(field: FormField) -> Parameter:
         "choice": "|".join(value for value, _ in field.options),
     }
     metavar = words.get(field.kind, "TEXT") + ("|none" if field.may_be_none else "")
-    option = typer.Option(name, metavar=metavar, help=field.hint)
+    hint = f"{field.hint} `@FILE` reads it from a file." if field.kind == "lines" else field.hint
+    option = typer.Option(name, metavar=metavar, help=hint)
     kind = str if default is Parameter.empty else str | None
     return _parameter(field.name, Annotated[kind, option], default)
 
@@ -160,9 +181,29 @@ def _document(given: Mapping[str, Any]) -> dict[str, Any]:
     return document_of(fields, {name: _value(field, given[name]) for name, field in said.items()})
 
 
+def _undated(phase: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a phase that another may take over: all but dates and position."""
+    known = PhaseSettings.model_validate(phase, extra="ignore")
+    fields = [field for field in fields_of(PhaseSettings) if field.kind != "moment"]
+    document = document_of(fields, values_of(fields, known))
+    return {key: value for key, value in document.items() if key != "position"}
+
+
+def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document with changes, also of the documents in it."""
+    inner = {
+        key: {**document[key], **changes[key]}
+        for key in ("page", "policy")
+        if key in document and key in changes
+    }
+    return {**document, **changes, **inner}
+
+
 def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
+    if field.kind == "lines" and given.startswith("@"):
+        return given_bytes(given[1:]).data.decode("utf-8-sig")
     if field.kind == "whole":
         if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):
             raise InvalidArgumentError(
@@ -182,19 +223,22 @@ def _value(field: FormField, given: Any) -> Any:
 def _show(phase: dict[str, Any], json: bool) -> None:
     settings = {key: value for key, value in phase.items() if not isinstance(value, dict | list)}
     now = {f"now: {key}": value for key, value in phase["now"].items()}
-    lines = {**settings, **phase["policy"], **now}
+    lines = {**settings, **phase["page"], **phase["policy"], **now}
     width = max(len(key) for key in lines)
     show_result(phase, json, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
 
 
 def _words(value: Any) -> str:
-    return "-" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "-" if value in (None, "") else shorten(str(value), LONGEST_SHOWN, placeholder=" …")
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "create": with_settings(create, PhaseSettings),
     "show": show_phase,
     "update": with_settings(update, PhaseChange),
+    "feature": feature,
     "freeze": freeze,
     "reveal": reveal,
 }

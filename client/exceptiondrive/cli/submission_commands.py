@@ -1,10 +1,12 @@
 """Commands about the team's submissions: submit, status, submissions, quota, withdraw."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.completion import choices, submission_ids
 from exceptiondrive.cli.output import (
     can_ask,
     say_view,
@@ -13,9 +15,10 @@ from exceptiondrive.cli.output import (
     show_json,
     show_result,
 )
-from exceptiondrive.cli.progress import UploadBar, WaitLine
+from exceptiondrive.cli.progress import TransferBar, WaitLine
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import (
+    edits_table,
     entry_words,
     outlook_view,
     quota_table,
@@ -24,16 +27,18 @@ from exceptiondrive.cli.tables import (
 )
 from exceptiondrive.client import Outlook
 from exceptiondrive.errors import InvalidArgumentError, utc_text
+from exceptiondrive.facts import facts_of_pairs
+from exceptiondrive.settings import default_phase
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 
 def submit(
     file: options.File,
-    phase: Annotated[str, typer.Option("--phase", metavar="P", help="Id of the phase.")],
     method: Annotated[
         str,
         typer.Option("--method", metavar="NAME", help="Name of the method, as the board has it."),
     ],
+    phase: options.DefaultPhase = None,
     description: Annotated[
         str, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
     ] = "",
@@ -43,11 +48,14 @@ def submit(
     code: Annotated[
         str | None, typer.Option("--code", metavar="URL", help="https link to the code.")
     ] = None,
+    facts: options.FactsFile = None,
+    fact: options.Fact = None,
     without_reminder: Annotated[
         str | None,
         typer.Option(
             "--without-reminder",
             metavar="SUBMISSION_ID",
+            autocompletion=submission_ids,
             help="Strategy phases: your submission of the same agent without reminder.",
         ),
     ] = None,
@@ -76,22 +84,28 @@ def submit(
     Before anything is sent it is said what the file looks like, whether it replaces an entry of the
     team, and why it would not be ranked; on a terminal you are asked, elsewhere --replace and
     --allow-unranked say yes. With --wait it is followed until it is ranked. The same bytes again
-    give the first submission back and cost no quota.
+    give the first submission back and cost no quota; to change what is said of them, use edit.
+
+    Facts of the method, all optional: type, sensors, map, extra_data, open_code, open_weights,
+    parameters_millions, hardware, time_per_sample_s. Those of its last run stay if none are given.
     """
+    told = facts_of_pairs(fact or (), facts)
 
     def consent(outlook: Outlook) -> None:
         say_view(*outlook_view(outlook.report))
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
+    phase, given = default_phase(phase), options.given(file)
     with open_client(server) as client:
-        with UploadBar(file.name) as bar:
+        with TransferBar("uploading", given.name) as bar:
             submission = client.submit(
-                file,
+                given,
                 phase=phase,
                 method=method,
                 description=description,
                 paper=paper,
                 code=code,
+                facts=told,
                 without_reminder=without_reminder,
                 on_progress=bar,
                 before_upload=consent,
@@ -102,8 +116,7 @@ def submit(
         if json:
             show_document(submission.view)
             return
-        because = client.unranked_because(submission.view)
-        show(*submission_view(submission.view, submission.page_url, because))
+        show(*submission_view(submission.view, submission.page_url))
         show(*_quota_left(client.phase(phase).quota))
 
 
@@ -143,14 +156,19 @@ def status(
         if json:
             show_document(view)
         else:
-            because = client.unranked_because(view)
-            show(*submission_view(view, client.page_url(view.id), because))
+            show(*submission_view(view, client.page_url(view.id)))
 
 
 def submissions(
     phase: options.Phase = None,
     only: Annotated[
-        str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
+        str | None,
+        typer.Option(
+            "--status",
+            metavar="STATUS",
+            autocompletion=choices(*SubmissionStatus),
+            help=f"Only {', '.join(SubmissionStatus)}.",
+        ),
     ] = None,
     limit: Annotated[
         int, typer.Option("--limit", metavar="N", min=1, help="At most so many.")
@@ -179,6 +197,68 @@ def quota(
         found = client.quota(phase)
     as_json = {name: each.model_dump(mode="json", by_alias=True) for name, each in found.items()}
     show_result(as_json, json, quota_table(found))
+
+
+def edit(
+    submission_id: options.SubmissionId,
+    method: Annotated[
+        str | None,
+        typer.Option("--method", metavar="NAME", help="New name, of all runs of the method."),
+    ] = None,
+    description: Annotated[
+        str | None, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
+    ] = None,
+    paper: Annotated[
+        str | None, typer.Option("--paper", metavar="URL", help="https link; empty: none.")
+    ] = None,
+    code: Annotated[
+        str | None, typer.Option("--code", metavar="URL", help="https link; empty: none.")
+    ] = None,
+    facts: options.FactsFile = None,
+    fact: options.Fact = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Change name, links, description or facts of a submission; without options, list its changes.
+
+    Score, time and quota stay as they are. Boards that were published keep the old name.
+    """
+    said = {"method": method, "description": description, "paper": paper, "code": code}
+    said = {name: value for name, value in said.items() if value is not None}
+    told = facts_of_pairs(fact or (), facts)
+    with open_client(server) as client:
+        if told is not None or said:
+            client.edit(submission_id, **said, facts=told)
+        view, edits = client.status(submission_id), client.edits(submission_id)
+    if json:
+        show_json([each.model_dump(mode="json") for each in edits])
+        return
+    show(f"{view.id}  {view.method}")
+    show(edits_table(edits) if edits else "nothing was changed since it was submitted")
+
+
+def download(
+    submission_id: options.SubmissionId,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Else ID.json or ID.json.gz."),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Get the team's own upload again, bit by bit."""
+    with open_client(server) as client:
+        data = client.download(submission_id)
+    suffix = ".json.gz" if data.startswith(b"\x1f\x8b") else ".json"
+    path = output or Path(f"{submission_id}{suffix}")
+    try:
+        with path.open("xb") as file:
+            file.write(data)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "not_written", f"{path} cannot be written: {error.strerror}."
+        ) from None
+    show_result({"file": str(path), "size_bytes": len(data)}, json, f"{path}  {len(data):,} bytes")
 
 
 def withdraw(
@@ -243,5 +323,5 @@ def _quota_left(quota: Quota | None) -> tuple[str, ...]:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    for command in (submit, status, submissions, quota, withdraw, choose, publish):
+    for command in (submit, status, submissions, quota, edit, download, withdraw, choose, publish):
         app.command()(command)

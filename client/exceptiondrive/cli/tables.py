@@ -13,6 +13,7 @@ from exceptiondrive.errors import ServerError, utc_text
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, UnknownChallengeError
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
+from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
@@ -308,9 +309,7 @@ def queue_text(queue: QueuePlace) -> str:
     return f"place {queue.position}{wait}{again}"
 
 
-def submission_view(
-    view: SubmissionView, page_url: str, unranked_because: str | None = None
-) -> Iterator[RenderableType]:
+def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableType]:
     """Yield what to print for one submission."""
     style = STYLES.get(view.status, "yellow")
     yield Text.assemble((f"{view.id}  ", "bold"), (status_line(view), f"bold {style}"))
@@ -330,7 +329,9 @@ def submission_view(
         yield from sheet_view(view.sheet, with_tasks=False)
     if view.status is SubmissionStatus.SCORED:
         rank = f"rank {view.rank}" if view.rank else "not ranked"
-        why = f": {unranked_because}" if unranked_because else ""
+        why = f": {view.unranked_because}" if view.unranked_because else ""
+        if view.awaits_board:
+            rank, why = "rank awaited", ": the next board is being built"
         if view.replaced_by is not None:
             rank, why = "not on the board", f": replaced by {view.replaced_by}"
         yield Text(f"{rank} in phase {view.phase}{why}", style="bold")
@@ -390,6 +391,24 @@ def _ranking_texts(view: SubmissionView) -> dict[str, str]:
     challenge, row = challenge_of(view.challenge), getattr(view.sheet, HEADLINE)
     metrics = (challenge.metric(each.metric) for each in challenge.primary_order)
     return {metric_head(metric): metric_text(metric, row.get(metric.key)) for metric in metrics}
+
+
+def edits_table(edits: Iterable[SubmissionEditView]) -> FittedTable:
+    """Return what was changed of a submission, newest first."""
+    table = FittedTable.of(
+        Column("when", "id"), "what", "before", "since then", Column("who", left_out=1)
+    )
+    for edit in edits:
+        for name, (before, after) in edit.changed.items():
+            row = name.removeprefix("facts."), _told_words(before), _told_words(after)
+            table.add_row(utc_text(edit.edited_at), *row, edit.by)
+    return table
+
+
+def _told_words(value: Told) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(value) or "-"
+    return f"{value:.15g}" if isinstance(value, float) else value or "-"
 
 
 def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:

@@ -1,6 +1,6 @@
 """Boards: immutable snapshots; "the current board" is one pointer."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import lru_cache
 
@@ -20,7 +20,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.phase_settings import BoardView
 
 
@@ -169,16 +169,22 @@ def entry_ids(session: Session, board_id: int) -> set[str]:
     return set(session.scalars(query))
 
 
-def ranks_on(
-    session: Session, board_id: int | None, submission_ids: Iterable[str]
-) -> dict[str, int]:
-    """Return the ranks that submissions hold on a board; without one, or a board, they are left out."""
-    query = select(BoardEntryRow.submission_id, BoardEntryRow.rank).where(
-        BoardEntryRow.board_id == board_id,
-        BoardEntryRow.submission_id.in_(submission_ids),
-        BoardEntryRow.rank.is_not(None),
-    )
-    return {submission_id: rank or 0 for submission_id, rank in session.execute(query)}
+_ENTRIES: dict[str, Mapping[str, BoardEntry]] = {}
+"""By digest of the body, of boards that were read of late."""
+_MAX_KEPT = 32
+
+
+def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntry]:
+    """Return the entries of a board by submission; boards never change, so each is read once."""
+    digest = session.scalar(select(BoardRow.body_digest).where(BoardRow.id == board_id))
+    if digest is None:
+        return {}
+    if digest not in _ENTRIES:
+        if len(_ENTRIES) >= _MAX_KEPT:
+            _ENTRIES.clear()
+        entries = parsed_board(session.get_one(BoardRow, board_id)).entries
+        _ENTRIES[digest] = {each.submission_id: each for each in entries if each.submission_id}
+    return _ENTRIES[digest]
 
 
 def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:

@@ -64,17 +64,8 @@ class PhaseClosed(RecordsError):
 
     code = ProblemCode.PHASE_CLOSED
 
-    def __init__(
-        self, title: str, *, opens_at: datetime | None = None, closed_at: datetime | None = None
-    ) -> None:
-        self.opens_at = opens_at
-        self.closed_at = closed_at
-        when = (
-            f"opens at {opens_at:%Y-%m-%d %H:%M} UTC"
-            if opens_at is not None
-            else f"closed at {closed_at:%Y-%m-%d %H:%M} UTC"
-        )
-        super().__init__(f"The phase {title!r} takes no submissions now: it {when}.")
+    def __init__(self, title: str, because: str) -> None:
+        super().__init__(f"The phase {title!r} takes no submissions now: it {because}.")
 
 
 class QuotaExceeded(RecordsError):

@@ -124,7 +124,7 @@ def checked_reason(reason: str) -> str:
     return checked_text("reason", reason, max_length=1000, may_have_lines=True)
 
 
-def checked_link(kind: str, url: str | None) -> str | None:
+def checked_link(kind: str, url: str | None, *, may_have_port: bool = False) -> str | None:
     """Return `url` if it is an https address, or None.
 
     Raises:
@@ -132,17 +132,18 @@ def checked_link(kind: str, url: str | None) -> str | None:
     """
     if url is None or url == "":
         return None
-    if not _is_plain_https(url):
+    if not _is_plain_https(url, may_have_port=may_have_port):
         raise InvalidRecord(f"The {kind} link must be an https:// address of at most 500 letters.")
     return url
 
 
-def _is_plain_https(url: str) -> bool:
+def _is_plain_https(url: str, *, may_have_port: bool) -> bool:
     if len(url) > 500 or not url.isascii() or any(c in ' "<>\\^`{|}' for c in url):
         return False
     try:
         parts = urlsplit(url)
-        is_named = parts.scheme == "https" and bool(parts.hostname) and parts.port is None
+        is_named = parts.scheme == "https" and bool(parts.hostname)
+        is_named = is_named and (parts.port is None or may_have_port)
     except ValueError:
         return False
     return is_named and url.isprintable() and "@" not in parts.netloc

@@ -17,11 +17,18 @@ from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
-from exceptiondrive_records.phases.phases import check_phase, lock_phase, settings_of
+from exceptiondrive_records.phases.phases import (
+    check_phase,
+    find_phase,
+    list_phases,
+    lock_phase,
+    settings_of,
+)
 from exceptiondrive_records.phases.policy import frozen_since, is_anonymous, new_salt
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy, PhaseSettings
 
 _PROMISED = {
@@ -43,11 +50,12 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     now = database_now(session)
     before = _document(phase)
     old_dates = (phase.closes_at, phase.policy.freezes_at)
-    for name in change.model_fields_set - {"policy"}:
+    for name in change.model_fields_set - {"page", "policy"}:
         setattr(phase, name, getattr(change, name))
+    if "page" in change.model_fields_set:
+        phase.page = phase.page.model_copy(update=_given(change.page))
     if "policy" in change.model_fields_set:
-        given = {name: getattr(change.policy, name) for name in change.policy.model_fields_set}
-        _set_policy(session, phase, phase.policy.model_copy(update=given), now)
+        _set_policy(session, phase, phase.policy.model_copy(update=_given(change.policy)), now)
     if phase.closes_at is not None and phase.closes_at != old_dates[0] and phase.closes_at < now:
         raise InvalidRecord(
             "closes_at lies in the past: what was accepted in time would become late. Set a time "
@@ -59,6 +67,28 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     if changed:
         audit(session, actor, "phase changed", phase.id, changed)
         want_boards(session, phase)
+    return phase
+
+
+def feature_phase(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
+    """Put a phase before all others: in lists, and on the front page.
+
+    Raises:
+        NotFound: No such phase.
+        Conflict: It is not shown, or it stands there already.
+    """
+    locked = select(Phase).order_by(Phase.id).with_for_update(key_share=True)
+    phases = session.scalars(locked.execution_options(populate_existing=True)).all()
+    phase = find_phase(session, phase_id)
+    if phase.visibility != "shown":
+        raise Conflict(f"The phase is {phase.visibility}: show it first.")
+    if phase.position is not None and list_phases(session)[0] is phase:
+        raise Conflict("The phase is on the front page already.")
+    for other in phases:
+        if other.position is not None:
+            other.position += 1
+    phase.position = 1
+    audit(session, actor, "phase featured", phase.id, {"reason": _reason(reason)})
     return phase
 
 
@@ -167,4 +197,9 @@ def _document(phase: Phase) -> dict[str, Any]:
     document: dict[str, Any] = PhaseSettings.model_construct(**settings_of(phase)).model_dump(
         mode="json"
     )
-    return {**document.pop("policy"), **document}
+    return {**document.pop("page"), **document.pop("policy"), **document}
+
+
+def _given(part: Document) -> dict[str, Any]:
+    """Return what was set in a part of a change."""
+    return {name: getattr(part, name) for name in part.model_fields_set}

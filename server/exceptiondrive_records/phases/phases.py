@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.db.identifiers import checked_slug, checked_text
+from exceptiondrive_records.db.identifiers import checked_link, checked_slug, checked_text
 from exceptiondrive_records.phases.policy import new_salt, phase_now
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
@@ -17,7 +17,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.form_fields import fields_of
-from exceptiondrive_schemas.phase_settings import NewPhase, PhaseSettings
+from exceptiondrive_schemas.phase_settings import NewPhase, PhasePage, PhaseSettings
 from exceptiondrive_schemas.submission import PhaseView
 
 # Which settings of a phase fit together.
@@ -64,16 +64,24 @@ def _freezes_too_late(phase: Phase) -> bool:
 
 def _check_texts(phase: Phase) -> None:
     """Keep the texts without blanks around them, and refuse what cannot be shown."""
+    page = {}
     for field in fields_of(PhaseSettings):
         if field.kind in ("text", "lines"):
+            is_of_page = field.part == "page"
             text = checked_text(
                 field.name,
-                getattr(phase, field.name),
+                getattr(phase.page if is_of_page else phase, field.name),
                 max_length=field.max_length,
                 may_be_empty=not field.is_required,
                 may_have_lines=field.kind == "lines",
             )
-            setattr(phase, field.name, text)
+            if is_of_page:
+                page[field.name] = text
+            else:
+                setattr(phase, field.name, text)
+    for name in ("data_url", "data_manifest_url"):
+        checked_link(name, page[name], may_have_port=True)
+    phase.page = PhasePage(**page)
 
 
 def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
@@ -146,16 +154,53 @@ def lock_phase(session: Session, phase_id: str) -> Phase:
     return phase
 
 
-def list_phases(session: Session, challenge: str | None = None) -> list[Phase]:
-    """Return phases in the order in which they were created; of one challenge if given."""
-    query = select(Phase).order_by(Phase.created_at, Phase.id)
+def shown_phase(session: Session, phase_id: str, *, with_hidden: bool = False) -> Phase:
+    """Return a phase that readers may see.
+
+    Args:
+        session: To read with.
+        phase_id: Its id.
+        with_hidden: Whether an organizer asks.
+
+    Raises:
+        NotFound: There is none, or it is hidden; the words are the same.
+    """
+    phase = find_phase(session, phase_id)
+    if phase.visibility == "hidden" and not with_hidden:
+        raise NotFound("phase", phase_id)
+    return phase
+
+
+def list_phases(
+    session: Session, challenge: str | None = None, *, with_hidden: bool = False
+) -> list[Phase]:
+    """Return the phases that readers may see, by position, then in the order of their making.
+
+    Archived ones come last.
+
+    Args:
+        session: To read with.
+        challenge: Only those of this challenge.
+        with_hidden: Whether an organizer asks, or a team for what it submitted.
+    """
+    query = select(Phase).order_by(
+        Phase.visibility == "archived",
+        Phase.position.is_(None),
+        Phase.position,
+        Phase.created_at,
+        Phase.id,
+    )
     if challenge is not None:
         query = query.where(Phase.challenge == challenge)
+    if not with_hidden:
+        query = query.where(Phase.visibility != "hidden")
     return list(session.scalars(query))
 
 
 def is_open(phase: Phase, now: datetime) -> bool:
-    """Whether the phase takes submissions: from `opens_at` until just before `closes_at`."""
+    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`."""
+    if phase.visibility != "shown":
+        return False
     has_opened = phase.opens_at is None or phase.opens_at <= now
     return has_opened and (phase.closes_at is None or now < phase.closes_at)
 

@@ -50,6 +50,7 @@ def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool
     Nothing is once the split is revealed: late files would ask the private part again and again.
     """
     is_wanted = has_closed(phase, moment) and phase.policy.late_entries == "own_view"
+    is_wanted = is_wanted and phase.visibility == "shown"
     return is_wanted and not is_split_revealed(session, phase)
 
 

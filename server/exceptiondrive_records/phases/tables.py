@@ -8,7 +8,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.phase_settings import PhasePage, PhasePolicy, Visibility
 
 
 class Phase(Base):
@@ -35,6 +35,10 @@ class Phase(Base):
     current_board_id: Mapped[int | None]
     shows_reported: Mapped[bool]
     created_at: Mapped[datetime]
+    visibility: Mapped[Visibility] = mapped_column(String)
+    position: Mapped[int | None]
+    """The lowest one stands first in lists, and on the front page."""
+    page: Mapped[PhasePage] = mapped_column(DocumentText(PhasePage), default=PhasePage())
     policy: Mapped[PhasePolicy] = mapped_column(DocumentText(PhasePolicy), default=PhasePolicy())
     unfrozen_at: Mapped[datetime | None]
     names_revealed_at: Mapped[datetime | None]

@@ -16,14 +16,15 @@ def shown_revisions(session: Session, name: str) -> list[SplitRow]:
     """Return the whole revisions that readers know of: those in force first, then newest first.
 
     Raises:
-        NotFound: No phase uses a split of this name.
+        NotFound: No phase that readers may see uses a split of this name.
     """
-    in_force = select(Phase.split_revision).where(Phase.split_name == name)
+    is_of_a_shown_phase = Phase.split_name == name, Phase.visibility != "hidden"
+    in_force = select(Phase.split_revision).where(*is_of_a_shown_phase)
     ever = (
         select(BoardRow.split_revision)
         .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
         .join(Phase, Phase.id == BoardRow.phase_id)
-        .where(Phase.split_name == name)
+        .where(*is_of_a_shown_phase)
     )
     known = set(session.scalars(union(in_force, ever)))
     now = set(session.scalars(in_force))
@@ -54,7 +55,14 @@ def shown_revision(session: Session, name: str, revision: str | None) -> SplitRo
     raise NotFound("split", name)
 
 
+def is_kept_back(session: Session, name: str) -> bool:
+    """Whether a split is of hidden phases alone."""
+    using = select(Phase.visibility).where(Phase.split_name == name).distinct()
+    return list(session.scalars(using)) == ["hidden"]
+
+
 def splits_under(session: Session, protocol_digest: str) -> list[str]:
     """Return the names of the splits whose phases stand under a protocol, sorted."""
-    query = select(Phase.split_name).where(Phase.protocol_digest == protocol_digest).distinct()
+    stands = Phase.protocol_digest == protocol_digest, Phase.visibility != "hidden"
+    query = select(Phase.split_name).where(*stands).distinct()
     return sorted(session.scalars(query))

@@ -406,9 +406,11 @@ def _same_bytes(
 def _require_open(session: Session, phase: Phase, now: datetime) -> None:
     if is_open(phase, now) or takes_late_entries(session, phase, now):
         return
+    if phase.visibility != "shown":
+        raise PhaseClosed(phase.title, f"is {phase.visibility}")
     if phase.opens_at is not None and now < phase.opens_at:
-        raise PhaseClosed(phase.title, opens_at=phase.opens_at)
-    raise PhaseClosed(phase.title, closed_at=phase.closes_at)
+        raise PhaseClosed(phase.title, f"opens at {phase.opens_at:%Y-%m-%d %H:%M} UTC")
+    raise PhaseClosed(phase.title, f"closed at {phase.closes_at:%Y-%m-%d %H:%M} UTC")
 
 
 def _lock_jobs(session: Session, submission_id: str) -> None:

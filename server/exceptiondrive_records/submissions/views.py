@@ -1,15 +1,17 @@
 """Submissions as their team sees them: with place in the queue, sheet and rank."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import median
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import entry_ids, ranks_on
+from exceptiondrive_records.boards.boards import entries_on, entry_ids
 from exceptiondrive_records.boards.ranking import replaced_by
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.entries.selection import is_chosen
 from exceptiondrive_records.phases.policy import (
+    frozen_since,
     is_anonymous,
     is_late,
     is_split_revealed,
@@ -17,9 +19,11 @@ from exceptiondrive_records.phases.policy import (
 )
 from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
+from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.board_requests import is_board_wanted
 from exceptiondrive_records.work.fair_share import jobs_ahead
 from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
 from exceptiondrive_records.work.tables import Job, WorkState
@@ -38,7 +42,6 @@ def view(
     *,
     is_duplicate: bool = False,
     heartbeat_ttl_s: float = 15.0,
-    ranks: Mapping[str, int] | None = None,
 ) -> SubmissionView:
     """Return a submission as its team sees it.
 
@@ -47,13 +50,15 @@ def view(
         submission: The submission.
         is_duplicate: Whether these bytes came a second time.
         heartbeat_ttl_s: How old the last sign of life of a worker may be.
-        ranks: Of its phase (`ranks_on`), where they are known already.
     """
     team = session.get_one(Team, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
     is_scored = submission.status is SubmissionStatus.SCORED
     hidden_since = score_kept_back_since(session, phase, submission)
     shows_sheet = is_scored and hidden_since is None
+    shown = entries_on(session, phase.current_board_id).get(submission.id) if is_scored else None
+    replaced = replaced_by(session, submission)
+    is_published = not phase.policy.entries_private or submission.published_at is not None
     return SubmissionView(
         id=submission.id,
         phase=phase.id,
@@ -74,12 +79,20 @@ def view(
         report=submission.report,
         failure=_failure(submission),
         sheet=published_sheet(session, submission, phase) if shows_sheet else None,
-        rank=_rank(session, submission, ranks) if is_scored else None,
+        rank=shown.rank if shown else None,
+        rank_interval=shown.rank_interval if shown else None,
+        intervals=shown.intervals if shown else {},
+        unranked_because=shown.unranked_because if shown else None,
+        awaits_board=is_scored
+        and shown is None
+        and replaced is None
+        and is_published
+        and _is_board_coming(session, phase, submission),
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
-        replaced_by=replaced_by(session, submission),
+        replaced_by=replaced,
         is_chosen=is_chosen(session, submission),
-        is_published=not phase.policy.entries_private or submission.published_at is not None,
+        is_published=is_published,
         score_kept_back_since=hidden_since,
         known_as=pseudonym_of_team(phase, team.id)
         if is_anonymous(phase) and not team.is_reference
@@ -89,15 +102,15 @@ def view(
 
 def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
     """Return several submissions as their team sees them."""
-    scored: dict[str, list[str]] = {}
-    for each in submissions:
-        if each.status is SubmissionStatus.SCORED:
-            scored.setdefault(each.phase_id, []).append(each.id)
-    ranks = {
-        phase_id: ranks_on(session, session.get_one(Phase, phase_id).current_board_id, ids)
-        for phase_id, ids in scored.items()
-    }
-    return tuple(view(session, each, ranks=ranks.get(each.phase_id)) for each in submissions)
+    return tuple(view(session, each) for each in submissions)
+
+
+def _is_board_coming(session: Session, phase: Phase, submission: Submission) -> bool:
+    """Whether the board is being built that will show what came in time."""
+    if is_late(phase, submission) or frozen_since(phase, database_now(session)) is not None:
+        return False
+    key = key_of_phase(phase)
+    return is_board_wanted(session, phase.id, key.protocol_digest, key.split_revision)
 
 
 def queue_place(
@@ -137,14 +150,6 @@ def published_sheet(session: Session, submission: Submission, phase: Phase) -> S
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)
     return None if row is None else shown_sheet(session, phase, row)
-
-
-def _rank(session: Session, submission: Submission, ranks: Mapping[str, int] | None) -> int | None:
-    """Return the rank on the current board; None when it is not there, or not ranked."""
-    if ranks is None:
-        board_id = session.get_one(Phase, submission.phase_id).current_board_id
-        ranks = ranks_on(session, board_id, [submission.id])
-    return ranks.get(submission.id)
 
 
 def recent_scoring_s(session: Session) -> float | None:

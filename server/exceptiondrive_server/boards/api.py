@@ -6,6 +6,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.boards.boards import find_board, parsed_board
+from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.edits import newest_edit_at
 from exceptiondrive_schemas.board import Board
@@ -108,5 +109,5 @@ def get_board_by_number(
 ) -> Response:
     """Give a board at its permanent address; its bytes never change."""
     with services.database.read() as session:
-        body = find_board(session, phase, number).body
+        body = find_board(session, shown_phase(session, phase).id, number).body
     return conditional(request, body.encode(), "application/json", max_age_s=FOR_EVER_S)

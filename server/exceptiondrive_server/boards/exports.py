@@ -233,12 +233,22 @@ class BoardNote:
 
 
 @dataclass(frozen=True)
+class PhaseDate:
+    """Something that happened to a phase: `announced`, `opened` or `closed`, in words."""
+
+    what: str
+    at: datetime
+    words: str
+
+
+@dataclass(frozen=True)
 class History:
     """The boards of a phase, newest first."""
 
     phase: str
     title: str
     boards: tuple[BoardNote, ...]
+    dates: tuple[PhaseDate, ...] = ()
 
 
 def atom_feed(history: History, site_url: str) -> str:
@@ -249,12 +259,14 @@ def atom_feed(history: History, site_url: str) -> str:
     _text(root, "id", f"{site_url}/feed.atom?phase={history.phase}")
     _link(root, f"{site_url}/feed.atom?phase={history.phase}", "self")
     _link(root, f"{site_url}/?phase={history.phase}", "alternate")
-    epoch = "1970-01-01T00:00:00Z"
-    _text(root, "updated", iso(history.boards[0].published_at) if history.boards else epoch)
+    times = [one.published_at for one in history.boards] + [one.at for one in history.dates]
+    _text(root, "updated", iso(max(times)) if times else "1970-01-01T00:00:00Z")
     author = Xml.SubElement(root, f"{{{ATOM}}}author")
     _text(author, "name", "ExceptionDrive")
     for board in history.boards:
         _board(root, history, board, site_url)
+    for date in history.dates:
+        _date(root, history, date, site_url)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + Xml.tostring(root, encoding="unicode")
 
 
@@ -266,6 +278,16 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(board.published_at))
     _text(entry, "summary", f"{board.findings} Content {board.digest}.")
+
+
+def _date(root: Xml.Element, history: History, date: PhaseDate, site_url: str) -> None:
+    entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
+    address = f"{site_url}/phases/{history.phase}"
+    _text(entry, "title", date.words)
+    _text(entry, "id", f"{address}#{date.what}-{iso(date.at)}")
+    _link(entry, address, "alternate")
+    _text(entry, "updated", iso(date.at))
+    _text(entry, "summary", date.words)
 
 
 def _text(parent: Xml.Element, name: str, text: str) -> None:

@@ -16,7 +16,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import FactsOfBoard
-from exceptiondrive_schemas.phase_settings import PhaseNow
+from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
 from exceptiondrive_server.boards.comparison import Comparison, default_pair
@@ -158,6 +158,9 @@ class PhaseLink:
     takes_late: bool
     """Whether it has closed, and what comes now is ranked on its late view."""
     is_current: bool
+    visibility: Visibility
+    description: str
+    """Markdown."""
     opens_at: datetime | None
     closes_at: datetime | None
     quota_per_day: int
@@ -168,6 +171,8 @@ class PhaseLink:
     @property
     def state_words(self) -> str:
         """Say whether it takes submissions, and until or from when."""
+        if self.visibility != "shown":
+            return self.visibility.capitalize()
         if self.is_ahead and self.opens_at:
             return f"Opens {minute(self.opens_at)}"
         if self.is_open:
@@ -181,7 +186,29 @@ class PhaseLink:
         """Say it in a word where it is not open: `closed`, `opens 3 Dec 2026`."""
         if self.is_ahead and self.opens_at:
             return f"opens {day(self.opens_at)}"
-        return "" if self.is_open else "closed"
+        return "" if self.is_open else "closed" if self.is_shown else self.visibility
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it is neither archived nor hidden."""
+        return self.visibility == "shown"
+
+    @property
+    def is_past(self) -> bool:
+        """Whether it has closed, or was put away."""
+        return (
+            self.is_shown and not (self.is_open or self.is_ahead)
+        ) or self.visibility == "archived"
+
+    @property
+    def takes_files(self) -> bool:
+        """Whether it takes submissions now, be it for the late view."""
+        return self.is_open or self.takes_late
+
+    @property
+    def page_url(self) -> str:
+        """Address of the page about it."""
+        return f"/phases/{self.id}"
 
     @property
     def challenge_title(self) -> str:

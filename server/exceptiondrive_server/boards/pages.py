@@ -4,7 +4,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.boards.boards import late_board, parsed_board
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -39,15 +39,17 @@ def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Res
     if "apply" in request.query_params or "order" in request.query_params:
         return RedirectResponse(query.url(), status_code=303)
     with services.database.read() as session:
-        board = read_board(session, query)
-        ids = _own_submissions(session, request, board.phase)
+        who = principal_of_browser(session, request)
+        board = read_board(session, query, with_hidden=who is not None and who.is_organizer)
+        ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
     return page(request, "boards/board.html", "board", page=board, own=own)
 
 
-def _own_submissions(session: Session, request: Request, phase: PhaseLink | None) -> frozenset[str]:
+def _own_submissions(
+    session: Session, who: Principal | None, phase: PhaseLink | None
+) -> frozenset[str]:
     """Return what the team that signed in, and may read its submissions, sent to the phase."""
-    who = principal_of_browser(session, request)
     if who is None or who.team_id is None or phase is None or Scope.READ_OWN not in who.scopes:
         return frozenset()
     return ids_of_team(session, who.team_id, phase.id)

@@ -1,8 +1,9 @@
 """What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import lru_cache
+from math import inf
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -38,20 +39,20 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve
 from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
-from exceptiondrive_server.boards.exports import BoardNote, History
+from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
 from exceptiondrive_server.boards.headline import BoardBefore, headline
 from exceptiondrive_server.boards.page import BoardPage, PhaseLink, Same
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.numbers import Digits, minute
 
 
-def read_board(session: Session, query: BoardQuery) -> BoardPage:
-    """Read the board that a query asks for.
+def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False) -> BoardPage:
+    """Read the board that a query asks for; hidden phases are there for organizers alone.
 
     Raises:
         NotFound: The phase, protocol or board does not exist.
     """
-    phase = choose_phase(session, query)
+    phase = choose_phase(session, query, with_hidden=with_hidden)
     links = _phase_links(session, phase)
     if phase is None:
         protocol = latest_protocol(session)
@@ -162,7 +163,10 @@ def read_phases(
 
 
 def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...]:
-    return tuple(phase_link(session, each, each is chosen) for each in list_phases(session))
+    phases = list_phases(session)
+    if chosen is not None and chosen not in phases:
+        phases.append(chosen)
+    return tuple(phase_link(session, each, each is chosen) for each in phases)
 
 
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
@@ -179,6 +183,8 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         is_ahead=phase.opens_at is not None and now < phase.opens_at,
         takes_late=takes_late_entries(session, phase, now),
         is_current=is_current,
+        visibility=phase.visibility,
+        description=phase.description,
         opens_at=phase.opens_at,
         closes_at=phase.closes_at,
         quota_per_day=phase.quota_per_day,
@@ -188,8 +194,8 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
     )
 
 
-def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
-    """Return the phase asked for, else the first one in the registry's order of challenges.
+def choose_phase(session: Session, query: BoardQuery, *, with_hidden: bool = False) -> Phase | None:
+    """Return the phase asked for, else the first by position, then in the order of challenges.
 
     Returns:
         None where no phase is named and there is none at all.
@@ -197,7 +203,7 @@ def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
     Raises:
         NotFound: The phase does not exist, or is not of the challenge that is asked for.
     """
-    phases = list_phases(session)
+    phases = list_phases(session, with_hidden=with_hidden and query.phase is not None)
     if query.phase is not None:
         found = next((phase for phase in phases if phase.id == query.phase), None)
         if found is None:
@@ -209,7 +215,13 @@ def choose_phase(session: Session, query: BoardQuery) -> Phase | None:
     offered = [phase for phase in phases if phase.challenge in order]
     if query.challenge is not None and not offered:
         raise NotFound("phase of the challenge", query.challenge)
-    return min(offered, key=lambda phase: order.index(phase.challenge), default=None)
+    return min(offered, key=lambda phase: _place(phase, order), default=None)
+
+
+def _place(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
+    """Where a phase stands among those that may be the front page."""
+    position = inf if phase.position is None else phase.position
+    return phase.visibility == "archived", position, challenges.index(phase.challenge)
 
 
 def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:
@@ -299,7 +311,19 @@ def read_history(session: Session, query: BoardQuery, limit: int = 10) -> Histor
         .limit(limit)
     )
     notes = tuple([_note(session, row) for row in session.scalars(newest)])
-    return History(phase.id, phase.title, notes)
+    return History(phase.id, phase.title, notes, tuple(_dates(phase, database_now(session))))
+
+
+def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
+    """What happened to a phase, newest first: a reader of its feed hears of each when it comes."""
+    if phase.closes_at is not None and phase.closes_at <= now:
+        yield PhaseDate("closed", phase.closes_at, f"{phase.title} has closed")
+    if phase.opens_at is not None:
+        if phase.opens_at <= now:
+            yield PhaseDate("opened", phase.opens_at, f"{phase.title} is open for submissions")
+        if phase.created_at < phase.opens_at:
+            words = f"{phase.title} opens {minute(phase.opens_at)}"
+            yield PhaseDate("announced", phase.created_at, words)
 
 
 def _note(session: Session, row: BoardRow) -> BoardNote:

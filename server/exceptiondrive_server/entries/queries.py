@@ -75,7 +75,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     Raises:
         NotFound: No board shows it. Submissions that are on no board are their team's alone.
     """
-    submission = session.get(Submission, key)
+    submission = _shown_submission(session, key)
     board, is_current = _board_with(session, key, submission, query)
     entry = find_entry(board, key)
     phase = session.get(Phase, board.phase)
@@ -93,6 +93,15 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         drawings=_drawings(session, submission, board) if submission else None,
         told=facts_of_entries(session, phase.id, [key]).get(key, EntryFacts()),
     )
+
+
+def _shown_submission(session: Session, key: str) -> Submission | None:
+    """Return a submission, unless its phase is hidden: nobody may tell that from none."""
+    submission = session.get(Submission, key)
+    if submission is None:
+        return None
+    phase = session.get_one(Phase, submission.phase_id)
+    return None if phase.visibility == "hidden" else submission
 
 
 def _board_with(
@@ -253,7 +262,7 @@ def published_entry(session: Session, submission_id: str) -> EntryView:
 
 def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], ScoreSheet | None]:
     """Return what shows it now, the board first, and its sheet under the protocol of that board."""
-    submission = session.get(Submission, submission_id)
+    submission = _shown_submission(session, submission_id)
     if submission is None:
         return [], None
     phase = find_phase(session, submission.phase_id)

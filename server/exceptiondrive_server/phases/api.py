@@ -4,13 +4,18 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path
 
-from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
+from exceptiondrive_records.phases.phases import list_phases, phase_view, shown_phase
 from exceptiondrive_records.splits.splits import manifest_of
 from exceptiondrive_schemas.challenges import KnownChallenge
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import PhaseView
-from exceptiondrive_server.web.auth import TOKEN_IS_OPTIONAL, MaybePrincipal, ServicesOf
+from exceptiondrive_server.web.auth import (
+    TOKEN_IS_OPTIONAL,
+    MaybePrincipal,
+    ServicesOf,
+    sees_hidden,
+)
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(prefix="/phases", tags=["phases"])
@@ -26,13 +31,16 @@ PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 def get_phases(
     services: ServicesOf, principal: MaybePrincipal, challenge: KnownChallenge | None = None
 ) -> list[PhaseView]:
-    """List all phases; with a token, each with the team's own quota."""
+    """List all phases; with a token, each with the team's own quota.
+
+    Hidden phases are listed to organizers alone.
+    """
     team_id = principal.team_id if principal else None
     limit = services.settings.max_upload_bytes
     with services.database.read() as session:
         return [
             phase_view(session, phase, max_upload_bytes=limit, team_id=team_id)
-            for phase in list_phases(session, challenge)
+            for phase in list_phases(session, challenge, with_hidden=sees_hidden(principal))
         ]
 
 
@@ -47,7 +55,7 @@ def get_phase(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
     with services.database.read() as session:
         return phase_view(
             session,
-            find_phase(session, phase_id),
+            shown_phase(session, phase_id, with_hidden=sees_hidden(principal)),
             max_upload_bytes=services.settings.max_upload_bytes,
             team_id=principal.team_id if principal else None,
         )
@@ -56,10 +64,11 @@ def get_phase(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
 @router.get(
     "/{phase_id}/manifest",
     operation_id="showManifest",
-    responses=problem_responses(ProblemCode.NOT_FOUND),
+    openapi_extra=TOKEN_IS_OPTIONAL,
+    responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
 )
-def get_manifest(services: ServicesOf, phase_id: PhaseId) -> Manifest:
+def get_manifest(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId) -> Manifest:
     """Give the sample ids that a submission file must hold: no task, region or scene."""
     with services.database.read() as session:
-        phase = find_phase(session, phase_id)
+        phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
         return manifest_of(session, phase.split_name, phase.split_revision)

@@ -11,6 +11,7 @@ from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.boards.ranking import names_of
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.changes import (
+    feature_phase,
     freeze_phase,
     reveal_board,
     reveal_names,
@@ -101,6 +102,16 @@ def patch_phase(
     """Change settings of a phase; what would take back a promise is refused."""
     with services.database.write() as session:
         phase = update_phase(session, phase_id, change, actor=organizer.actor)
+        return _view(session, services, phase)
+
+
+@router.post("/phases/{phase_id}/feature", operation_id="featurePhase")
+def post_feature(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: PhaseStep
+) -> PhaseView:
+    """Put a phase before all others: in lists, and on the front page."""
+    with services.database.write() as session:
+        phase = feature_phase(session, phase_id, reason=step.reason, actor=organizer.actor)
         return _view(session, services, phase)
 
 

@@ -6,12 +6,13 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.phases.changes import (
+    feature_phase,
     freeze_phase,
     reveal_board,
     reveal_names,
@@ -20,12 +21,13 @@ from exceptiondrive_records.phases.changes import (
 from exceptiondrive_records.phases.phases import create_phase, find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import phase_now
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import list_protocols
+from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhaseNow, PhaseSettings
+from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
@@ -50,8 +52,13 @@ class PhaseStep:
     meaning: str
     take: Callable[..., Phase]
     command: str
-    is_offered: Callable[[PhaseNow], bool]
+    is_offered: Callable[[PhaseView], bool]
     is_grave: bool = False
+
+
+def _now(phase: PhaseView) -> PhaseNow:
+    assert phase.now is not None
+    return phase.now
 
 
 PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
@@ -59,13 +66,21 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
         step.key: step
         for step in (
             PhaseStep(
+                "feature",
+                "Put it on the front page",
+                "The phase stands before all others: in every list, and on the front page.",
+                feature_phase,
+                'feature {} --reason "…"',
+                lambda phase: phase.visibility == "shown",
+            ),
+            PhaseStep(
                 "freeze",
                 "Freeze the board",
                 "The public board stays as it is from now on, until you reveal it. Scoring goes "
                 "on behind it.",
                 freeze_phase,
                 'freeze {} --reason "…"',
-                lambda now: now.frozen_since is None,
+                lambda phase: _now(phase).frozen_since is None,
             ),
             PhaseStep(
                 "reveal-board",
@@ -73,7 +88,7 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "The freeze ends: readers see the newest board at once.",
                 reveal_board,
                 'reveal {} --what board --reason "…"',
-                lambda now: now.frozen_since is not None,
+                lambda phase: _now(phase).frozen_since is not None,
                 is_grave=True,
             ),
             PhaseStep(
@@ -83,7 +98,7 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "be taken back.",
                 reveal_names,
                 'reveal {} --what names --reason "…"',
-                lambda now: now.is_anonymous,
+                lambda phase: _now(phase).is_anonymous,
                 is_grave=True,
             ),
             PhaseStep(
@@ -93,7 +108,7 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "when the run that this begins is applied.",
                 reveal_split,
                 'reveal {} --what split --reason "…"',
-                lambda now: now.part == "public",
+                lambda phase: _now(phase).part == "public",
                 is_grave=True,
             ),
         )
@@ -114,7 +129,10 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
     """List the phases."""
     limit = services.settings.max_upload_bytes
     with services.database.read() as session:
-        phases = [phase_view(session, one, max_upload_bytes=limit) for one in list_phases(session)]
+        phases = [
+            phase_view(session, one, max_upload_bytes=limit)
+            for one in list_phases(session, with_hidden=True)
+        ]
         splits = [one for one in list_splits(session) if one.part is None]
     return organizer_page(
         request, browser, "phases/organizer_phases.html", "phases", phases=phases, splits=splits
@@ -122,10 +140,23 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
 
 
 @router.get("/new")
-def show_new(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
-    """Show an empty form with what is usual."""
-    usual = {field.name: text_of(field.default) for field in SETTINGS}
-    return _new(request, services, browser, usual)
+def show_new(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    like: Annotated[str | None, Query(max_length=64)] = None,
+) -> Response:
+    """Show a form with what is usual, or with what another phase is made of and settled."""
+    if like is None:
+        usual = {field.name: text_of(field.default) for field in SETTINGS}
+        return _new(request, services, browser, usual)
+    with services.database.read() as session:
+        phase = find_phase(session, like)
+        texts = {name: text_of(value) for name, value in values_of(SETTINGS, phase).items()}
+        protocol = find_protocol(session, phase.protocol_digest).version
+    made_of = {"challenge": phase.challenge, "split": phase.split_name, "protocol": protocol}
+    dates = dict.fromkeys((f.name for f in SETTINGS if f.kind == "moment"), "")
+    return _new(request, services, browser, {**texts, **made_of, **dates, "position": ""})
 
 
 @router.post("/new")
@@ -261,7 +292,7 @@ def _phase(
         phase=seen,
         made_of=(),
         now=now,
-        steps=[step for step in PHASE_STEPS.values() if step.is_offered(now)],
+        steps=[step for step in PHASE_STEPS.values() if step.is_offered(seen)],
         lines=[one for one in lines if one.line.action != "board published"],
     )
 
@@ -280,6 +311,7 @@ def _page(
         "phases",
         refusal=refusal,
         plain=filled([field for field in SETTINGS if field.part is None], texts),
+        page_fields=filled([field for field in SETTINGS if field.part == "page"], texts),
         policy=filled([field for field in SETTINGS if field.part == "policy"], texts),
         **values,
     )

@@ -53,7 +53,7 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
     with services.database.read() as session:
         rows = list_protocol_rows(session)[::-1]
         protocols = {row.digest: find_protocol(session, row.digest) for row in rows}
-        phases = list_phases(session)
+        phases = list_phases(session, with_hidden=True)
     return organizer_page(
         request,
         browser,
@@ -150,7 +150,7 @@ def _verdict(session: Session, toml: str) -> Verdict:
                 find_protocol(session, phase.protocol_digest).version,
                 protocol_check(session, toml, phase.id),
             )
-            for phase in list_phases(session)
+            for phase in list_phases(session, with_hidden=True)
         ),
     )
 

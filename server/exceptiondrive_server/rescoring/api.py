@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query
 
+from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.rescoring import BoardHistoryLine, PublicRun
@@ -21,7 +22,7 @@ def get_boards(
 ) -> list[BoardHistoryLine]:
     """List every board that was ever public, newest first: protocol, dates, what changed."""
     with services.database.read() as session:
-        return board_history(session, phase)
+        return board_history(session, shown_phase(session, phase).id)
 
 
 @router.get(
@@ -34,4 +35,6 @@ def get_update(
 ) -> PublicRun:
     """Compare every entry before and after a protocol update that was applied."""
     with services.database.read() as session:
-        return public_run(session, run_id)
+        run = public_run(session, run_id)
+        shown_phase(session, run.phase)
+    return run

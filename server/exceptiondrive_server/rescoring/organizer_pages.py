@@ -287,7 +287,7 @@ def _known(step: str) -> RunStep:
 def _draft_step(session: Session) -> Step:
     phases = [
         (one.id, f"{one.title}, now {find_protocol(session, one.protocol_digest).version}")
-        for one in list_phases(session)
+        for one in list_phases(session, with_hidden=True)
     ]
     versions = [(one.version, f"{one.version}: {one.title}") for one in list_protocols(session)]
     revisions = [
@@ -325,7 +325,7 @@ def _draft_step(session: Session) -> Step:
 
 
 def _verification_step(session: Session) -> Step:
-    phases = tuple((one.id, one.title) for one in list_phases(session))
+    phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
     return Step(
         section="rescoring",
         title="Verify sheets",

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.splits.shown import shown_revision
+from exceptiondrive_records.splits.shown import is_kept_back, shown_revision
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.problems import ProblemCode
@@ -58,7 +58,8 @@ def download_split(
     """Download a development split with its regions, for `exceptiondrive evaluate`."""
     with services.database.read() as session:
         digest = find_split(session, name).public_file_digest
-    if digest is None:
+        is_hidden = is_kept_back(session, name)
+    if digest is None or is_hidden:
         raise NotFound("split", name)
     answer = conditional(
         request,

@@ -22,6 +22,7 @@ from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.method_facts import SubmissionChange, SubmissionEditView
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
+from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.upload import received_upload, take_upload, upload_body
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
 from exceptiondrive_server.web.problems import problem_responses, rate_limit_headers
@@ -107,6 +108,23 @@ def get_submission(
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
         return view(session, found)
+
+
+@router.get(
+    "/{submission_id}/file",
+    operation_id="downloadSubmission",
+    response_class=Response,
+    responses={
+        200: {
+            "content": {"application/octet-stream": {}},
+            "description": "The bytes that were sent; the ETag is their digest.",
+        },
+        **problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
+    },
+)
+def get_file(services: ServicesOf, principal: Reader, submission_id: SubmissionId) -> Response:
+    """Give a team its own upload again, bit by bit; another team's is not found."""
+    return own_upload(services, principal, submission_id)
 
 
 @router.patch(

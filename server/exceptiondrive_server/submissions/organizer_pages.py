@@ -64,7 +64,7 @@ def show_submissions(
             limit=SHOWN + 1,
         )
         teams = {one.id: one for one in list_teams(session)}
-        phases = list_phases(session)
+        phases = list_phases(session, with_hidden=True)
     chosen = {"team": team, "phase": phase, "status": known or ""}
     older = {**chosen, "after": found[SHOWN - 1].id} if len(found) > SHOWN else {}
     return organizer_page(

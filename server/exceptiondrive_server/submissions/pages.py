@@ -14,13 +14,15 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.accounts.tokens import Principal, Scope, names_of_actors
+from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import has_closed
 from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
+from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
     list_submissions,
@@ -34,15 +36,16 @@ from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.submissions.events import follow_submission
+from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
+from exceptiondrive_server.submissions.runs import PhaseRules, run_lines
 from exceptiondrive_server.submissions.upload import received_upload, take_upload
 from exceptiondrive_server.submissions.view import (
     actions_of,
-    awaits_rank,
+    families_of,
     is_spent,
     left_words,
     policy_sentences,
     scores_of,
-    standing,
     status_of,
     steps_of,
 )
@@ -56,6 +59,7 @@ from exceptiondrive_server.web.browser_session import (
     require_same_origin,
     require_scope,
 )
+from exceptiondrive_server.web.forms import filled, typed
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
@@ -96,7 +100,7 @@ async def submit(request: Request, services: ServicesOf, browser: Browser) -> Re
         if not wants_page(request):
             raise
         problem = problem_of(error)
-        form = {key: text for key, text in (await request.form()).items() if isinstance(text, str)}
+        form = typed(await request.form())
         return await run_in_threadpool(
             _submit_page, request, services, browser, form.get("phase"), form, problem
         )
@@ -109,7 +113,7 @@ def _submit_page(
     services: Services,
     browser: SignedIn | None,
     wanted: str | None,
-    typed: Mapping[str, str] = NOTHING_TYPED,
+    texts: Mapping[str, str] = NOTHING_TYPED,
     refusal: ApiProblem | None = None,
 ) -> Response:
     """Show the quick start for a phase, and the form again with what was typed before a refusal."""
@@ -130,7 +134,8 @@ def _submit_page(
             "standing": standing,
             "wanted": wanted,
             "form_token": browser.form_token,
-            "typed": typed,
+            "typed": texts,
+            "facts": filled(FACT_FIELDS, texts),
             "refusal": refusal,
             "title": "" if refusal is None else PROBLEMS[refusal.code].title,
         }
@@ -219,24 +224,25 @@ def show_my_submissions(
     with services.database.read() as session:
         found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
         seen = views(session, found[:SHOWN])
-        phases = {phase.id: phase for phase in list_phases(session)}
         now = database_now(session)
+        rules = {
+            phase.id: PhaseRules(
+                phase.policy, find_protocol(session, phase.protocol_digest), has_closed(phase, now)
+            )
+            for phase in list_phases(session, with_hidden=True)
+        }
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
-    can_say = Scope.SUBMIT in who.scopes and who.team_id is not None
-    rows = []
-    for one in seen:
-        policy, ended = phases[one.phase].policy, has_closed(phases[one.phase], now)
-        actions = actions_of(one, policy, has_closed=ended) if can_say else ()
-        rows.append((one, status_of(one), standing(one, policy), actions))
+    can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
+    lines = run_lines(seen, rules, can_decide=can_decide)
     has_tokens = Scope.TOKENS in who.scopes and who.team_id is not None
     return private_page(
         request,
         "submissions/my.html",
         "my",
         who=who,
-        rows=rows,
+        lines=lines,
+        labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,
-        left_words=left_words,
         is_spent=is_spent,
         following=found[SHOWN - 1].id if len(found) > SHOWN else None,
         followed=[one.id for one in seen if not one.status.is_terminal][:MAX_FOLLOWED],
@@ -262,6 +268,9 @@ def show_submission(
         phase = find_phase(session, seen.phase)
         protocol = find_protocol(session, phase.protocol_digest)
         ended = has_closed(phase, database_now(session))
+        entry = entries_on(session, phase.current_board_id).get(seen.id)
+        edits = edits_of(session, seen.id)
+        names = names_of_actors(session, (edit.by for edit in edits))
     headline = protocol.grading.headline
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
     return private_page(
@@ -272,9 +281,12 @@ def show_submission(
         phase_title=phase.title,
         progress=status_of(seen),
         steps=steps_of(seen),
-        awaits_rank=awaits_rank(seen),
         sentences=list(policy_sentences(seen)),
         scores=scores_of(seen, protocol),
+        families=families_of(seen, protocol, entry),
+        columns=CHALLENGES[seen.challenge].columns,
+        edits=edits,
+        names=names,
         headline_title=AVERAGE_TITLES[headline],
         other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
         n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,

@@ -21,7 +21,7 @@ from starlette.datastructures import FormData, UploadFile
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
 from exceptiondrive_records.operations.garbage import remove_orphan
-from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.phases import find_phase, shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.file_store import is_kept
 from exceptiondrive_records.submissions.submissions import (
@@ -37,6 +37,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
+from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
 from exceptiondrive_server.web.browser_session import FORM_TOKEN
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import Services
@@ -141,6 +142,8 @@ def _require_form(request: Request) -> None:
 
 
 def _upload_of(form: FormData, *, has_form_token: bool) -> Upload:
+    if has_form_token:
+        form = _with_facts(form)
     values, faults = dict(form.items()), list(_shape_faults(form))
     file = values.pop("file", None)
     form_token = values.pop(FORM_TOKEN, "") if has_form_token else ""
@@ -152,6 +155,18 @@ def _upload_of(form: FormData, *, has_form_token: bool) -> Upload:
     if faults or not isinstance(file, UploadFile):
         raise RequestValidationError(faults)
     return Upload(fields, file.file, str(form_token))
+
+
+def _with_facts(form: FormData) -> FormData:
+    """The form of a page as the API takes it: its fields of facts are one document.
+
+    Raises:
+        InvalidRecord: A fact cannot be used.
+    """
+    facts = facts_of_form(form)
+    rest = [(name, value) for name, value in form.multi_items() if not name.startswith(PREFIX)]
+    told = [("facts", facts.model_dump_json())] if facts != MethodFacts() else []
+    return FormData([*rest, *told])
 
 
 def _shape_faults(form: FormData) -> list[dict[str, Any]]:
@@ -184,7 +199,7 @@ def take_upload(
         require_acceptable(
             session,
             team_id,
-            find_phase(session, fields.phase),
+            shown_phase(session, fields.phase),
             digest,
             linked_to=fields.linked_to or None,
             arrived_at=_arrived_at(session, began_s),

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 
+from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.printable import counted
@@ -90,10 +90,6 @@ def _wait(seconds: float) -> str:
     return f"about {counted(math.ceil(seconds / 60), 'minute')} to wait"
 
 
-BOARD_SOON = timedelta(minutes=2)
-"""After a score the next board is awaited this long."""
-
-
 @dataclass(frozen=True)
 class ScoreLine:
     """A metric of the sheet, under both averages."""
@@ -102,7 +98,18 @@ class ScoreLine:
     title: str
     unit: str
     headline: str | None
+    interval: str
+    """As the board shows it; empty while none is known."""
     other: str | None
+
+
+@dataclass(frozen=True)
+class FamilyLine:
+    """One family of the sheet: how many samples, and each metric with its interval."""
+
+    title: str
+    n: int | None
+    cells: tuple[tuple[str, str], ...]
 
 
 def policy_sentences(seen: SubmissionView) -> Iterator[str]:
@@ -124,6 +131,10 @@ def policy_sentences(seen: SubmissionView) -> Iterator[str]:
             f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
             "this one stands again."
         )
+    if seen.awaits_board:
+        yield "The next board is being built; the rank is awaited."
+    if seen.unranked_because is not None:
+        yield f"It stands on the board without a rank: {seen.unranked_because}."
     if seen.is_chosen:
         yield "The team chose it: it stands for the team on the board."
     if not seen.is_published:
@@ -160,12 +171,6 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
     return ", ".join(filter(None, words)).capitalize()
 
 
-def awaits_rank(seen: SubmissionView) -> bool:
-    """Whether it was scored a moment ago, so that the next board is being built with it."""
-    is_new = datetime.now(UTC) - seen.status_at < BOARD_SOON
-    return seen.status is SubmissionStatus.SCORED and seen.rank is None and is_new
-
-
 def is_spent(quota: Quota) -> bool:
     """Whether nothing more can be submitted today."""
     return quota.remaining_today == 0 or quota.rejected_today >= quota.rejected_per_day
@@ -194,9 +199,44 @@ def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLi
             title=metric.title,
             unit=unit_of(metric),
             headline=digits.text(metric, headline.get(metric.key)),
+            interval=digits.interval(metric, seen.intervals.get(metric.key)),
             other=digits.text(metric, other.get(metric.key)),
         )
         for metric in challenge.metrics
+    )
+
+
+def families_of(
+    seen: SubmissionView, protocol: ProtocolDocument, entry: BoardEntry | None
+) -> tuple[FamilyLine, ...]:
+    """Return a line per family of its sheet, in the order of the protocol; none without one.
+
+    Args:
+        seen: The submission; its sheet holds no family that is not shown yet.
+        protocol: Of the sheet.
+        entry: As the board shows it: intervals are told there alone.
+    """
+    if seen.sheet is None:
+        return ()
+    digits = Digits.of(protocol.publication)
+    metrics = CHALLENGES[seen.challenge].columns
+    known = entry.families if entry else {}
+    return tuple(
+        FamilyLine(
+            title=family.title,
+            n=row.n,
+            cells=tuple(
+                (
+                    digits.text(metric, row.metrics.get(metric.key)) or "none",
+                    digits.interval(metric, known[family.id].intervals.get(metric.key))
+                    if family.id in known
+                    else "",
+                )
+                for metric in metrics
+            ),
+        )
+        for family in protocol.families
+        if (row := seen.sheet.families.get(family.id)) is not None
     )
 
 

@@ -64,6 +64,11 @@ TokenKeeper = Annotated[Principal, Depends(require(Scope.TOKENS))]
 Organizer = Annotated[Principal, Depends(require(Scope.ORGANIZE))]
 
 
+def sees_hidden(principal: Principal | None) -> bool:
+    """Whether who asks may see hidden phases: organizers alone."""
+    return principal is not None and principal.is_organizer
+
+
 def team_of(principal: Principal) -> int:
     """Return the team that a principal acts for.
 

@@ -1,5 +1,6 @@
 """Small forms made from data: each field is one line, for the page and for reading it back."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -28,6 +29,11 @@ class Filled:
         """Whether a tick is set."""
         return self.text == "yes"
 
+    @property
+    def ticked(self) -> list[str]:
+        """Which of several are ticked."""
+        return self.text.split()
+
 
 REASON = FormField(
     "reason",
@@ -45,8 +51,11 @@ def filled(fields: Sequence[FormField], texts: Mapping[str, str]) -> tuple[Fille
 
 
 def typed(form: FormData) -> dict[str, str]:
-    """Return what was typed, to be shown again."""
-    return {name: value for name, value in form.items() if isinstance(value, str)}
+    """Return what was typed, to be shown again; several ticks of one name stand in one text."""
+    return {
+        name: " ".join(value for value in form.getlist(name) if isinstance(value, str))
+        for name in form
+    }
 
 
 def read(fields: Sequence[FormField], form: FormData) -> dict[str, Any]:
@@ -58,7 +67,8 @@ def read(fields: Sequence[FormField], form: FormData) -> dict[str, Any]:
     values: dict[str, Any] = {}
     faults = []
     for field in fields:
-        text = str(form.get(field.name, "")).strip()
+        given = form.getlist(field.name) if field.kind == "several" else [form.get(field.name, "")]
+        text = " ".join(map(str, given)).strip()
         try:
             values[field.name] = _value(field, text)
         except ValueError as error:
@@ -88,6 +98,10 @@ def text_of(value: object) -> str:
         return ""
     if isinstance(value, bool):
         return "yes" if value else ""
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    if isinstance(value, float):
+        return f"{value:.15g}"
     if isinstance(value, datetime):
         return value.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S")
     return str(value)
@@ -96,6 +110,8 @@ def text_of(value: object) -> str:
 def _value(field: FormField, text: str) -> Any:
     if field.kind == "yes":
         return text == "yes"
+    if field.kind == "several":
+        return tuple(_choice(field, one) for one in text.split())
     if not text:
         if field.is_required:
             raise ValueError("must not be empty")
@@ -110,6 +126,16 @@ def _whole(field: FormField, text: str) -> int:
     if not (is_plain and field.lowest <= int(text) <= field.highest):
         raise ValueError(f"must be a whole number from {field.lowest} to {field.highest:,}")
     return int(text)
+
+
+def _number(field: FormField, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not field.lowest <= number <= field.highest:
+        raise ValueError(f"must be a number from {field.lowest:g} to {field.highest:,g}")
+    return number
 
 
 def _moment(field: FormField, text: str) -> datetime:
@@ -129,6 +155,7 @@ _READERS: Mapping[Kind, Callable[[FormField, str], Any]] = {
     "text": lambda field, text: text,
     "lines": lambda field, text: text.replace("\r\n", "\n"),
     "whole": _whole,
+    "number": _number,
     "moment": _moment,
     "choice": _choice,
 }

@@ -18,7 +18,7 @@ STYLE = "site.css"
 """The one style sheet; it is no file of the folder."""
 STYLES = (
     "theme", "base", "parts", "board", "board-small", "charts", "pages", "entry", "player", "guide",
-    "team", "organize",
+    "team", "phase", "organize",
 )  # fmt: skip
 """Its sources, in the order in which their rules count."""
 

@@ -20,6 +20,7 @@ from markupsafe import Markup, escape
 from exceptiondrive_schemas.formulas import over_families
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.web import numbers
+from exceptiondrive_server.web.markdown import first_paragraph, markdown
 from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.static_files import asset
 
@@ -149,6 +150,8 @@ def environment() -> Environment:
         https=https_only,
         ticks=ticks,
         stars=stars,
+        markdown=markdown,
+        first_paragraph=first_paragraph,
         a=with_article,
         over_families=over_families,
         unit=numbers.unit_of,

@@ -38,6 +38,23 @@
     }
   });
 
+  // A date to come says how far away it is; without script the date stands alone.
+  const inWords = (ms) => {
+    const minutes = Math.ceil(ms / 60000);
+    const [days, hours] = [Math.floor(minutes / 1440), Math.floor(minutes / 60) % 24];
+    return days ? `${days} d ${hours} h` : hours ? `${hours} h ${minutes % 60} min` : `${minutes} min`;
+  };
+  for (const time of document.querySelectorAll("time[data-countdown]")) {
+    const words = document.createElement("span");
+    const count = () => {
+      const ms = new Date(time.dateTime) - Date.now();
+      words.textContent = ms > 0 ? ` (in ${inWords(ms)})` : "";
+    };
+    count();
+    time.append(words);
+    setInterval(count, 30000);
+  }
+
   // Commands can be copied by a button that exists only where copying works.
   if (navigator.clipboard) {
     for (const block of document.querySelectorAll("pre[data-copy]")) {

@@ -1,0 +1,138 @@
+"""The page on which a team edits what it says of a submission, with the history of that."""
+
+from collections.abc import Mapping
+
+from fastapi import APIRouter, Request
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.accounts.tokens import Scope, names_of_actors
+from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.submissions.edits import edit_submission, edits_of
+from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.method_facts import LABELS, MethodFacts, SubmissionChange, Told
+from exceptiondrive_server.submissions.api import SubmissionId
+from exceptiondrive_server.submissions.download import own_upload
+from exceptiondrive_server.submissions.facts_form import (
+    FACT_FIELDS,
+    facts_of_form,
+    texts_of_facts,
+)
+from exceptiondrive_server.web.auth import ServicesOf, own_team
+from exceptiondrive_server.web.browser_session import (
+    Browser,
+    PostedForm,
+    SignedIn,
+    require_scope,
+)
+from exceptiondrive_server.web.forms import filled, read, typed
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
+from exceptiondrive_server.web.problems import problem_of
+from exceptiondrive_server.web.responses import private_page
+from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.templating import template_filter
+
+router = APIRouter(include_in_schema=False)
+WORDS = (
+    FormField("method", "Method", is_required=True, max_length=80),
+    FormField("description", "Description", "lines", max_length=2000),
+    FormField("paper_url", "Paper", max_length=500),
+    FormField("code_url", "Code", max_length=500),
+)
+
+
+@router.get("/submissions/{submission_id}/edit")
+def show_edit(
+    request: Request, services: ServicesOf, browser: Browser, submission_id: SubmissionId
+) -> Response:
+    """Show what the team says of a submission, to be changed."""
+    return _page(request, services, browser, submission_id)
+
+
+@router.post("/submissions/{submission_id}/edit")
+def post_edit(
+    request: Request,
+    services: ServicesOf,
+    browser: Browser,
+    form: PostedForm,
+    submission_id: SubmissionId,
+) -> Response:
+    """Change it, and go back to the page of the submission."""
+    require_scope(browser, Scope.SUBMIT)
+    try:
+        change = SubmissionChange(**read(WORDS, form), facts=facts_of_form(form))
+        with services.database.write() as session:
+            find_submission(session, submission_id, team_id=own_team(browser.principal))
+            edit_submission(session, submission_id, change, actor=browser.principal.actor)
+    except NotFound:
+        raise
+    except RecordsError as refusal:
+        return _page(request, services, browser, submission_id, typed(form), refusal)
+    return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
+
+
+@router.get("/submissions/{submission_id}/file")
+def download(services: ServicesOf, browser: Browser, submission_id: SubmissionId) -> Response:
+    """Give a team its own upload again."""
+    require_scope(browser, Scope.READ_OWN)
+    return own_upload(services, browser.principal, submission_id)
+
+
+def _page(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    submission_id: str,
+    texts: Mapping[str, str] | None = None,
+    refusal: RecordsError | None = None,
+) -> Response:
+    require_scope(browser, Scope.SUBMIT)
+    with services.database.read() as session:
+        found = find_submission(session, submission_id, team_id=own_team(browser.principal))
+        seen = view(session, found)
+        phase = find_phase(session, seen.phase)
+        edits = edits_of(session, seen.id)
+        names = names_of_actors(session, (edit.by for edit in edits))
+    now = {
+        "method": seen.method,
+        "description": seen.description,
+        "paper_url": seen.links.paper or "",
+        "code_url": seen.links.code or "",
+        **texts_of_facts(seen.facts),
+    }
+    if texts is not None:
+        now = {**dict.fromkeys(now, ""), **texts}
+    return private_page(
+        request,
+        "submissions/edit.html",
+        "my",
+        status=200 if refusal is None else PROBLEMS[problem_of(refusal).code].status,
+        one=seen,
+        phase_title=phase.title,
+        texts=now,
+        facts=filled(FACT_FIELDS, now),
+        edits=edits,
+        names=names,
+        refusal=refusal,
+        form_token=browser.form_token,
+    )
+
+
+@template_filter
+def fact_title(name: str) -> str:
+    """Return what a field of an edit is called: `facts.map` is Map."""
+    known = MethodFacts.model_fields.get(name.removeprefix("facts."))
+    return str(known.title) if known and name.startswith("facts.") else name.capitalize()
+
+
+@template_filter
+def fact_words(name: str, value: Told) -> str:
+    """Write the value of a field of an edit."""
+    labels = LABELS.get(name.removeprefix("facts."), {})
+    if isinstance(value, tuple):
+        return ", ".join(labels.get(one, one) for one in value) or "not told"
+    if isinstance(value, float):
+        return f"{value:.15g}"
+    return labels.get(value, value) if value else "not told"

@@ -1,0 +1,29 @@
+"""The facts of a method in a form: fields made from the schema, each with a prefix of its own."""
+
+from dataclasses import replace
+
+from starlette.datastructures import FormData
+
+from exceptiondrive_schemas.form_fields import fields_of, values_of
+from exceptiondrive_schemas.method_facts import MethodFacts
+from exceptiondrive_server.web.forms import made, read, text_of
+
+PREFIX = "fact_"
+_OWN = tuple(replace(field, empty="not told") for field in fields_of(MethodFacts))
+FACT_FIELDS = tuple(replace(field, name=PREFIX + field.name) for field in _OWN)
+
+
+def facts_of_form(form: FormData) -> MethodFacts:
+    """Return the facts that were typed.
+
+    Raises:
+        InvalidRecord: A value cannot be used; every field that is wrong is named.
+    """
+    values = read(FACT_FIELDS, form)
+    return made(MethodFacts, _OWN, {field.name: values[PREFIX + field.name] for field in _OWN})
+
+
+def texts_of_facts(facts: MethodFacts) -> dict[str, str]:
+    """Return what the fields show of facts."""
+    told = values_of(_OWN, facts)
+    return {PREFIX + name: text_of(value) for name, value in told.items()}

@@ -1,0 +1,161 @@
+"""A team's list of submissions: score with its interval, change to the run before, trend, standing."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+from exceptiondrive_server.submissions.view import Status, actions_of, standing, status_of
+from exceptiondrive_server.web.numbers import Digits
+
+SPARK_PX = (76, 22)
+
+
+@dataclass(frozen=True)
+class PhaseRules:
+    """What of a phase the list needs: its policy, its protocol, and whether it has closed."""
+
+    policy: PhasePolicy
+    protocol: ProtocolDocument
+    has_closed: bool
+
+
+@dataclass(frozen=True)
+class ScoreCell:
+    """One metric that ranks: as published, with half its interval, and the change."""
+
+    label: str
+    text: str
+    plus_minus: str
+    change: str
+    is_better: bool | None
+    """Whether the change is for the better; None without one."""
+
+
+@dataclass(frozen=True)
+class RunLine:
+    """One submission in the list."""
+
+    one: SubmissionView
+    status: Status
+    cells: tuple[ScoreCell, ...]
+    spark: str
+    """Points of the method's runs up to this one, oldest first; empty for fewer than two."""
+    trend: str
+    """The same in words."""
+    note: str
+    """Why it has no rank, or what it replaced."""
+    standing: str
+    actions: tuple[tuple[str, str], ...]
+
+
+def run_lines(
+    seen: Sequence[SubmissionView], rules: Mapping[str, PhaseRules], *, can_decide: bool
+) -> tuple[RunLine, ...]:
+    """Return a line for each submission, in the order given: newest first.
+
+    Args:
+        seen: As their team sees them: what a phase keeps back is not in them.
+        rules: By phase.
+        can_decide: Whether who looks may choose, publish or withdraw.
+    """
+    lines: list[RunLine] = []
+    runs: dict[tuple[str, str, str], list[SubmissionView]] = {}
+    for one in reversed(seen):
+        before = runs.setdefault((one.team, one.phase, one.method), [])
+        lines.append(_line(one, before, rules[one.phase], can_decide))
+        if one.sheet is not None:
+            before.append(one)
+    replaced = [one.replaced_by for one in seen]
+    return tuple(_with_replaced(line, replaced.count(line.one.id)) for line in reversed(lines))
+
+
+def _line(
+    one: SubmissionView, before: Sequence[SubmissionView], rule: PhaseRules, can_decide: bool
+) -> RunLine:
+    digits = Digits.of(rule.protocol.publication)
+    challenge = CHALLENGES[one.challenge]
+    metrics = [challenge.metric(key.metric) for key in challenge.primary_order]
+    values = headline_of(one, rule.protocol)
+    last = headline_of(before[-1], rule.protocol) if before else {}
+    trail = [headline_of(run, rule.protocol).get(metrics[0].key) for run in [*before, one]]
+    known = [value for value in trail if value is not None] if one.sheet else []
+    return RunLine(
+        one=one,
+        status=status_of(one),
+        cells=tuple(
+            _cell(metric, values, last, one.intervals.get(metric.key), digits)
+            for metric in metrics
+            if one.sheet is not None
+        ),
+        spark=_spark(known),
+        trend=f"{metrics[0].label} of the runs so far: "
+        + ", ".join(digits.text(metrics[0], value) or "" for value in known),
+        note=_note(one),
+        standing=standing(one, rule.policy),
+        actions=actions_of(one, rule.policy, has_closed=rule.has_closed) if can_decide else (),
+    )
+
+
+def headline_of(one: SubmissionView, protocol: ProtocolDocument) -> MetricRow:
+    """Return the values that rank, as the team may see them; empty without a sheet."""
+    if one.sheet is None:
+        return {}
+    return one.sheet.micro if protocol.grading.headline == "micro" else one.sheet.macro_family
+
+
+def _cell(
+    metric: Metric, values: MetricRow, last: MetricRow, interval: Interval | None, digits: Digits
+) -> ScoreCell:
+    value, earlier = values.get(metric.key), last.get(metric.key)
+    difference = None if value is None or earlier is None else value - earlier
+    half = None if interval is None else (interval[1] - interval[0]) / 2
+    is_better = None
+    if difference:
+        is_better = (difference > 0) == (metric.better == "higher")
+    return ScoreCell(
+        label=metric.label,
+        text=digits.text(metric, value) or "none",
+        plus_minus="" if half is None else f"\u00b1{digits.text(metric, half)}",
+        change=digits.signed(metric, difference),
+        is_better=is_better,
+    )
+
+
+def _spark(values: Sequence[float]) -> str:
+    if len(values) < 2:
+        return ""
+    width, height = SPARK_PX
+    low, high = min(values), max(values)
+    span = (high - low) or 1.0
+    step = (width - 6) / (len(values) - 1)
+    return " ".join(
+        f"{3 + index * step:.1f},{height - 3 - (value - low) / span * (height - 6):.1f}"
+        for index, value in enumerate(values)
+    )
+
+
+def _note(one: SubmissionView) -> str:
+    """Say why it has no rank."""
+    if one.status is SubmissionStatus.REJECTED and one.report is not None:
+        n_faults = sum(group.count for group in one.report.faults)
+        return f"The file is wrong: {counted(n_faults, 'fault')}. No quota was spent."
+    if one.failure is not None:
+        return one.failure.message
+    if one.awaits_board:
+        return "Rank awaited: the next board is being built."
+    if one.unranked_because is not None:
+        return f"Not ranked: {one.unranked_because}."
+    if one.score_kept_back_since is not None:
+        return "The score is shown when the board is revealed."
+    return ""
+
+
+def _with_replaced(line: RunLine, n_replaced: int) -> RunLine:
+    if n_replaced == 0 or line.note:
+        return line
+    return replace(line, note=f"Stands in place of {counted(n_replaced, 'other run')}.")

@@ -1,0 +1,68 @@
+"""Markdown of organizers as HTML that can do nothing: parsed without raw HTML, then sanitized.
+
+CommonMark with tables. Either library alone keeps scripts out; both do, since one of them may have a
+fault (docs/decisions/0015-markdown.md).
+"""
+
+from functools import lru_cache
+
+import nh3
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+from markupsafe import Markup
+
+_TAGS = {
+    *("p", "br", "hr", "em", "strong", "s", "code", "pre", "blockquote", "a"),
+    *("h3", "h4", "h5", "h6", "ul", "ol", "li", "table", "thead", "tbody", "tr", "th", "td"),
+}
+_DEEPEST = 6
+_BELOW_THE_PAGE = 2
+"""A page has its own title and sections: the first level of a text stands below them."""
+
+
+def _parser() -> MarkdownIt:
+    made = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
+    return made.disable("image")  # a picture of another host tells it who reads
+
+
+_MARKDOWN = _parser()
+
+
+@lru_cache(maxsize=256)
+def markdown(text: str) -> Markup:
+    """Return a text in Markdown as HTML: no raw HTML, picture, script or address but https and mailto."""
+    tokens = _MARKDOWN.parse(text)
+    for token in tokens:
+        if token.type in ("heading_open", "heading_close"):
+            level = min(int(token.tag[1:]) + _BELOW_THE_PAGE, _DEEPEST)
+            token.tag = f"h{level}"
+    html = _MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {})
+    return Markup(
+        nh3.clean(
+            html,
+            tags=_TAGS,
+            attributes={"*": set(), "a": {"href"}, "ol": {"start"}},
+            attribute_filter=_of_this_site_or_https,
+            url_schemes={"https", "mailto"},
+            link_rel="nofollow noopener noreferrer",
+        )
+    )
+
+
+def _of_this_site_or_https(tag: str, attribute: str, value: str) -> str | None:
+    """Leave out an address that borrows the scheme of the page, such as `//host/`."""
+    return None if value.lstrip().startswith(("//", "\\", "/\\")) else value
+
+
+@lru_cache(maxsize=256)
+def first_paragraph(text: str) -> Markup:
+    """Return the first paragraph of a text in Markdown, for a place that has no room for all of it."""
+    return markdown(_first(_MARKDOWN.parse(text), text))
+
+
+def _first(tokens: list[Token], text: str) -> str:
+    lines = text.splitlines()
+    for token in tokens:
+        if token.type == "paragraph_open" and token.level == 0 and token.map:
+            return "\n".join(lines[token.map[0] : token.map[1]])
+    return ""

@@ -1,0 +1,103 @@
+"""Edit, history and download from the command line and the SDK, against the real application."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tests.client.test_with_server import MakeFile, run, submit
+
+from exceptiondrive import Client, InvalidArgumentError, NotFoundError
+from exceptiondrive.facts import facts_of, facts_of_pairs
+from exceptiondrive_schemas.method_facts import MethodFacts
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+
+def ok(done: Any) -> str:
+    assert done.exit_code == 0, done.stderr
+    return str(done.stdout)
+
+
+def submitted(working: "Running", path: Path, *more: object, method: str = "Planer") -> str:
+    return str(json.loads(ok(submit(working, path, "--json", *more, method=method)))["id"])
+
+
+def test_facts_travel_with_a_submission_and_are_edited(
+    working: "Running", planning_file: MakeFile, tmp_path: Path
+) -> None:
+    file = tmp_path / "facts.json"
+    file.write_text(json.dumps({"type": "vla", "map": "hd", "sensors": ["radar"]}))
+    told = ("--facts", file, "--fact", "sensors=lidar, front_camera", "--fact", "type=rule")
+    one = submitted(working, planning_file(), *told)
+    with Client(working.url, working.token) as client:
+        assert client.status(one).facts == MethodFacts(
+            type="rule", map="hd", sensors=("front_camera", "lidar")
+        )
+        assert client.edits(one) == ()
+    ok(run(working, "edit", one, "--method", "Planner", "--fact", "map=", "--fact", "hardware=GPU"))
+    listed = ok(run(working, "edit", one))
+    assert all(word in listed for word in ("Planer", "Planner", "map", "hd", "hardware", "GPU"))
+    assert "type" not in listed
+    with Client(working.url, working.token) as client:
+        seen = client.edit(one, paper="https://example.org/p", facts={"parameters_millions": 7000})
+        assert (seen.method, seen.links.paper) == ("Planner", "https://example.org/p")
+        assert (seen.facts.map, seen.facts.hardware, seen.facts.parameters_millions) == (
+            None,
+            "GPU",
+            7000,
+        )
+        assert client.edit(one, paper="").links.paper is None
+
+
+def test_the_same_bytes_under_another_name_say_how_to_rename(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    path = planning_file()
+    one = submitted(working, path)
+    again = submit(working, path, method="Planner")
+    assert again.exit_code != 0
+    assert f"exceptiondrive edit {one}" in again.stderr
+    assert ok(submit(working, path, method="Planer")).count("no quota was spent") == 1
+
+
+def test_what_was_sent_is_downloaded_bit_by_bit_and_never_over_a_file(
+    working: "Running", planning_file: MakeFile, tmp_path: Path
+) -> None:
+    path = planning_file()
+    one = submitted(working, path)
+    target = tmp_path / "again.json"
+    ok(run(working, "download", one, "-o", target))
+    assert target.read_bytes() == path.read_bytes()
+    refused = run(working, "download", one, "-o", target)
+    assert refused.exit_code == 2
+    with Client(working.url, working.token) as client, pytest.raises(NotFoundError):
+        client.download("nobody")
+
+
+@pytest.mark.parametrize(
+    ("pair", "words"),
+    [
+        ("colour=red", "the keys are type, "),
+        ("type", "Write key=value"),
+        ("type=magic", "type is end_to_end, modular, vla"),
+        ("sensors=lidar,eyes", "sensors is front_camera"),
+        ("parameters_millions=many", "is a number, not 'many'"),
+        ("parameters_millions=-1", "parameters_millions: "),
+        (f"hardware={'x' * 121}", "hardware: "),
+    ],
+)
+def test_a_wrong_fact_is_named_before_anything_is_sent(pair: str, words: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=words):
+        facts_of_pairs([pair])
+
+
+def test_a_file_of_facts_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "facts.json"
+    for text in ("{", "[1]", '{"type": 3}'):
+        file.write_text(text)
+        with pytest.raises(InvalidArgumentError):
+            facts_of(file)
+    with pytest.raises(InvalidArgumentError):
+        facts_of(tmp_path / "nowhere.json")

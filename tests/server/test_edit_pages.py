@@ -1,0 +1,127 @@
+"""The pages of edits: what a team says of a submission, its history, its own file again."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import escape
+from tests.server.nasty_strings import NASTY, UNSHOWABLE
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+Problem = Callable[[Any, int, str], dict[str, Any]]
+Browse = Callable[..., "TeamBrowser"]
+
+
+def signed_in(api: "Api", browse: Browse, who: str = "alpha") -> "TeamBrowser":
+    browser = browse(api)
+    browser.sign_in(who)
+    return browser
+
+
+def test_the_form_shows_what_is_said_and_saves_what_is_typed(api: "Api", browse: Browse) -> None:
+    one = api.submit("a", method="Planer", paper_url="https://example.org/p").json()["id"]
+    browser = signed_in(api, browse)
+    page = f"/submissions/{one}/edit"
+    assert 'value="https://example.org/p"' in browser.get(page).text
+    typed = {
+        "method": "Planner",
+        "description": "Two words",
+        "paper_url": "",
+        "code_url": "https://example.org/c",
+        "fact_type": "vla",
+        "fact_sensors": ["lidar", "radar"],
+        "fact_parameters_millions": "7000",
+        "fact_hardware": "one <b>card</b>",
+    }
+    answer = browser.post(page, typed, page=page)
+    assert (answer.status_code, answer.headers["location"]) == (303, f"/submissions/{one}")
+    seen = api.get(f"/submissions/{one}", "alpha").json()
+    assert (seen["method"], seen["links"]) == (
+        "Planner",
+        {"paper": None, "code": "https://example.org/c"},
+    )
+    assert seen["facts"]["sensors"] == ["lidar", "radar"]
+    assert seen["facts"]["parameters_millions"] == 7000
+    again = browser.get(page).text
+    assert "<b>card</b>" not in again
+    assert "one &lt;b&gt;card&lt;/b&gt;" in again
+    assert "Planer" in again, "the history says what it was before"
+    assert again.count("checked") == 2
+
+
+def test_a_refused_edit_keeps_what_was_typed(api: "Api", browse: Browse) -> None:
+    one = api.submit("a").json()["id"]
+    browser = signed_in(api, browse)
+    page = f"/submissions/{one}/edit"
+    typed = {"method": "FREEZE", "description": "mine", "fact_time_per_sample_s": "0.2"}
+    answer = browser.post(page, typed, page=page)
+    assert answer.status_code == 400
+    assert "reserved for the reference rows" in answer.text
+    assert 'value="FREEZE"' in answer.text
+    assert 'value="0.2"' in answer.text
+    wrong = browser.post(page, {**typed, "method": "M", "fact_map": "moon"}, page=page)
+    assert "Map: must be one of those offered" in wrong.text
+
+
+def test_another_teams_edit_and_file_are_not_found(api: "Api", browse: Browse) -> None:
+    one = api.submit("a").json()["id"]
+    other = signed_in(api, browse, "beta")
+    for page in (f"/submissions/{one}/edit", f"/submissions/{one}/file"):
+        assert other.get(page).status_code == 404
+    sent = other.send(f"/submissions/{one}/edit", {**other.form("/my"), "method": "Mine"})
+    assert sent.status_code == 404
+    assert api.get(f"/submissions/{one}", "alpha").json()["method"] == "Planner"
+
+
+def test_an_edit_needs_the_token_of_the_form(api: "Api", browse: Browse) -> None:
+    one = api.submit("a").json()["id"]
+    browser = signed_in(api, browse)
+    assert browser.send(f"/submissions/{one}/edit", {"method": "Mine"}).status_code == 403
+
+
+def test_facts_travel_with_the_upload_form(api: "Api", browse: Browse) -> None:
+    browser = signed_in(api, browse)
+    answer = browser.submit("a", fact_type="rule", fact_sensors=["lidar", "gnss_imu"])
+    assert answer.status_code == 303, answer.text
+    one = answer.headers["location"].rsplit("/", 1)[1]
+    facts = api.get(f"/submissions/{one}", "alpha").json()["facts"]
+    assert (facts["type"], facts["sensors"]) == ("rule", ["lidar", "gnss_imu"])
+    wrong = browser.submit("b", fact_parameters_millions="many", accept="text/html")
+    assert wrong.status_code == 400
+    assert "Parameters in millions: must be a number" in wrong.text
+
+
+def test_what_was_sent_comes_back_bit_by_bit_to_its_team_alone(
+    api: "Api", as_problem: Problem, browse: Browse, digest_of: Callable[[bytes], str]
+) -> None:
+    content = b"\x1f\x8b any bytes at all \x00\xff"
+    for data, suffix in ((content, ".json.gz"), (b"{}", ".json")):
+        one = api.submit(data, method=f'"; filename=evil{suffix}').json()["id"]
+        answer = api.get(f"/submissions/{one}/file", "alpha")
+        assert answer.content == data
+        assert answer.headers["etag"] == f'"{digest_of(data)}"'
+        name = f"exceptiondrive-{one}{suffix}"
+        assert answer.headers["content-disposition"] == f'attachment; filename="{name}"'
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        as_problem(api.get(f"/submissions/{one}/file"), 401, "not_signed_in")
+        as_problem(api.get(f"/submissions/{one}/file", "beta"), 404, "not_found")
+        as_problem(api.get(f"/submissions/{one}/file", "organizer"), 403, "not_allowed")
+        page = signed_in(api, browse).get(f"/submissions/{one}/file")
+        assert page.content == data
+
+
+def test_nasty_facts_are_inert_or_refused(api: "Api", as_problem: Problem, browse: Browse) -> None:
+    one = api.submit("a").json()["id"]
+    browser = signed_in(api, browse)
+    for text in NASTY.values():
+        change = {"facts": {"hardware": text, "type": "other", "type_note": text[:60]}}
+        assert api.request("PATCH", f"/submissions/{one}", "alpha", json=change).is_success
+        page = browser.get(f"/submissions/{one}/edit").text
+        assert escape(text) in page
+        assert "<" not in text or text not in page
+    for text in UNSHOWABLE.values():
+        change = {"facts": {"hardware": text.strip() + "\u202e"}}
+        as_problem(
+            api.request("PATCH", f"/submissions/{one}", "alpha", json=change), 400, "bad_request"
+        )

@@ -1,0 +1,78 @@
+"""A team's own list: scores with their interval, change, trend, and why a run has no rank."""
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+MakeEntry = Callable[..., Any]
+
+
+def my_rows(api: "Api", browse: Callable[..., "TeamBrowser"]) -> list[str]:
+    browser = browse(api)
+    browser.sign_in("alpha")
+    page = browser.get("/my")
+    assert page.status_code == 200
+    body = page.text.split('class="mini subs runs"')[1].split("<tbody>")[1].split("</tbody>")[0]
+    rows = re.sub(r"<svg[^>]*aria-label=\"([^\"]*)\".*?</svg>", r"[\1]", body, flags=re.DOTALL)
+    plain = re.sub(r"<[^>]+>", " ", rows.replace("</tr>", "|"))
+    return [" ".join(row.split()) for row in plain.split("|") if row.strip()]
+
+
+def test_a_run_shows_score_interval_change_and_trend(
+    api: "Api", browse: Callable[..., "TeamBrowser"], make_entry: MakeEntry
+) -> None:
+    first, second = (api.submit(text).json()["id"] for text in ("a", "b"))
+    api.score(first, hcc=0.5)
+    api.score(second, hcc=0.625)
+    newest, oldest = my_rows(api, browse)
+    assert "62.50 +12.50 since the run before" in newest
+    assert "[HCC of the runs so far: 50.00, 62.50]" in newest
+    assert "Rank awaited: the next board is being built." in newest
+    assert "Another run stands in its place." in oldest
+    api.publish(make_entry("Planner", submission_id=second))
+    newest, oldest = my_rows(api, browse)
+    assert "±10.00" in newest
+    assert "Stands in place of 1 other run." in newest
+    assert "awaited" not in newest
+    assert "±" not in oldest
+
+
+def test_a_run_that_waits_stands_beside_one_with_a_score(
+    api: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    api.score(api.submit("a").json()["id"])
+    api.submit("b")
+    waiting, done = my_rows(api, browse)
+    assert "next in line" in waiting
+    assert "50.00" in done
+
+
+def test_what_is_not_ranked_says_why(
+    api: "Api", browse: Callable[..., "TeamBrowser"], make_entry: MakeEntry
+) -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    entry = make_entry("Planner", submission_id=one, rank=None)
+    because = "66.96% of the scenes are answered; ranking takes 99%"
+    api.publish(entry.model_copy(update={"unranked_because": because}))
+    (row,) = my_rows(api, browse)
+    assert f"Not ranked: {because}." in row
+    seen = api.get(f"/submissions/{one}", "alpha").json()
+    assert (seen["unranked_because"], seen["awaits_board"]) == (because, False)
+    browser = browse(api)
+    browser.sign_in("alpha")
+    assert because in browser.get(f"/submissions/{one}").text
+
+
+def test_families_stand_on_the_page_of_a_submission(
+    api: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    browser = browse(api)
+    browser.sign_in("alpha")
+    families = list(api.get(f"/submissions/{one}", "alpha").json()["sheet"]["families"])
+    assert ("Table of families" in browser.get(f"/submissions/{one}").text) == bool(families)
