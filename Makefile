@@ -59,6 +59,9 @@ $(VENV)/.system: $(STAMP) tests/install-system-parts
 test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some, N=2 says how many processes
 	$(BIN)/python -m pytest -n $(N) --dist loadfile --no-loadscope-reorder $(T)
 
+pythons: $(STAMP)  ## the tests of client, scoring and worker on every other Python found, 3.10 to 3.14; T=path picks some
+	$(BIN)/python -m tests.on_every_python $(filter-out tests,$(T))
+
 bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.upload_to_rank
@@ -113,4 +116,4 @@ lock: $(STAMP)  ## renew the hashed locks (UPGRADE= keeps the versions); they ca
 	$(LOCK) $(UPGRADE) --python-version 3.10 --all-extras -o requirements/client.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
-.PHONY: help setup run wheelhouse test chaos fuzz protections load bench pictures lint format lock
+.PHONY: help setup run wheelhouse test pythons chaos fuzz protections load bench pictures lint format lock
