@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping
 from datetime import datetime
-from functools import lru_cache
 from typing import NamedTuple
 
 from sqlalchemy import ColumnElement, Select, exists, func, insert, select
@@ -12,6 +11,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.redaction import shown_board
@@ -142,14 +142,16 @@ def public_protocols(session: Session, phase_id: str) -> list[str]:
     return list(session.scalars(query.distinct()))
 
 
+_PARSED: Memory[str, Board] = Memory(8 * 2**20)
+"""By bytes of the documents; a board in memory takes ten times as many."""
+
+
 def parsed_board(row: BoardRow) -> Board:
-    """Return the document of a board; boards never change, so it is read once."""
-    return _parsed(row.body_digest, row.body)
-
-
-@lru_cache(maxsize=32)
-def _parsed(body_digest: str, body: str) -> Board:
-    return Board.model_validate_json(body)
+    """Return the document of a board; boards never change, so it is read once while there is room."""
+    kept = _PARSED.get(row.body_digest)
+    if kept is not None:
+        return kept
+    return _PARSED.keep(row.body_digest, Board.model_validate_json(row.body), len(row.body))
 
 
 def boards_with(

@@ -26,21 +26,55 @@ from exceptiondrive_server.boards.queries import (
     read_history,
     read_phases,
 )
-from exceptiondrive_server.boards.query import AskedBoard
+from exceptiondrive_server.boards.query import AskedBoard, asked_board
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import principal_of_browser
+from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
 from exceptiondrive_server.web.numbers import Digits
-from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
+from exceptiondrive_server.web.responses import (
+    SECURITY_HEADERS,
+    kept_page,
+    looks_of,
+    origin_of,
+    page,
+    site_of,
+)
+from exceptiondrive_server.web.services import Services, services_of
+from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
 MAX_HISTORY = 100
 
 
 @router.get("/")
-def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
-    """Show the board that the address asks for; a team that signed in finds its rows marked."""
-    if "apply" in request.query_params or "order" in request.query_params:
+def show_board(request: Request) -> Response:
+    """Show the board that the address asks for; a team that signed in finds its rows marked.
+
+    What visitors see is kept until the records say otherwise.
+    """
+    services = services_of(request)
+    if holder_of(request) is not Holder.VISITOR:
+        return _signed_in_board(request, services)
+    looks, state = looks_of(request), services.database.state()
+    kept = services.kept_pages.unchanged(looks, state)
+    if kept is None:
+        if _is_sent_by_form(request):
+            return RedirectResponse(asked_board(request).url(), status_code=303)
+        with services.database.read() as session:
+            board = read_board(session, asked_board(request))
+        site = site_of(request, "board")
+        kept = services.kept_pages.made(
+            looks,
+            state,
+            (site, board.outline),
+            lambda: render("boards/board.html", site=site, page=board, own=None),
+        )
+    return kept_page(request, kept)
+
+
+def _signed_in_board(request: Request, services: Services) -> Response:
+    query = asked_board(request)
+    if _is_sent_by_form(request):
         return RedirectResponse(query.url(), status_code=303)
     with services.database.read() as session:
         who = principal_of_browser(session, request)
@@ -48,6 +82,11 @@ def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Res
         ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
     return page(request, "boards/board.html", "board", page=board, own=own)
+
+
+def _is_sent_by_form(request: Request) -> bool:
+    """Whether the address is one of the filter form, which leads to a short one."""
+    return "apply" in request.query_params or "order" in request.query_params
 
 
 def _own_submissions(

@@ -42,20 +42,12 @@ def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> N
     left, right = float(chart.left), float(chart.right)
     ticks = [(float(tick.at), float(tick.text)) for tick in chart.y_ticks]
     (y0, v0), (y1, v1) = ticks[0], ticks[-1]
-    drawn = [
-        (
-            round(20 * (x - left) / (right - left), 1),
-            round(v0 + (y - y0) / (y1 - y0) * (v1 - v0), 1),
-        )
-        for step in chart.steps
-        for x, y in corners(step)
+    days = [20 * (x - left) / (right - left) for step in chart.steps for x, _ in corners(step)]
+    values = [
+        v0 + (y - y0) / (y1 - y0) * (v1 - v0) for step in chart.steps for _, y in corners(step)
     ]
-    assert drawn == [
-        (pytest.approx(day, abs=0.1), pytest.approx(value, abs=0.1))
-        for day, value in (
-            (0, 20), (5, 20), (5, 24), (10, 24), (10, 31), (15, 31), (15, 28), (20, 28),
-        )
-    ]  # fmt: skip
+    assert days == pytest.approx([0, 5, 5, 10, 10, 15, 15, 20], abs=0.1)
+    assert values == pytest.approx([20, 20, 24, 24, 31, 31, 28, 28], abs=0.1)
     assert len(chart.steps) == 2  # none crosses the change of protocol
     assert [mark.version for mark in chart.protocols] == ["1.0", "1.1"]
     assert [label.text for label in chart.labels] == ["First", "Second"]
