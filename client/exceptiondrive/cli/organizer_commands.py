@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, phase_commands, rescore_commands
+from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -67,8 +67,9 @@ def similar(
         for pair in report["pairs"]
     ]
     probing = (
-        f"{found['team']}: {found['n_submissions']} submissions that change at most 1 % of the "
-        f"samples of another, {found['first_at']} to {found['last_at']}"
+        f"{', '.join(found['teams'])}: {found['n_submissions']} submissions that share most samples "
+        f"with an earlier one and change {found['fewest_changed']} to {found['most_changed']}, "
+        f"{found['first_at']} to {found['last_at']}"
         for found in report["probing"]
     )
     show_result(
@@ -293,6 +294,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         rescore_commands.COMMANDS,
     ),
     "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
+    "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }

@@ -9,8 +9,10 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
+from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.site_state import SiteState
 from exceptiondrive_server.web.upload_places import UploadPlaces
 
 if TYPE_CHECKING:
@@ -27,9 +29,11 @@ class Services:
     settings: ServerSettings
     signer: ReceiptSigner
     upload_places: UploadPlaces
+    site_state: SiteState
     provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
+    kept_pages: KeptPages = field(default_factory=KeptPages)
 
     @classmethod
     def open(cls, settings: ServerSettings) -> "Services":
@@ -46,6 +50,7 @@ class Services:
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
             upload_places=places,
+            site_state=SiteState(database, settings.heartbeat_ttl_s),
             provider=_provider(settings),
             metrics=metrics,
         )
