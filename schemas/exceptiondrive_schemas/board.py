@@ -113,6 +113,15 @@ class BoardEntry(Document):
         return not bars_leading(flag.code for flag in self.flags)
 
 
+class BoardLeader(Document):
+    """Who led a board, and the value of the metric that ranks first."""
+
+    submission_id: str
+    method: str
+    team: str
+    value: float
+
+
 class FamilyHead(Document):
     """A family column: its title and how many samples it has on this split."""
 

@@ -342,6 +342,7 @@ def create_boards() -> None:
         sa.Column("body", sa.Text(), nullable=False),
         sa.Column("published_at", TIME, nullable=False),
         sa.Column("view", sa.String(), nullable=False),
+        sa.Column("leader", sa.Text()),
         sa.UniqueConstraint("phase_id", "number"),
     )
     op.create_table(
