@@ -3,24 +3,32 @@
 What follows from a board and a query alone is made once: boards never change.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
 from markupsafe import Markup
 
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
+from exceptiondrive_server.boards.charts import (
+    Curves,
+    best_entries,
+    curve_chart,
+    effect_lines,
+    scatter_chart,
+)
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
 from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
+from exceptiondrive_server.boards.families import Tasks, dot_plot, families_of
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
     ChangeLine,
@@ -74,11 +82,22 @@ class ShownBoard(NamedTuple):
     compared_fields: tuple[tuple[str, str], ...]
 
 
-@lru_cache(maxsize=64)
+_MADE: Memory[Hashable, Any] = Memory(12_000)
+"""What was made of the boards that were shown last; it weighs what it keeps alive: entries."""
+
+
+def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
+    """Return what follows from a board that is read, made once while there is room."""
+    key = Same(board), what
+    found: T | None = _MADE.get(key)
+    return found if found is not None else _MADE.keep(key, make(), 1 + len(board.entries))
+
+
 def _shown(
     same_board: Same[Board],
     same_protocol: Same[ProtocolDocument],
     same_curves: Same[Curves],
+    same_tasks: Same[Tasks],
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
@@ -110,7 +129,12 @@ def _shown(
         head=macro("boards/table.html", "table_head")(table),
         rows={row.key: set_row(row, table, False) for row in table.rows},
         charts=charts,
-        families=macro("boards/table.html", "heat_map")(table),
+        families=macro("boards/families.html", "families_section")(
+            table=table,
+            shown=families_of(board),
+            plot=dot_plot(board, best_entries(board), digits),
+            tasks=same_tasks.value,
+        ),
         metrics=_metrics(Same(table.builder.challenge), average),
         compared_fields=board_fields(board, is_current),
     )
@@ -134,7 +158,7 @@ def _scene(
 
 def forget_shown_boards() -> None:
     """Forget what was made of boards, as after a start of the server."""
-    _shown.cache_clear()
+    _MADE.clear()
     _metrics.cache_clear()
     _scene.cache_clear()
 
@@ -234,12 +258,15 @@ class BoardPage:
 
     The board holds no reported rows. `current_protocol` is the version in force; `is_current` says whether the phase shows this board
     now, or its late view; `before` is the board that was shown before it.
+
+    Two are equal if their pages are: what is large and compared by a field of its own (`board_digest`,
+    `facts_at`) is left out of that, and of the outline.
     """
 
     query: BoardQuery
     phases: tuple[PhaseLink, ...]
     phase: PhaseLink | None
-    board: Board | None
+    board: Board | None = field(compare=False)
     protocol: ProtocolDocument
     protocol_versions: tuple[str, ...]
     current_protocol: str
@@ -250,10 +277,20 @@ class BoardPage:
     has_late_view: bool = False
     curves: Curves = ()
     """Clearance curves of the best entries."""
-    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS)
+    tasks: Tasks = ()
+    """Tasks, hardest first, as far as the sheets of the best entries tell them."""
+    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS, compare=False)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
+    board_digest: str = ""
+    facts_at: datetime | None = None
+    """When a team of the phase changed its facts last."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
+
+    @property
+    def outline(self) -> "BoardPage":
+        """What it is compared by, without the board itself: it keeps no large document alive."""
+        return replace(self, board=None, facts={})
 
     @cached_property
     def shown(self) -> ShownBoard | None:
@@ -264,8 +301,9 @@ class BoardPage:
         """
         if self.board is None:
             return None
-        same = Same(self.board), Same(self.protocol), Same(self.curves)
-        return _shown(*same, self.query, self.is_current, self.before, Same(self.facts))
+        same = Same(self.board), Same(self.protocol), Same(self.curves), Same(self.tasks)
+        key = *same, self.query, self.is_current, self.before, Same(self.facts)
+        return of_board(self.board, key, lambda: _shown(*key))
 
     @property
     def challenge(self) -> Challenge:
