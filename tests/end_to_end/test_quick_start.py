@@ -116,7 +116,7 @@ def test_pip_installs_the_client_from_the_server_alone(
 ) -> None:
     """As on a closed network: nothing but the server is asked, here without the dependencies."""
     venv.create(tmp_path / "bare", with_pip=True)
-    python = tmp_path / "bare/bin/python"
+    python = str(tmp_path / "bare/bin/python")
     options = way.format(system.url).split()
     command = [
         python,
@@ -144,7 +144,7 @@ def test_pip_refuses_a_wheel_that_is_not_the_one_of_the_page(
     found = re.search(r"(/client/exceptiondrive-[^\"]*\.whl#sha256=)([0-9a-f]{64})", page)
     assert found is not None
     wrong = f"exceptiondrive @ {system.url}{found[1]}{'0' * 64}"
-    command = [sys.executable, "-m", "pip", "download", "--no-deps", "-d", tmp_path, wrong]
+    command = [sys.executable, "-m", "pip", "download", "--no-deps", "-d", str(tmp_path), wrong]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert "hash" in done.stderr.lower()
