@@ -126,7 +126,7 @@ for _part in (
     _ORGANIZER_PAGES.include_router(_part)
 
 ROUTES = APIRouter()
-"""All routes. FastAPI works out what a route takes and gives when one is asked for first: with one
+"""All routes, the one that is asked for most first. FastAPI works out what a route takes and gives when one is asked for first: with one
 router that is once per process, not once per application."""
-for _part in (_API, health.router, PAGES, _ORGANIZER_PAGES):
+for _part in (board_pages.front, _API, health.router, PAGES, _ORGANIZER_PAGES):
     ROUTES.include_router(_part)
