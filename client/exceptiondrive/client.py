@@ -2,10 +2,11 @@
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 from pydantic import TypeAdapter
@@ -27,6 +28,7 @@ from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 from exceptiondrive_schemas.split import Manifest, Split
@@ -185,12 +187,21 @@ class Outlook:
     Attributes:
         report: Of the check, with what the file looks like and why it would not be ranked.
         replaces: The team's entry that it takes the place of; None where there is none.
+        rule: Which run of a method stands, in a sentence.
     """
 
     report: CheckReport
     replaces: SubmissionView | None
+    rule: str = ""
 
 
+RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
+    {
+        "newest": "Of each method the newest run stands, also where it is worse.",
+        "best": "Of this method the best run stands, as your team said.",
+        "this": "Of this method the run stands that your team chose: this one will not take its place.",
+    }
+)
 BeforeUpload = Callable[[Outlook], None]
 
 
@@ -269,15 +280,28 @@ class Client(Connection):
             phase: Id of the phase.
             method: Name of the method, as the board shows it.
         """
-        report = self.check(file, phase=phase)
-        return Outlook(report, self._replaced(self.phase(phase), method, report.digest))
-
-    def _replaced(self, phase: PhaseView, method: str, file_digest: str) -> SubmissionView | None:
-        """Return the team's entry that a file takes the place of, as far as the token may know."""
+        report, view = self.check(file, phase=phase), self.phase(phase)
         try:
-            scored = self.submissions(phase=phase.id, status=SubmissionStatus.SCORED)
+            scored = self.submissions(phase=phase, status=SubmissionStatus.SCORED)
         except NotAllowedError:
-            return None
+            scored = ()
+        replaces = self._replaced(view, method, report.digest, scored)
+        if view.policy.entries_shown == "chosen":
+            return Outlook(
+                report, replaces, "Of each team the entry stands that it chose, else its newest."
+            )
+        rules: list[RunRule] = [each.run_rule for each in scored if each.method == method]
+        said = rules[0] if rules else "newest"
+        return Outlook(report, None if said == "best" else replaces, RUN_RULES[said])
+
+    def _replaced(
+        self,
+        phase: PhaseView,
+        method: str,
+        file_digest: str,
+        scored: tuple[SubmissionView, ...],
+    ) -> SubmissionView | None:
+        """Return the team's entry that a file takes the place of, as far as the token may know."""
         if phase.policy.entries_private or any(each.file_digest == file_digest for each in scored):
             return None
         shows_one = phase.policy.entries_shown == "chosen" and phase.is_open
@@ -286,7 +310,8 @@ class Client(Connection):
             for each in scored
             if each.replaced_by is None
             and each.is_late != phase.is_open
-            and (each.method == method or (shows_one and not each.is_chosen))
+            and (each.method == method or shows_one)
+            and not each.is_chosen
         )
         return next(standing, None)
 
@@ -441,9 +466,15 @@ class Client(Connection):
         """Take a submission off the board; it keeps its place in the team's own list."""
         return self._say(submission_id, "withdraw")
 
-    def choose(self, submission_id: str) -> SubmissionView:
-        """Let a submission stand for the team, in a phase that shows one entry of each."""
-        return self._say(submission_id, "choose")
+    def choose(self, submission_id: str, rule: RunRule = "this") -> SubmissionView:
+        """Say which run stands on the board; the last word before the deadline counts.
+
+        Args:
+            submission_id: What stands for the team, in a phase that shows one entry of each; a run of
+                the method, in one that lets teams choose the run of a method.
+            rule: This run, or the method's best or newest one.
+        """
+        return self._say(submission_id, "choose" if rule == "this" else f"choose?rule={rule}")
 
     def publish(self, submission_id: str) -> SubmissionView:
         """Put an entry on the board of a phase that keeps entries private."""

@@ -50,7 +50,7 @@ COMMANDS = {
     "withdraw": (".submission_commands", "Take a submission off the board."),
     "choose": (
         ".submission_commands",
-        "Let a submission stand for the team, in a phase that shows one entry of each.",
+        "Say which run stands, in a phase that lets teams choose.",
     ),
     "publish": (
         ".submission_commands",

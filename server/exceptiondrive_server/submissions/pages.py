@@ -5,6 +5,7 @@ All of it works without script. Another team's submission is not found.
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
@@ -30,6 +31,7 @@ from exceptiondrive_records.submissions.submissions import (
 )
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.boards.page import PhaseLink
@@ -71,7 +73,7 @@ MAX_FOLLOWED = 3
 """Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
 SubmissionId = Annotated[str, Path(max_length=64)]
 NOTHING_TYPED: Mapping[str, str] = MappingProxyType({})
-_DECISIONS = {"choose": choose, "publish": publish, "unpublish": unpublish}
+_DECISIONS = {"publish": publish, "unpublish": unpublish}
 
 
 @router.get("/submit")
@@ -281,7 +283,7 @@ def show_submission(
         phase_title=phase.title,
         progress=status_of(seen),
         steps=steps_of(seen),
-        sentences=list(policy_sentences(seen)),
+        sentences=list(policy_sentences(seen, phase.policy)),
         scores=scores_of(seen, protocol),
         families=families_of(seen, protocol, entry),
         columns=CHALLENGES[seen.challenge].columns,
@@ -320,9 +322,11 @@ def decide(
     form: PostedForm,
     submission_id: SubmissionId,
     what: Literal["choose", "publish", "unpublish"],
+    rule: RunRule = "this",
 ) -> Response:
     """Choose a submission for the board, publish it, or make it private again; then go back."""
-    _decide(services, browser, submission_id, _DECISIONS[what])
+    decision = partial(choose, rule=rule) if what == "choose" else _DECISIONS[what]
+    _decide(services, browser, submission_id, decision)
     back = "/my" if form.get("back") == "my" else f"/submissions/{submission_id}"
     return RedirectResponse(back, status_code=303)
 

@@ -253,6 +253,7 @@ def create_submissions() -> None:
         sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
         sa.Column("arrived_at", TIME),
         sa.Column("chosen_at", TIME),
+        sa.Column("chosen_rule", sa.String(), nullable=False),
         sa.Column("published_at", TIME),
         sa.Column("facts", sa.Text()),
         sa.Column("edited_at", TIME),
