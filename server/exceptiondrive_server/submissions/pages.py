@@ -20,6 +20,7 @@ from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
+from exceptiondrive_records.notifications.inbox import count_unread
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import has_closed
 from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
@@ -233,6 +234,7 @@ def show_my_submissions(
             )
             for phase in list_phases(session, with_hidden=True)
         }
+        n_unread = count_unread(session, who.team_id) if who.team_id is not None else 0
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
     lines = run_lines(seen, rules, can_decide=can_decide)
@@ -243,6 +245,7 @@ def show_my_submissions(
         "my",
         who=who,
         lines=lines,
+        n_unread=n_unread,
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,
         is_spent=is_spent,
