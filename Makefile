@@ -54,8 +54,8 @@ bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; the
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.upload_to_rank
 
-chaos: $(STAMP)  ## inject every fault of docs/faults.md into real processes; F="F01 F24" picks some, RESUME=1 goes on
-	$(BIN)/python -m tests.chaos $(if $(RESUME),--resume) $(F)
+chaos: $(STAMP)  ## inject every fault of docs/faults.md into real processes; F="F01 F24" picks some, RESUME=1 goes on, WITHOUT=1 takes injections out
+	$(BIN)/python -m tests.chaos $(if $(RESUME),--resume) $(if $(WITHOUT),--without) $(F)
 
 fuzz: $(STAMP)  ## change submission files by coverage until the two readers differ; SECONDS_OF_FUZZ=600, kept in .fuzz/
 	@mkdir -p .fuzz

@@ -11,6 +11,8 @@ light.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from exceptiondrive.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from exceptiondrive.checking import check_file
     from exceptiondrive.client import Client, Submission
@@ -24,14 +26,13 @@ if TYPE_CHECKING:
         NotFoundError,
         NotSignedInError,
         QuotaError,
+        RecorderError,
         ScoringFailedError,
         ServerError,
         WaitTimeoutError,
     )
     from exceptiondrive.evaluation import evaluate_file, evaluate_samples
     from exceptiondrive.recorder import Recorder, StrategyRecorder
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Client",
@@ -44,6 +45,7 @@ __all__ = [
     "NotSignedInError",
     "QuotaError",
     "Recorder",
+    "RecorderError",
     "ScoringFailedError",
     "ServerError",
     "StrategyRecorder",

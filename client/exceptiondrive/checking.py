@@ -7,36 +7,40 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.inputs import (
+    ManifestLike,
+    ProtocolLike,
+    SubmissionLike,
+    given_manifest,
+    given_protocol,
+    given_submission,
+)
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check_bytes
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import spreadsheet_text
-from exceptiondrive_schemas.protocol import (
-    ProtocolDocument,
-    ProtocolError,
-    packaged_protocol,
-    parse_protocol,
-)
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split
 
 
 def check_file(
-    file: str | os.PathLike[str],
+    file: SubmissionLike,
     *,
-    manifest: Manifest | None = None,
-    protocol: ProtocolDocument | None = None,
+    manifest: ManifestLike | Split | None = None,
+    protocol: ProtocolLike | None = None,
     challenge: ChallengeId | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
 ) -> CheckReport:
-    """Check a submission file and list every fault in it.
+    """Check a submission and list every fault in it.
 
     Args:
-        file: Path of the file, JSON or gzip of JSON.
-        manifest: Samples of the split; without it only the form of the file is checked.
-        protocol: Waypoints and bounds; without it the one that ships with the client.
+        file: The submission: a path (JSON or gzip of JSON), bytes, an open file, a mapping, arrays
+            or a data frame; see `exceptiondrive.inputs`.
+        manifest: Samples of the split, in any of these forms, or the split; without it only the form
+            of the file is checked.
+        protocol: Waypoints and bounds: a document, the path of its TOML file, or a version; without
+            it the one that ships with the client.
         challenge: The challenge that the file must be for; any, if None.
         max_upload_bytes: Most bytes of the file itself.
 
@@ -44,12 +48,16 @@ def check_file(
         The report; `report.is_valid` says whether the file can be scored.
 
     Raises:
-        InvalidArgumentError: The file cannot be read.
+        InvalidArgumentError: The file, the manifest or the protocol cannot be read.
     """
+    rules = given_protocol(protocol)
+    if isinstance(manifest, Split):
+        manifest = manifest_of(manifest, rules)
+    known = None if manifest is None else given_manifest(manifest)
     return check_bytes(
-        read_file(file),
-        manifest=manifest,
-        protocol=protocol or packaged_protocol(),
+        given_submission(file, None if known is None else known.name).data,
+        manifest=known,
+        protocol=rules,
         challenge=challenge,
         max_upload_bytes=max_upload_bytes,
     )
@@ -59,36 +67,6 @@ def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
     """Return what is known of a split that is at hand: recorded drives too."""
     whole = split.model_copy(update={"recorded_is_public": True})
     return Manifest.of(whole, protocol.geometry, revision=split.revision)
-
-
-def read_file(file: str | os.PathLike[str]) -> bytes:
-    """Return the bytes of a file, or say why not.
-
-    Raises:
-        InvalidArgumentError: No such file, or it cannot be read.
-    """
-    try:
-        return Path(file).read_bytes()
-    except OSError as error:
-        raise InvalidArgumentError(
-            "unreadable_file", f"{os.fspath(file)} cannot be read: {error.strerror}."
-        ) from None
-
-
-def read_manifest(path: Path) -> Manifest:
-    """Return the public manifest of a split.
-
-    Raises:
-        InvalidArgumentError: No such file, or it is no manifest.
-    """
-    try:
-        return Manifest.read(read_file(path))
-    except ValidationError:
-        raise InvalidArgumentError(
-            "wrong_manifest",
-            f"{path.name} is not a manifest.",
-            "Take it from the server: exceptiondrive manifest PHASE -o FILE",
-        ) from None
 
 
 def write_file(path: Path, text: str) -> int:
@@ -119,31 +97,3 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
         [spreadsheet_text(each) if isinstance(each, str) else each for each in row] for row in rows
     )
     return text.getvalue()
-
-
-def chosen_protocol(choice: str | Path | None) -> ProtocolDocument:
-    """Return a protocol by its TOML file or a version that ships; by default the one that ships.
-
-    Raises:
-        InvalidArgumentError: Neither a file nor a version, or a file that is no protocol.
-    """
-    if choice is None:
-        return packaged_protocol()
-    path = Path(choice)
-    try:
-        if path.is_file():
-            return parse_protocol(path.read_text(encoding="utf-8-sig"))
-        return packaged_protocol(str(choice))
-    except ProtocolError as error:
-        raise InvalidArgumentError("wrong_protocol", f"{choice}: {error}") from None
-    except UnicodeDecodeError:
-        raise InvalidArgumentError(
-            "wrong_protocol", f"{choice} is not UTF-8 text; a protocol is a TOML file."
-        ) from None
-    except OSError:
-        raise InvalidArgumentError(
-            "wrong_protocol",
-            f"{str(choice)!r} is neither a protocol file nor a version that ships with this "
-            "client.",
-            "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml.",
-        ) from None

@@ -1,18 +1,20 @@
 """The SDK: what speaks for a team to one server, its submissions and its tokens."""
 
-import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date, datetime
-from pathlib import Path
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar
+from uuid import uuid4
 
 from pydantic import TypeAdapter
 
-from exceptiondrive.checking import check_file, read_file
+from exceptiondrive.checking import check_file
 from exceptiondrive.errors import (
+    InvalidArgumentError,
     InvalidFileError,
     NetworkError,
     NotAllowedError,
@@ -23,6 +25,7 @@ from exceptiondrive.errors import (
     WaitTimeoutError,
 )
 from exceptiondrive.facts import Facts, facts_of
+from exceptiondrive.inputs import SubmissionLike, given_submission
 from exceptiondrive.transport import Connection, Progress, Record, UploadBody, quoted, read_answer
 from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
@@ -53,6 +56,8 @@ AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
 EDITS = TypeAdapter(tuple[SubmissionEditView, ...])
 PAGE_SIZE = 100
+MAX_NAMES = 12
+"""So many names are told where one was not found."""
 
 
 class Submission:
@@ -230,9 +235,13 @@ class Client(Connection):
         """Return one phase.
 
         Raises:
-            NotFoundError: There is no such phase.
+            NotFoundError: There is no such phase; the advice names those that there are.
         """
-        return self._get(PhaseView, f"/phases/{quoted(phase)}")
+        with self._naming(phase, self._phase_ids, "phases"):
+            return self._get(PhaseView, f"/phases/{quoted(phase)}")
+
+    def _phase_ids(self) -> list[str]:
+        return [view.id for view in self.phases()]
 
     def quota(self, phase: str | None = None) -> dict[str, Quota]:
         """Return what the team may still submit, by phase; of one phase or of all.
@@ -251,42 +260,83 @@ class Client(Connection):
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""
-        return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
+        with self._naming(phase, self._phase_ids, "phases"):
+            return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
 
     def protocol(self, version: str) -> ProtocolDocument:
         """Return a protocol by its version."""
         return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
 
-    def split(self, name: str) -> Split:
-        """Return a development split with its hazard regions; hidden splits are not found."""
-        return self._get(Split, f"/splits/{quoted(name)}")
+    def split(self, name: str, *, on_progress: Progress | None = None) -> Split:
+        """Return a development split with its hazard regions; hidden splits are not found.
 
-    def check(self, file: str | os.PathLike[str], *, phase: str) -> CheckReport:
+        Args:
+            name: Of the split.
+            on_progress: Called with bytes come and bytes in all.
+
+        Raises:
+            NotFoundError: There is none, or its regions are withheld; the advice says which.
+        """
+        with self._naming(name, lambda: self._public_splits(name), "public splits"):
+            path = f"/splits/{quoted(name)}"
+            return read_answer(Split.read, self._transport.get(path, on_progress=on_progress))
+
+    def _public_splits(self, wanted: str) -> list[str]:
+        phases = self.phases()
+        if any(view.split == wanted and not view.split_is_public for view in phases):
+            raise NotFoundError(
+                "split_withheld",
+                f"The regions of the split {wanted!r} are withheld: it is scored on the server.",
+                "Its sample ids: exceptiondrive manifest PHASE",
+            )
+        return list(dict.fromkeys(view.split for view in phases if view.split_is_public))
+
+    @contextmanager
+    def _naming(self, name: str, known: Callable[[], list[str]], what: str) -> Iterator[None]:
+        """Add to the error of a name that is not found what was probably meant."""
+        try:
+            yield
+        except NotFoundError as error:
+            names = known() if name else [name]
+            if name in names:  # something of it is not there
+                raise
+            near = get_close_matches(name, names, n=1)
+            meant = f"Did you mean {near[0]!r}? " if near else ""
+            listed = ", ".join(names[:MAX_NAMES]) + (" ..." if len(names) > MAX_NAMES else "")
+            advice = f"{meant}There are the {what} {listed}." if names else f"There are no {what}."
+            raise NotFoundError(error.code, error.sentence, advice) from None
+
+    def check(self, file: SubmissionLike, *, phase: str) -> CheckReport:
         """Check a file on this machine against the samples and the protocol of a phase."""
-        view = self.phase(phase)
+        return self._check(file, self.phase(phase))
+
+    def _check(self, file: SubmissionLike, phase: PhaseView) -> CheckReport:
         return check_file(
             file,
-            manifest=self.manifest(phase),
-            protocol=self.protocol_of(view),
-            challenge=view.challenge,
-            max_upload_bytes=view.max_upload_bytes,
+            manifest=self.manifest(phase.id),
+            protocol=self.protocol_of(phase),
+            challenge=phase.challenge,
+            max_upload_bytes=phase.max_upload_bytes,
         )
 
-    def outlook(self, file: str | os.PathLike[str], *, phase: str, method: str) -> Outlook:
+    def outlook(self, file: SubmissionLike, *, phase: str, method: str) -> Outlook:
         """Check a file as `check` does, and say what an upload of it will do.
 
         Args:
-            file: Path of the submission file.
+            file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
             phase: Id of the phase.
             method: Name of the method, as the board shows it.
         """
-        report, view = self.check(file, phase=phase), self.phase(phase)
+        return self._outlook(file, self.phase(phase), method)
+
+    def _outlook(self, file: SubmissionLike, phase: PhaseView, method: str) -> Outlook:
+        report = self._check(file, phase)
         try:
-            scored = self.submissions(phase=phase, status=SubmissionStatus.SCORED)
+            scored = self.submissions(phase=phase.id, status=SubmissionStatus.SCORED)
         except NotAllowedError:
             scored = ()
-        replaces = self._replaced(view, method, report.digest, scored)
-        if view.policy.entries_shown == "chosen":
+        replaces = self._replaced(phase, method, report.digest, scored)
+        if phase.policy.entries_shown == "chosen":
             return Outlook(
                 report, replaces, "Of each team the entry stands that it chose, else its newest."
             )
@@ -317,7 +367,7 @@ class Client(Connection):
 
     def submit(
         self,
-        file: str | os.PathLike[str],
+        file: SubmissionLike,
         *,
         phase: str,
         method: str,
@@ -331,8 +381,11 @@ class Client(Connection):
     ) -> Submission:
         """Check a file on this machine, then upload it.
 
+        A request that is sent again, as the network failed, carries the same `Idempotency-Key`: it
+        never counts twice.
+
         Args:
-            file: Path of the submission file.
+            file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
             phase: Id of the phase.
             method: Name of the method, as the board shows it.
             description: One or two sentences about it.
@@ -355,10 +408,12 @@ class Client(Connection):
             NotAllowedError: The phase is closed, or the token may not submit.
             NetworkError: The server cannot be reached.
         """
+        view = self.phase(phase)
+        given = given_submission(file, view.split)
         if before_upload is None:
-            report = self.check(file, phase=phase)
+            report = self._check(given, view)
         else:
-            outlook = self.outlook(file, phase=phase, method=method)
+            outlook = self._outlook(given, view, method)
             report = outlook.report
         if not report.is_valid:
             raise InvalidFileError(report)
@@ -370,10 +425,10 @@ class Client(Connection):
             "description": description,
             "paper_url": paper,
             "code_url": code,
+            "linked_to": without_reminder and self._id_of(without_reminder),
             "facts": None if facts is None else facts_of(facts).model_dump_json(),
-            "linked_to": without_reminder,
         }
-        body = UploadBody(Path(file).name, read_file(file), fields, on_progress)
+        body = UploadBody(given.name, given.data, fields, uuid4().hex, on_progress)
         answer = self._transport.post("/submissions", body)
         return Submission(self, read_answer(SubmissionView.read, answer))
 
@@ -382,8 +437,35 @@ class Client(Connection):
         return Submission(self, self.status(submission_id))
 
     def status(self, submission_id: str) -> SubmissionView:
-        """Return where a submission stands."""
-        return self._get(SubmissionView, f"/submissions/{quoted(submission_id)}")
+        """Return where a submission stands, by its id or the address of its page."""
+        return self._get(SubmissionView, self._path_of(submission_id))
+
+    def _path_of(self, submission: str) -> str:
+        return f"/submissions/{quoted(self._id_of(submission))}"
+
+    def _id_of(self, submission: str) -> str:
+        """Return the id of a submission, of the address of its page too.
+
+        Raises:
+            InvalidArgumentError: The address is of another server, or no address of a submission.
+        """
+        if "://" not in submission:
+            return submission.strip()
+        address = submission.strip().partition("?")[0].partition("#")[0].rstrip("/")
+        *_, noun, found = address.split("/")
+        if noun not in ("submissions", "entries"):
+            raise InvalidArgumentError(
+                "wrong_address",
+                f"{submission} is not the address of a submission.",
+                f"It is like {self.page_url('ID')}.",
+            )
+        if not address.startswith(f"{self.server}/"):
+            raise InvalidArgumentError(
+                "wrong_server",
+                f"{submission} is not at {self.server}.",
+                "Say which server: --server URL",
+            )
+        return found
 
     def submissions(
         self, *, phase: str | None = None, status: SubmissionStatus | None = None, limit: int = 100
@@ -441,12 +523,12 @@ class Client(Connection):
             else facts_of(facts).model_dump(mode="json", exclude_unset=True),
         }
         change = {name: value for name, value in said.items() if value is not None}
-        path = f"/submissions/{quoted(submission_id)}"
+        path = self._path_of(submission_id)
         return read_answer(SubmissionView.read, self._transport.send_patch(path, change))
 
     def edits(self, submission_id: str) -> tuple[SubmissionEditView, ...]:
         """Return what was changed of a submission, newest first: who, when, before and after."""
-        answer = self._transport.get(f"/submissions/{quoted(submission_id)}/edits")
+        answer = self._transport.get(f"{self._path_of(submission_id)}/edits")
         return read_answer(lambda data: EDITS.validate_json(data, extra="allow"), answer)
 
     def download(self, submission_id: str) -> bytes:
@@ -457,7 +539,7 @@ class Client(Connection):
             ServerError: What came is not what was sent.
         """
         view = self.status(submission_id)
-        data = self._transport.get(f"/submissions/{quoted(submission_id)}/file").content
+        data = self._transport.get(f"{self._path_of(submission_id)}/file").content
         if bytes_digest(data) != view.file_digest:
             raise ServerError("damaged", "The file that came has another digest than the upload.")
         return data
@@ -485,12 +567,12 @@ class Client(Connection):
         return self._say(submission_id, "unpublish")
 
     def _say(self, submission_id: str, what: str) -> SubmissionView:
-        path = f"/submissions/{quoted(submission_id)}/{what}"
+        path = f"{self._path_of(submission_id)}/{what}"
         return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
     def receipt(self, submission_id: str) -> Receipt:
         """Return the signed receipt of a scored submission."""
-        return self._get(Receipt, f"/submissions/{quoted(submission_id)}/receipt")
+        return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
 
     def receipt_keys(self) -> ReceiptKeys:
         """Return the public keys of the server's receipts."""
@@ -518,7 +600,8 @@ class Client(Connection):
             view: `late`: with the entries that came after the deadline, ranked among all.
         """
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
-        return self._get(Board, "/leaderboard", query)
+        with self._naming(phase or "", self._phase_ids, "phases"):
+            return self._get(Board, "/leaderboard", query)
 
     def leaderboard_csv(
         self,
@@ -532,7 +615,8 @@ class Client(Connection):
     ) -> str:
         """Return a board as CSV, as the server writes it."""
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
-        return self._transport.get("/leaderboard.csv", query).text
+        with self._naming(phase or "", self._phase_ids, "phases"):
+            return self._transport.get("/leaderboard.csv", query).text
 
     def is_on_board(self, submission_id: str) -> bool:
         """Whether a current board shows a submission, with a rank or without."""

@@ -1,6 +1,7 @@
 """Which server, and which token for it.
 
-Server: argument, then EXCEPTIONDRIVE_SERVER, then what `login` kept, then this machine.
+Server: argument, then EXCEPTIONDRIVE_SERVER, then `config.toml`, then what `login` kept, then this
+machine.
 Token: argument of the SDK, then EXCEPTIONDRIVE_TOKEN, then what `login` kept for that server.
 Tokens lie in one file that only its owner can read; they are never a command-line flag.
 """
@@ -13,17 +14,24 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from exceptiondrive.errors import InvalidArgumentError, NotAllowedError
+from exceptiondrive.settings import Setting, config_folder, find_setting
 
 DEFAULT_SERVER = "http://127.0.0.1:8000"
-SERVER_VARIABLE = "EXCEPTIONDRIVE_SERVER"
 TOKEN_VARIABLE = "EXCEPTIONDRIVE_TOKEN"
 
 
 def credentials_path() -> Path:
     """Where `login` keeps tokens."""
-    import platformdirs
+    return config_folder() / "credentials.json"
 
-    return Path(platformdirs.user_config_dir("exceptiondrive")) / "credentials.json"
+
+def server_setting(server: str | None = None) -> Setting:
+    """Return which server is meant, and where that is said."""
+    found = find_setting("server", server)
+    if found.value is not None:
+        return found
+    kept = _read().get("server")
+    return Setting(kept, "login") if kept else Setting(DEFAULT_SERVER, "default")
 
 
 def find_server(server: str | None = None) -> str:
@@ -32,8 +40,7 @@ def find_server(server: str | None = None) -> str:
     Raises:
         InvalidArgumentError: Not an http or https address.
     """
-    chosen = server or os.environ.get(SERVER_VARIABLE) or _read().get("server") or DEFAULT_SERVER
-    return normal_server(chosen)
+    return normal_server(str(server_setting(server).value))
 
 
 def normal_server(server: str) -> str:

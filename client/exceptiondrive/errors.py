@@ -3,6 +3,7 @@
 ExceptionDriveError
 ├── InvalidArgumentError      exit 2   the request itself is wrong
 │   ├── InvalidFileError      exit 2   the file cannot be scored; carries the `CheckReport`
+│   ├── RecorderError         exit 2   what a planner gave cannot be recorded; a ValueError too
 │   └── NotFoundError         exit 2   no such phase, submission, split or protocol
 ├── QuotaError                exit 3   enough submitted for now; knows when the count resets
 ├── NotAllowedError           exit 4   phase closed, or the token may not do this
@@ -83,6 +84,13 @@ class InvalidFileError(InvalidArgumentError):
 
 class NotFoundError(InvalidArgumentError):
     """The server knows nothing of this name."""
+
+
+class RecorderError(InvalidArgumentError, ValueError):
+    """A sample, or the whole recording, cannot become a valid file; the message says why."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__("wrong_recording", sentence)
 
 
 class QuotaError(ExceptionDriveError):

@@ -5,40 +5,41 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 """
 
 import math
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from pydantic import ValidationError
-
-from exceptiondrive.checking import manifest_of, read_file
+from exceptiondrive.checking import manifest_of
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive.inputs import (
+    ProtocolLike,
+    SplitLike,
+    SubmissionLike,
+    given_protocol,
+    given_split,
+    given_submission,
+)
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check import CheckedDocument, check, inflate
-from exceptiondrive_schemas.check.inflate import UnreadableFileError
+from exceptiondrive_schemas.check import CheckedDocument, check
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitRef
 
 if TYPE_CHECKING:
     from exceptiondrive_scoring.arrays import SplitArrays
 
-MAX_SPLIT_BYTES = 256 * 1024 * 1024
-
 
 def evaluate_file(
-    file: str | os.PathLike[str],
+    file: SubmissionLike,
     *,
-    split: str | os.PathLike[str] | Split,
-    protocol: ProtocolDocument | None = None,
+    split: SplitLike,
+    protocol: ProtocolLike | None = None,
 ) -> ScoreSheet:
     """Score a submission file against a split that is at hand.
 
     Args:
-        file: Path of the submission file.
-        split: The split with its regions, or the path of its file.
-        protocol: Protocol; without it the one that ships with the client.
+        file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
+        split: The split with its regions, or its file, in the same forms.
+        protocol: A document, the path of its TOML file, or a version; else the one that ships.
 
     Returns:
         The score sheet, unrounded.
@@ -61,9 +62,9 @@ class SoundFile(NamedTuple):
 
 
 def sound_file(
-    file: str | os.PathLike[str],
-    split: str | os.PathLike[str] | Split,
-    protocol: ProtocolDocument | None,
+    file: SubmissionLike,
+    split: SplitLike,
+    protocol: ProtocolLike | None,
 ) -> SoundFile:
     """Read a file that can be scored, the split and the protocol that it is scored under.
 
@@ -72,35 +73,12 @@ def sound_file(
         InvalidArgumentError: The split cannot be used, or the extra `evaluate` is missing.
     """
     require_numpy()
-    split = split if isinstance(split, Split) else read_split(split)
-    protocol = protocol or packaged_protocol()
-    checked = check(read_file(file), protocol=protocol, manifest=manifest_of(split, protocol))
+    known, rules = given_split(split), given_protocol(protocol)
+    data = given_submission(file, known.name).data
+    checked = check(data, protocol=rules, manifest=manifest_of(known, rules))
     if checked.document is None:
         raise InvalidFileError(checked.report)
-    return SoundFile(checked.document, split, protocol, checked.report)
-
-
-def read_split(path: str | os.PathLike[str]) -> Split:
-    """Read a split file, plain or gzip.
-
-    Raises:
-        InvalidArgumentError: Not a split file.
-    """
-    try:
-        data = inflate(
-            read_file(path), max_upload_bytes=MAX_SPLIT_BYTES, max_inflated_bytes=MAX_SPLIT_BYTES
-        )
-        return Split.model_validate_json(data)
-    except UnreadableFileError as error:
-        reason = str(error)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        reason = f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
-    raise InvalidArgumentError(
-        "wrong_split_file",
-        f"{Path(path).name} is not a split file ({reason}).",
-        "Take the development split: exceptiondrive split download NAME",
-    )
+    return SoundFile(checked.document, known, rules, checked.report)
 
 
 def score(document: CheckedDocument, split: Split, protocol: ProtocolDocument) -> ScoreSheet:
@@ -149,17 +127,17 @@ class SampleResult(NamedTuple):
 
 
 def evaluate_samples(
-    file: str | os.PathLike[str],
+    file: SubmissionLike,
     *,
-    split: str | os.PathLike[str] | Split,
-    protocol: ProtocolDocument | None = None,
+    split: SplitLike,
+    protocol: ProtocolLike | None = None,
 ) -> tuple[SampleResult, ...]:
     """Score every sample of a planning file by itself, against a split that is at hand.
 
     Args:
-        file: Path of the submission file.
-        split: The split with its regions, or the path of its file.
-        protocol: Protocol; without it the one that ships with the client.
+        file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
+        split: The split with its regions, or its file, in the same forms.
+        protocol: A document, the path of its TOML file, or a version; else the one that ships.
 
     Returns:
         The worst first: missing ones, then the deepest in the hazard, then the least HCC.

@@ -11,6 +11,13 @@ from pathlib import Path
 
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.evaluation import sound_file
+from exceptiondrive.inputs import (
+    ProtocolLike,
+    SplitLike,
+    SubmissionLike,
+    given_split,
+    given_submission,
+)
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -186,23 +193,23 @@ def _paint(c: dict[str, str]) -> str:
 
 
 def plot_file(
-    file: str | os.PathLike[str],
+    file: SubmissionLike,
     output: str | os.PathLike[str],
     *,
-    split: str | os.PathLike[str] | Split,
+    split: SplitLike,
     sample_ids: list[str] | None = None,
     worst: int = 6,
-    protocol: ProtocolDocument | None = None,
+    protocol: ProtocolLike | None = None,
 ) -> tuple[str, ...]:
     """Draw samples of a planning file and write the picture.
 
     Args:
-        file: Path of the submission file.
+        file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
         output: Path ending in `.svg` or `.png`.
-        split: The split with its regions, or the path of its file.
+        split: The split with its regions, or its file, in the same forms.
         sample_ids: Which samples; without them the worst.
         worst: How many of the worst.
-        protocol: Protocol; without it the one that ships with the client.
+        protocol: A document, the path of its TOML file, or a version; else the one that ships.
 
     Returns:
         The sample ids that were drawn.
@@ -216,14 +223,15 @@ def plot_file(
         raise InvalidArgumentError(
             "wrong_output", f"{target.name} is neither .svg nor .png.", "Name the output *.svg"
         )
-    document, split, protocol, _ = sound_file(file, split, protocol)
-    scenes = Scenes(document, split, protocol)
+    known = given_split(split)
+    given = given_submission(file, known.name)
+    scenes = Scenes(*sound_file(given, known, protocol)[:3])
     chosen = sample_ids or scenes.worst(min(worst, MAX_PANELS))
     if not chosen:
         raise InvalidArgumentError(
             "nothing_to_draw", "The file has no edited trajectory.", "Name a sample: --sample ID"
         )
-    title = f"{Path(file).name} on {split.name}"
+    title = f"{given.name} on {known.name}"
     title += f": the worst {len(chosen)}" if not sample_ids and len(chosen) > 1 else ""
     drawn = [scenes.scene(sample_id) for sample_id in chosen]
     is_png = target.suffix.lower() == ".png"

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from exceptiondrive.checking import read_file
 from exceptiondrive.credentials import credentials_path
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.receipt import (
     Receipt,
     ReceiptKey,
@@ -88,7 +88,7 @@ def read_keys(path: Path) -> tuple[ReceiptKey, ...]:
     if not path.exists():
         return ()
     try:
-        return ReceiptKeys.read(read_file(path)).keys
+        return ReceiptKeys.read(given_bytes(path).data).keys
     except ValidationError:
         raise InvalidArgumentError(
             "wrong_keys", f"{path} is no file of receipt keys.", "Run: exceptiondrive receipt keys"
@@ -110,7 +110,7 @@ def remember_keys(found: ReceiptKeys) -> Path:
 
 def _read_receipt(file: str | os.PathLike[str]) -> Receipt:
     try:
-        return Receipt.read(read_file(file))
+        return Receipt.read(given_bytes(file).data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"])

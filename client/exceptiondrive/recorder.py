@@ -42,9 +42,12 @@ REMINDER_KEYS = (
 Path = Union[str, "os.PathLike[str]"]
 Self = TypeVar("Self", bound="Journal")
 
+try:
+    from exceptiondrive.errors import RecorderError as RecorderError
+except ImportError:  # copied into a planner's repository
 
-class RecorderError(ValueError):
-    """A sample, or the whole recording, cannot become a valid file; the message says why."""
+    class RecorderError(ValueError):  # type: ignore[no-redef]
+        """A sample, or the whole recording, cannot become a valid file; the message says why."""
 
 
 class Journal:
@@ -52,14 +55,14 @@ class Journal:
 
     schema = ""
 
-    def __init__(self, path: Path, split: str, manifest: Optional[Path] = None) -> None:
+    def __init__(self, path: Path, split: str, manifest: Any = None) -> None:
         """Open a recording, or go on with the one that a dead run left behind.
 
         Args:
             path: The submission file to write; ends in `.gz` to be compressed.
             split: Name of the split, as the manifest has it.
-            manifest: Path of the split's manifest (`exceptiondrive manifest PHASE -o FILE`).
-                When given, unknown samples are refused at once, and missing ones at the end.
+            manifest: The split's manifest (`exceptiondrive manifest PHASE -o FILE`): its path, what
+                it holds, or what `Client.manifest` gives. When given, unknown samples are refused at once, and missing ones at the end.
 
         Raises:
             RecorderError: The manifest or the journal belongs to something else.
@@ -69,7 +72,7 @@ class Journal:
         self.journal_path = self.path + ".journal"
         self._expected: Set[str] = set()
         if manifest is not None:
-            self._expected = _manifest_ids(os.fspath(manifest), split)
+            self._expected = _manifest_ids(manifest, split)
         self._predictions: Dict[str, Dict[str, Any]] = {}
         self._resume()
         self._stream = open(self.journal_path, "a", encoding="utf-8")
@@ -275,10 +278,18 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def _manifest_ids(path: str, split: str) -> Set[str]:
-    """Read the sample ids of a manifest and make sure that it is the right one."""
-    with open(path, encoding="utf-8") as stream:
-        manifest = json.load(stream)
+def _manifest_ids(given: Any, split: str) -> Set[str]:
+    """Return the sample ids of a manifest and make sure that it is the right one."""
+    path, manifest = "this", given
+    if hasattr(given, "model_dump"):
+        manifest = given.model_dump()
+    elif not isinstance(given, dict):
+        try:
+            path = os.fspath(given)
+            with open(path, encoding="utf-8") as stream:
+                manifest = json.load(stream)
+        except (OSError, TypeError, ValueError) as error:
+            raise RecorderError(f"the manifest {given!r} cannot be read: {error}")
     if not isinstance(manifest, dict) or not manifest.get("sample_ids"):
         raise RecorderError(f"{path} is not a manifest: it has no sample_ids")
     if manifest.get("name") != split:

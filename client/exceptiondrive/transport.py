@@ -4,17 +4,16 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime, timedelta
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, cast
 from urllib.parse import quote
 
 import httpx
 import stamina
 from pydantic import TypeAdapter, ValidationError
 
-from exceptiondrive import __version__
-from exceptiondrive.credentials import find_server, find_token, normal_server
+from exceptiondrive.credentials import find_server, find_token
 from exceptiondrive.errors import (
     ExceptionDriveError,
     InvalidArgumentError,
@@ -26,6 +25,7 @@ from exceptiondrive.errors import (
     QuotaError,
     ServerError,
 )
+from exceptiondrive.version import __version__
 from exceptiondrive_schemas.problems import Problem, ProblemCode
 from exceptiondrive_schemas.python310 import UTC, Self
 
@@ -52,8 +52,11 @@ _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
 }
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 RETRIED_STATUSES = frozenset({502, 503, 504})
+ATTEMPTS = 5
+TIMEOUT_S = 30.0
 LONGEST_RETRY_AFTER_S = 30.0
 """Who asks to come back later than this is told to the user instead."""
+_ON_PROGRESS = "exceptiondrive.on_progress"
 Query = Mapping[str, str | int | None]
 Record = dict[str, Any]
 """A JSON object as the API documents it."""
@@ -68,6 +71,7 @@ class UploadBody:
         name: File name, for people who read logs.
         data: The bytes.
         fields: Form fields; those that are None or empty are left out.
+        key: Says that all attempts are one upload: sent as `Idempotency-Key`.
         on_progress: Told how far the upload is.
     """
 
@@ -76,8 +80,10 @@ class UploadBody:
         name: str,
         data: bytes,
         fields: Mapping[str, str | None],
+        key: str,
         on_progress: Progress | None = None,
     ) -> None:
+        self._key = key
         self._name = name
         self._data = data
         self._fields = {key: value for key, value in fields.items() if value}
@@ -87,7 +93,8 @@ class UploadBody:
         """Return the keyword arguments of the request."""
         stream = _CountingStream(self._data, self._on_progress)
         file = (self._name, stream, "application/octet-stream")
-        return {"data": self._fields, "files": {"file": file}}
+        headers = {"idempotency-key": self._key}
+        return {"data": self._fields, "files": {"file": file}, "headers": headers}
 
 
 class _CountingStream(io.BytesIO):
@@ -103,6 +110,32 @@ class _CountingStream(io.BytesIO):
         if self._on_progress is not None:
             self._on_progress(self.tell(), self._size)
         return chunk
+
+
+class _CountedAnswer(httpx.SyncByteStream):
+    """The body of an answer that tells how much of it has come."""
+
+    def __init__(self, response: httpx.Response, on_progress: Progress) -> None:
+        self._parts = cast(httpx.SyncByteStream, response.stream)
+        self._size = int(response.headers.get("content-length", 0))
+        self._on_progress = on_progress
+
+    def __iter__(self) -> Iterator[bytes]:
+        come = 0
+        for part in self._parts:
+            come += len(part)
+            self._on_progress(come, self._size)
+            yield part
+
+    def close(self) -> None:
+        self._parts.close()
+
+
+def _count(response: httpx.Response) -> None:
+    """Let the answer of a request with an `on_progress` tell how much of it has come."""
+    on_progress = response.request.extensions.get(_ON_PROGRESS)
+    if on_progress is not None and response.is_success:
+        response.stream = _CountedAnswer(response, on_progress)
 
 
 def raise_problem(response: httpx.Response) -> NoReturn:
@@ -198,7 +231,12 @@ class Transport:
     """
 
     def __init__(
-        self, server: str, token: str | None, *, attempts: int = 5, timeout_s: float = 30.0
+        self,
+        server: str,
+        token: str | None,
+        *,
+        attempts: int = ATTEMPTS,
+        timeout_s: float = TIMEOUT_S,
     ) -> None:
         self.server = server
         self._attempts = attempts
@@ -206,7 +244,10 @@ class Transport:
         if token:
             headers["authorization"] = f"Bearer {token}"
         self._http = httpx.Client(
-            base_url=f"{server}/api/v1", headers=headers, timeout=httpx.Timeout(timeout_s)
+            base_url=f"{server}/api/v1",
+            headers=headers,
+            timeout=httpx.Timeout(timeout_s),
+            event_hooks={"response": [_count]},
         )
 
     def close(self) -> None:
@@ -214,11 +255,25 @@ class Transport:
         self._http.close()
 
     def get(
-        self, path: str, query: Query | None = None, headers: Mapping[str, str] | None = None
+        self,
+        path: str,
+        query: Query | None = None,
+        headers: Mapping[str, str] | None = None,
+        on_progress: Progress | None = None,
     ) -> httpx.Response:
-        """GET; raises the error of a problem, or `NetworkError`."""
+        """GET; raises the error of a problem, or `NetworkError`.
+
+        Args:
+            path: Below `/api/v1`.
+            query: Of the address; what is None is left out.
+            headers: Further ones.
+            on_progress: Called with bytes come and bytes in all, 0 where that is not known.
+        """
         params = {key: value for key, value in (query or {}).items() if value is not None}
-        return self._send(lambda: self._http.get(path, params=params, headers=headers))
+        more = {_ON_PROGRESS: on_progress}
+        return self._send(
+            lambda: self._http.get(path, params=params, headers=headers, extensions=more)
+        )
 
     def post(
         self, path: str, body: Callable[[], dict[str, Any]], is_repeatable: bool = True
@@ -338,11 +393,25 @@ class Connection:
     Args:
         server: Address; else EXCEPTIONDRIVE_SERVER, else what `login` kept, else this machine.
         token: Token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
+        attempts: How often a request is sent at most.
+        timeout_s: Longest time without a byte, per request.
     """
 
-    def __init__(self, server: str | None = None, token: str | None = None) -> None:
-        self.server = normal_server(server) if server else find_server()
-        self._transport = Transport(self.server, token or find_token(self.server))
+    def __init__(
+        self,
+        server: str | None = None,
+        token: str | None = None,
+        *,
+        attempts: int = ATTEMPTS,
+        timeout_s: float = TIMEOUT_S,
+    ) -> None:
+        self.server = find_server(server)
+        self._transport = Transport(
+            self.server,
+            token or find_token(self.server),
+            attempts=attempts,
+            timeout_s=timeout_s,
+        )
 
     def __enter__(self) -> Self:
         return self

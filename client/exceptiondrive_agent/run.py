@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from exceptiondrive.checking import read_manifest, write_file
+from exceptiondrive.checking import write_file
+from exceptiondrive.inputs import given_manifest
 from exceptiondrive_agent.errors import AgentError, as_client_errors
 from exceptiondrive_agent.images import ImagePaths, find_images
 from exceptiondrive_agent.journal import (
@@ -137,7 +138,7 @@ def remind(images: Path, out: Path, settings: RunSettings, manifest: Path | None
         AgentError: A file is not what it must be, or the endpoint refuses the run.
     """
     found = find_images(images)
-    sample_ids = read_manifest(manifest).sample_ids if manifest else tuple(found)
+    sample_ids = given_manifest(manifest).sample_ids if manifest else tuple(found)
     _check_that_any_has_images(sample_ids, found)
     question = remind_question(settings.protocol.taxonomy, settings.views)
     header = question.header(settings.model)
@@ -171,7 +172,7 @@ def decide(
     """
     if attach_reminders and reminders_path is None:
         raise AgentError("--attach-reminders needs --reminders")
-    manifest = read_manifest(manifest_path)
+    manifest = given_manifest(manifest_path)
     found = find_images(images)
     _check_that_any_has_images(manifest.sample_ids, found)
     taxonomy = settings.protocol.taxonomy

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
-from exceptiondrive.checking import chosen_protocol
+from exceptiondrive.inputs import given_protocol
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_agent.report import Prices
 from exceptiondrive_agent.run import RunSettings
@@ -25,7 +25,7 @@ def run_settings(given: Mapping[str, Any], environment: Mapping[str, str]) -> Ru
         InvalidArgumentError: An option makes no sense; the message names it.
     """
     return RunSettings(
-        protocol=chosen_protocol(given["protocol"]),
+        protocol=given_protocol(given["protocol"]),
         endpoint=EndpointSettings(
             base_url=checked_base_url(given["base_url"]),
             key=environment.get("EXCEPTIONDRIVE_AGENT_KEY") or environment.get("OPENAI_API_KEY"),

@@ -93,7 +93,7 @@ PLANNING_WORDS = ChallengeWords(
     subject="planner",
     subjects="planners",
     answers="trajectories",
-    task="asks the planner to drive it again. What it would have driven is scored here.",
+    task="scores what a planner would drive.",
     withheld="Where the hazards lie, nobody outside can see.",
     scene_caption="A scene with a hazard from above, to scale. **UR** counts the scenes in which "
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
@@ -105,7 +105,7 @@ PLANNING_WORDS = ChallengeWords(
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
             (0.1, "The leading planner still hits {cases}."),
-            (0.0, "The leading planner keeps clear {rest}."),
+            (0.0, "The leading planner stays out of the hazard {rest}."),
         ),
     ),
     chart=ChartWords(
@@ -143,8 +143,7 @@ STRATEGY_WORDS = ChallengeWords(
     subject="agent",
     subjects="agents",
     answers="answers",
-    task="asks an agent what to do about it. Answers are scored here, against what is acceptable "
-    "for each task.",
+    task="scores what an agent says to do about it.",
     withheld="Which scene is which task, nobody outside can see.",
     scene_caption="A scene with a hazard from above, to scale. The agent answers with a strategy: "
     "**A** maintain path, **B** slow down, **C** stop, **D** yield, **E** prepare to bypass. "
@@ -218,6 +217,8 @@ class Metric(Document):
 
     key: str
     label: str
+    plain: str = ""
+    """The label in everyday words, over a column; empty where the label is everyday."""
     title: str
     unit: Literal["fraction", "metre"]
     better: Literal["higher", "lower"] | None
@@ -328,6 +329,7 @@ PLANNING = Challenge(
         Metric(
             key="hcc",
             label="HCC",
+            plain="Stays safely away",
             title="Hazard Clearance Compliance",
             unit="fraction",
             better="higher",
@@ -339,6 +341,7 @@ PLANNING = Challenge(
         Metric(
             key="ur",
             label="UR",
+            plain="Drives into it",
             title="Unsafe Rate",
             unit="fraction",
             better="lower",
@@ -350,6 +353,7 @@ PLANNING = Challenge(
         Metric(
             key="hpr",
             label="HPR",
+            plain="Right distance",
             title="Hazard Proximity Response",
             unit="fraction",
             better=None,
@@ -361,6 +365,7 @@ PLANNING = Challenge(
         Metric(
             key="cts",
             label="CTS",
+            plain="Path moved",
             title="Counterfactual Trajectory Shift",
             unit="metre",
             better=None,
@@ -372,6 +377,7 @@ PLANNING = Challenge(
         Metric(
             key="cts_x",
             label="CTSx",
+            plain="ahead",
             title="CTS, longitudinal",
             unit="metre",
             better=None,
@@ -382,6 +388,7 @@ PLANNING = Challenge(
         Metric(
             key="cts_y",
             label="CTSy",
+            plain="aside",
             title="CTS, lateral",
             unit="metre",
             better=None,
@@ -392,6 +399,7 @@ PLANNING = Challenge(
         Metric(
             key="progress",
             label="Progress",
+            plain="Still drives on",
             title="Progress along the source path",
             unit="fraction",
             better=None,
@@ -504,6 +512,7 @@ STRATEGY = Challenge(
         Metric(
             key="accuracy",
             label="Accuracy",
+            plain="Acceptable answer",
             title="Strategy accuracy",
             unit="fraction",
             better="higher",
@@ -515,6 +524,7 @@ STRATEGY = Challenge(
         Metric(
             key="under_warning",
             label="Under-warning",
+            plain="Too careless",
             title="Under-warning rate",
             unit="fraction",
             better="lower",
@@ -526,6 +536,7 @@ STRATEGY = Challenge(
         Metric(
             key="over_warning",
             label="Over-warning",
+            plain="Wrong otherwise",
             title="Over-warning rate",
             unit="fraction",
             better=None,
@@ -536,6 +547,7 @@ STRATEGY = Challenge(
         Metric(
             key="missing",
             label="Missing",
+            plain="No answer",
             title="Missing answers",
             unit="fraction",
             better="lower",

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from exceptiondrive.checking import read_manifest
+from exceptiondrive.inputs import given_manifest
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.protocol import packaged_protocol
 
@@ -18,7 +18,7 @@ Shade = Callable[["Seen"], int]
 
 def faults_of(bench: "Bench") -> list[str]:
     """What the server's own checker finds wrong with the submission."""
-    manifest = read_manifest(bench.manifest)
+    manifest = given_manifest(bench.manifest)
     report = check_bytes(bench.out.read_bytes(), protocol=packaged_protocol(), manifest=manifest)
     assert report.challenge == "strategy"
     return [group.message for group in report.faults]

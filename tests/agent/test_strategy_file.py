@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive.checking import read_manifest
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.inputs import given_manifest
 from exceptiondrive_agent.run import (
     strategy_submission,
     write_submission,
@@ -53,4 +53,4 @@ def test_nothing_but_the_file_is_left_in_the_folder(tmp_path: Path) -> None:
 def test_what_is_no_manifest_is_refused_with_where_to_get_one(tmp_path: Path, text: str) -> None:
     (tmp_path / "m.json").write_text(text)
     with pytest.raises(InvalidArgumentError, match="exceptiondrive manifest PHASE"):
-        read_manifest(tmp_path / "m.json")
+        given_manifest(tmp_path / "m.json")

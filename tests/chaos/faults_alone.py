@@ -28,11 +28,13 @@ from exceptiondrive_records.db.database import Database
 database = Database(sys.argv[1])
 with database.read() as session:
     session.connection()  # the first use of all prepares much
+print("ready", flush=True)
+sys.stdin.readline()
 for number in range(60):
     began = time.monotonic()
     with database.write() as session:
         audit(session, f"writer:{sys.argv[2]}", "wrote", str(number))
-    print(time.monotonic() - began)
+    print(began, time.monotonic())
 """
 _MIGRATION = """
 import os, signal, sys
@@ -56,30 +58,46 @@ def six_writers() -> str:
     folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
     url = f"sqlite:///{folder / 'records.sqlite3'}"
     migrate(url)
-    began = time.monotonic()
     writers = [
         subprocess.Popen(
             [sys.executable, "-c", _WRITER, url, str(number)],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
         for number in range(6)
     ]
+    began = time.monotonic()
+    _let_go(writers)
     said = [writer.communicate() for writer in writers]
     took_s, errors = time.monotonic() - began, [error for _, error in said]
-    waits_s = [float(line) for lines, _ in said for line in lines.split()]
+    spans_s = [[tuple(map(float, line.split())) for line in out.splitlines()] for out, _ in said]
+    waits_s = [end - begin for spans in spans_s for begin, end in spans]
     database = Database(url)
     with database.read() as session:
         n_lines, verdict = count_audit_lines(session, "wrote"), verify_audit(session)
     database.dispose()
     shutil.rmtree(folder)
     assert not any(errors), errors
+    all_at_once = min(spans[-1][1] for spans in spans_s) > max(spans[0][0] for spans in spans_s)
+    assert all_at_once, "one had ended before another began"
     assert n_lines == 360, f"{n_lines} of 360 lines"
     assert verdict.is_whole, "the chain is broken"
     # printed, not judged: with six that write without a pause, it tells of cores and disk
     p50_ms, p99_ms = (percentile(waits_s, share) * 1000 for share in (0.5, 0.99))
     told = f"0 locked, p50 {p50_ms:.0f} ms, p99 {p99_ms:.0f} ms, chain whole"
     return f"360 of 360 transactions in {took_s:.1f} s, {told}"
+
+
+def _let_go(writers: list["subprocess.Popen[bytes]"]) -> None:
+    """Let all begin at once, when all are ready."""
+    for writer in writers:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == b"ready\n", writer.communicate()
+    for writer in writers:
+        assert writer.stdin is not None
+        writer.stdin.write(b"\n")
+        writer.stdin.flush()
 
 
 def kill_migration() -> str:
@@ -127,9 +145,10 @@ def kill_migration_on_postgres() -> str:
 def restore_from_backup(run: Run) -> str:
     """Back up under a stream of uploads, restore elsewhere, and ask the checker of the copy."""
     folder = run.topology.folder
-    run.clients.stream(8)
+    run.clients.stream(12)
     time.sleep(1)
     told = run.history.so_far()
+    assert run.clients.is_streaming(), "nobody submitted any more"
     head = write_backup(run.topology.database, run.topology.files, folder / "backup.tar")
     files = FileStore((folder / "restored").as_uri())
     url = f"sqlite:///{folder / 'restored.sqlite3'}"

@@ -6,6 +6,9 @@ import os
 import shutil
 import subprocess
 import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
 from tests.chaos.run import Run
 
@@ -16,13 +19,8 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 def full_disk(run: Run) -> str:
     """The disk of the records fills up, then there is room again."""
     ballast = run.topology.data / "ballast"
-    before = run.n_sheets()
-    with ballast.open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(b"\0" * 4096)
-        except OSError:
-            pass
+    before = run.sheets()
+    _fill_up(ballast)
     told = [run.clients.submit(run.clients.new_file(), "alpha", patient=False) for _ in range(4)]
     ballast.unlink(missing_ok=True)
     run.clients.stream(6)
@@ -33,19 +31,24 @@ def full_disk(run: Run) -> str:
     assert set(statuses) <= {202, 503}, statuses
     assert all(call.retry_after for call in refused), "a 503 without Retry-After"
     run.require_no_rows(refused)
-    assert run.n_sheets() >= before
-    return f"while full: {statuses}; earlier rows intact"
+    assert before.items() <= run.sheets().items(), "a score of before is lost, or another one"
+    return f"while full: {statuses}; the {len(before)} scores of before are as they were"
+
+
+def _fill_up(ballast: Path) -> None:
+    """Write until nothing more goes onto the disk."""
+    with ballast.open("wb", buffering=0) as file, suppress(OSError):
+        while True:
+            file.write(b"\0" * 4096)
 
 
 def store_gone(run: Run) -> str:
     """The folder of uploads is away, as an unmounted volume."""
     aside, used = run.topology.folder / "uploads-aside", run.used_today("beta")
-    run.topology.uploads.rename(aside)
-    run.topology.uploads.write_text("not a folder")
+    _take_away(run.topology.uploads, aside)
     told = [run.clients.submit(run.clients.new_file(), "beta", patient=False) for _ in range(3)]
     ready = run.topology.readiness()
-    run.topology.uploads.unlink()
-    aside.rename(run.topology.uploads)
+    _put_back(run.topology.uploads, aside)
     assert run.used_today("beta") == used, "it cost quota"
     run.clients.stream(4)
     run.settle()
@@ -55,13 +58,23 @@ def store_gone(run: Run) -> str:
     return "3 of 3 told 503 with Retry-After, not ready, no row, no quota used"
 
 
+def _take_away(folder: Path, aside: Path) -> None:
+    folder.rename(aside)
+    folder.write_text("not a folder")
+
+
+def _put_back(folder: Path, aside: Path) -> None:
+    folder.unlink()
+    aside.rename(folder)
+
+
 def read_only_store(run: Run) -> str:
     """The store's file system turns read-only."""
     _mount(run, "-t", "tmpfs", "-o", "size=64m", "tmpfs")
     try:
         run.clients.stream(3)
         run.settle()
-        _mount(run, "-o", "remount,ro")
+        _turn_read_only(run)
         used = run.used_today("beta")
         told = [run.clients.submit(run.clients.new_file(), "beta", patient=False) for _ in range(3)]
         _mount(run, "-o", "remount,rw")
@@ -84,30 +97,45 @@ def flipped_bit(run: Run) -> str:
     call = run.upload()
     name = call.file_digest.removeprefix("sha256:")
     path = run.topology.uploads / name[:2] / name
-    data = bytearray(path.read_bytes())
-    data[100] ^= 1
-    path.write_bytes(data)
+    _flip_a_bit(path)
     run.topology.worker.start()
     run.settle()
     assert run.failure_of(call) == "upload_damaged"
     assert run.n_scored(call) == 0
     alarms = {found.rule for found in run.violations()}
     assert alarms == {"upload damaged"}, f"the check of the records says {alarms}"
-    data[100] ^= 1
-    path.write_bytes(data)  # so that the checker may ask for every file
+    _flip_a_bit(path)  # so that the checker may ask for every file
     return "failed: upload_damaged, never scored; the check of the records names the file"
 
 
+def _flip_a_bit(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[100] ^= 1
+    path.write_bytes(data)
+
+
 def split_missing(run: Run) -> str:
-    """The split is away, then changed: nothing is scored until the registered one is back."""
+    """The split is away: nothing is scored until it is back."""
+    return _until_it_is_back(run, _remove)
+
+
+def _remove(path: Path) -> None:
+    path.unlink()
+
+
+def split_changed(run: Run) -> str:
+    """The split is another one than was registered: nothing is scored until that is back."""
+    return _until_it_is_back(run, lambda path: path.write_bytes(_changed(path.read_bytes())))
+
+
+def _until_it_is_back(run: Run, do_harm: Callable[[Path], object]) -> str:
     path = run.topology.splits / "sample" / "split.json.gz"
     whole = path.read_bytes()
     run.topology.worker.hold_down()
-    path.unlink()
+    do_harm(path)
     run.topology.worker.start()
+    run.topology.wait_until(lambda: run.topology.readiness().get("live_workers"), "workers")
     calls = [run.upload(), run.upload("beta")]
-    time.sleep(2.5)
-    path.write_bytes(_changed_split(whole))
     time.sleep(2.5)
     assert all(run.job_of(call).attempts == 0 for call in calls), "an attempt was used up"
     assert all(run.job_of(call).state is WorkState.QUEUED for call in calls)
@@ -117,7 +145,7 @@ def split_missing(run: Run) -> str:
     return "stayed queued with 0 attempts; scored when the file was back"
 
 
-def _changed_split(whole: bytes) -> bytes:
+def _changed(whole: bytes) -> bytes:
     document = json.loads(gzip.decompress(whole))
     document["samples"][0]["region"][0][0] += 0.5
     return gzip.compress(json.dumps(document).encode())
@@ -125,6 +153,10 @@ def _changed_split(whole: bytes) -> bytes:
 
 def _mount(run: Run, *arguments: str) -> None:
     subprocess.run(["mount", *arguments, str(run.topology.uploads)], check=True)
+
+
+def _turn_read_only(run: Run) -> None:
+    _mount(run, "-o", "remount,ro")
 
 
 def why_no_mount() -> str | None:

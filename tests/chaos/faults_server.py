@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sqlalchemy import func, select, text
 from tests.chaos.history import Call
+from tests.chaos.processes import state_of
 from tests.chaos.run import OPEN, Run
 from tests.chaos.topology import HEARTBEAT_TTL_S
 
@@ -57,14 +58,12 @@ def _require_receipt(run: Run, call: Call) -> None:
 
 def kill_api(run: Run) -> str:
     server, start_s = run.topology.server, run.history.now_s()
-    pid = server.pid
     run.clients.stream(8, every_s=0.2)
     time.sleep(0.5)
     server.kill_group()
     took_s = run.settle()
     calls = run.calls_since(start_s)
     before = [call for call in calls if call.started_s < start_s + 0.5]
-    assert server.pid != pid, "the server was not killed"
     assert 0 < len(before) < len(calls), "it was not killed in the middle of the stream"
     run.require_scored(calls)
     return f"another process serves; settled {took_s:.1f} s after the stream"
@@ -77,10 +76,12 @@ def kill_leader(run: Run) -> str:
     before = run.leader()
     for process in run.topology.reconcilers:
         if before is not None and f":{process.pid}:" in before:
+            leader = process.pid
             process.hold_down()
             break
     else:
         raise AssertionError(f"none of the two leads: {before}")
+    assert state_of(leader) == "Z", "the leader lives"
     took_s = run.topology.wait_until(lambda: run.leader() != before, "another leader")
     process.start()
     most, slots = _most_messages(run)
@@ -118,6 +119,7 @@ def kill_postgres(run: Run) -> str:
     run.clients.stream(8)
     run.wait_for_lease()
     run.topology.postgres.kill()
+    assert not run.topology.postgres.answers(), "the database answers"
     time.sleep(1)
     run.topology.postgres.start()
     run.at_full_speed()
@@ -147,26 +149,33 @@ def wrong_clock(run: Run) -> str:
     """Workers an hour ahead and an hour behind; leases follow the database's clock."""
     library = _faketime()
     assert library is not None
-    clocks = [
-        {
-            "LD_PRELOAD": str(library),
-            "FAKETIME": shift,
-            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-        }
-        for shift in ("+1h", "-1h")
-    ]
+    clocks = [_clock(library, shift) for shift in ("+1h", "-1h")]
     assert [round(_ahead_s(clock) / 3600) for clock in clocks] == [1, -1], "the clocks are right"
     skewed = [run.topology.add_worker(environment=clock) for clock in clocks]
     run.topology.worker.hold_down()
     run.topology.wait_until(lambda: run.topology.readiness()["live_workers"] >= 4, "two more")
-    lost = run.n_lost_leases()
+    lost, start_s = run.n_lost_leases(), run.history.now_s()
+    run.slowly(2.0)  # several passes of the reconciler, less than a lease
     run.clients.stream(8)
+    run.wait_for_lease()
+    run.clients.join()
+    run.at_full_speed()
     run.settle()
+    run.require_scored(run.calls_since(start_s))
     for worker in skewed:
         run.topology.remove_worker(worker)
     run.topology.worker.start()
     assert run.n_lost_leases() == lost, "a lease was thought to have expired"
     return "no lease expired early or late"
+
+
+def _clock(library: Path, shift: str) -> dict[str, str]:
+    """The environment of a process whose clock goes wrong by so much."""
+    return {
+        "LD_PRELOAD": str(library),
+        "FAKETIME": shift,
+        "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+    }
 
 
 def _ahead_s(clock: dict[str, str]) -> float:

@@ -7,7 +7,7 @@ import time
 from tests.chaos.history import Call
 from tests.chaos.processes import Process
 from tests.chaos.run import Hit, Run
-from tests.chaos.saboteur import VISIBILITY_S
+from tests.chaos.saboteur import VISIBILITY_S, VISIBILITY_TIMEOUT
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS
 
 from exceptiondrive_records.operations.dashboard import dashboard
@@ -28,11 +28,11 @@ def kill_children(run: Run) -> str:
         run.wait_for_lease()
         killed += run.topology.worker.kill_children()
         time.sleep(0.6)
+    assert killed, "no child was killed"
     run.at_full_speed()
     run.topology.wait_until(lambda: _attempt_shown(run, victim) >= 2, "its team to see a retry")
     run.settle()
     retried = run.n_retried() - before
-    assert killed, "no child was killed"
     assert retried, "no job was taken up again"
     run.require_scored([victim])
     return f"{killed} children killed, {retried} jobs retried; a team saw attempt 2, then its score"
@@ -46,7 +46,7 @@ def _attempt_shown(run: Run, call: Call) -> int:
 def kill_parent(run: Run) -> str:
     held = _in_the_middle(run)
     before = run.topology.worker.starts
-    run.topology.worker.send(signal.SIGKILL)
+    run.topology.worker.end(signal.SIGKILL)
     run.topology.wait_until(lambda: run.topology.worker.starts > before, "a restart")
     return _taken_up(run, held)
 
@@ -94,9 +94,7 @@ def terminate(run: Run) -> str:
 
 def quit_at_once(run: Run) -> str:
     held = _in_the_middle(run)
-    before = run.topology.worker.starts
-    run.topology.worker.send(signal.SIGQUIT)
-    run.topology.wait_until(lambda: run.topology.worker.starts > before, "its end")
+    run.topology.worker.end(signal.SIGQUIT)
     return _taken_up(run, held)
 
 
@@ -116,7 +114,7 @@ def freeze_past_the_lease(run: Run) -> str:
     for child in frozen.children:  # before their parent, which would end them for lasting too long
         os.kill(child, signal.SIGCONT)
     run.topology.wait_until(lambda: run.lines("stale fence rejected") > stale, "a late write", 20)
-    frozen.send_group(signal.SIGCONT)
+    frozen.thaw()
     time.sleep(2)
     run.settle()
     run.topology.remove_worker(other)
@@ -129,10 +127,10 @@ def _freeze_outside_a_write(run: Run, worker: Process) -> None:
     """On SQLite, who is frozen in the middle of a write keeps everybody from writing till the end."""
     for _ in range(20):
         run.wait_for_lease()
-        worker.send_group(signal.SIGSTOP)
+        worker.freeze()
         if run.topology.takes_writes() and run.held().jobs:
             return
-        worker.send_group(signal.SIGCONT)
+        worker.thaw()
         time.sleep(0.1)
     raise AssertionError("the worker could not be frozen between two writes")
 
@@ -187,9 +185,8 @@ def kill_everything(run: Run) -> str:
     held = _in_the_middle(run)
     for process in run.topology.supervisor.processes:
         process.kill_group()
-    run.topology.broker.kill()
-    time.sleep(1)
-    run.topology.broker.start()
+    with run.topology.broker.down():
+        time.sleep(1)
     return _taken_up(run, held)
 
 
@@ -214,6 +211,8 @@ def outlast_the_visibility_timeout(run: Run) -> str:
     for worker in impatient:
         run.topology.remove_worker(worker)
     run.topology.worker.start()
+    timeouts = [VISIBILITY_TIMEOUT in worker.log.read_text() for worker in impatient]
+    assert timeouts == [True, True], "the timeout is as long as ever"
     assert held == 0, f"{held} messages wait for an acknowledgement"
     assert attempts == 1, f"it ran {attempts} times"
     assert run.lines("submission scored") == scored + 1

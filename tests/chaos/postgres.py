@@ -84,6 +84,14 @@ class Postgres:
         self._process.kill()
         self._process.wait()
 
+    def answers(self) -> bool:
+        """Whether it takes a connection."""
+        try:
+            self.connect("postgres").close()
+        except psycopg.OperationalError:
+            return False
+        return True
+
     def cut_connections(self) -> int:
         """End every connection but our own; return how many there were."""
         with self.connect() as connection:

@@ -10,6 +10,36 @@ from collections.abc import Mapping
 from pathlib import Path
 
 _RESTART_AFTER_S = 0.3
+_SEEN_WITHIN_S = 30.0
+
+
+def signal_process(pid: int, number: signal.Signals) -> None:
+    """Send a signal to a process that may have gone."""
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, number)
+
+
+def signal_group(pid: int, number: signal.Signals) -> None:
+    """Send a signal to every process of a group that may have gone."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(pid, number)
+
+
+def state_of(pid: int) -> str:
+    """Return how the system names the state of a process: `T` is stopped, `Z` is dead."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return "Z"
+    return stat.rpartition(")")[2].split()[0]
+
+
+def require_state(pid: int, state: str) -> None:
+    """Fail unless a process comes to a state, as what was done to it wants."""
+    deadline = time.monotonic() + _SEEN_WITHIN_S
+    while (found := state_of(pid)) != state:
+        assert time.monotonic() < deadline, f"process {pid} is in state {found}, not {state}"
+        time.sleep(0.01)
 
 
 class Process:
@@ -49,7 +79,7 @@ class Process:
         if not self._is_wanted or self._running is None or self._running.poll() is None:
             return
         self.exit_codes.append(self._running.returncode)
-        self.kill_group()
+        signal_group(self.pid, signal.SIGKILL)
         time.sleep(_RESTART_AFTER_S)
         if self._is_wanted:
             self.start()
@@ -67,41 +97,54 @@ class Process:
             return []
         return [int(child) for child in text.split()]
 
-    def send(self, number: signal.Signals) -> None:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self.pid, number)
+    def end(self, number: signal.Signals) -> None:
+        """Send a signal that has to end it, and see that it did."""
+        pid = self.pid
+        signal_process(pid, number)
+        require_state(pid, "Z")
 
-    def send_group(self, number: signal.Signals) -> None:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.pid, number)
+    def freeze(self) -> None:
+        """Stop its whole group, and see that it stands."""
+        signal_group(self.pid, signal.SIGSTOP)
+        for pid in (self.pid, *self.children):
+            require_state(pid, "T")
+
+    def thaw(self) -> None:
+        signal_group(self.pid, signal.SIGCONT)
 
     def kill_children(self) -> int:
+        """Kill the processes that it has started, and see them gone; return how many they were."""
         children = self.children
         for child in children:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(child, signal.SIGKILL)
+            signal_process(child, signal.SIGKILL)
+        for child in children:
+            require_state(child, "Z")
         return len(children)
 
     def kill_group(self) -> None:
-        self.send_group(signal.SIGCONT)
-        self.send_group(signal.SIGKILL)
+        """Kill it with all that it has started, and see it gone."""
+        pid = self.pid
+        signal_group(pid, signal.SIGCONT)
+        signal_group(pid, signal.SIGKILL)
+        require_state(pid, "Z")
 
     def hold_down(self) -> None:
         """Kill it, and keep it down until `start`."""
         self._is_wanted = False
         if self._running is not None:
-            self.kill_group()
+            self.thaw()
+            signal_group(self.pid, signal.SIGKILL)
             self._running.wait()
 
     def stop(self, timeout_s: float = 30.0) -> int:
         """SIGTERM, as a supervisor stops it; return the exit code."""
         self._is_wanted = False
         assert self._running is not None
-        self._running.terminate()
+        signal_process(self.pid, signal.SIGTERM)
         try:
             return self._running.wait(timeout_s)
         finally:
-            self.kill_group()
+            signal_group(self.pid, signal.SIGKILL)
 
 
 class Supervisor:

@@ -22,6 +22,7 @@ class Proxy:
         self.delay_s = 0.0
         self.reset_share = 0.0
         self.n_resets = 0
+        self.n_delayed = 0
         self.n_swallowed_bytes = 0
         self.is_silent = False
         threading.Thread(target=self._accept, daemon=True).start()
@@ -71,6 +72,7 @@ class Proxy:
                     break
                 if self.delay_s:
                     time.sleep(self.delay_s)
+                    self.n_delayed += 1
                 sink.sendall(data)
         for end in (source, sink):
             self._open.discard(end)

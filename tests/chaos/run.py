@@ -14,7 +14,7 @@ from tests.chaos.history import Call, History
 from tests.chaos.topology import LEASE_S, PHASE, Topology
 from tests.support.documents import digest_of
 
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_split
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Violation
@@ -49,6 +49,8 @@ class Run:
     """A topology under load."""
 
     topology: Topology
+    is_short: bool = False
+    """Whether numbers and waits are as small as the fault allows."""
     history: History = field(default_factory=History)
     clients: Clients = field(init=False)
 
@@ -89,6 +91,14 @@ class Run:
     def n_sheets(self) -> int:
         with self.topology.database.read() as session:
             return session.scalar(select(func.count()).select_from(ScoreSheetRow)) or 0
+
+    def sheets(self) -> dict[tuple[str, str], str]:
+        """The text of every score sheet, by submission and protocol."""
+        with self.topology.database.read() as session:
+            return {
+                (row.submission_id, row.protocol_digest): row.sheet.model_dump_json()
+                for row in session.scalars(select(ScoreSheetRow))
+            }
 
     def n_sheets_under(self, run_id: str) -> int:
         """How many sheets there are under the protocol that a rescoring run leads to."""
@@ -239,7 +249,7 @@ class Run:
 
     @cached_property
     def _rescorer(self) -> Rescorer:
-        split = read_split(self.topology.splits / "sample" / "split.json.gz")
+        split = given_split(self.topology.splits / "sample" / "split.json.gz")
         return Rescorer(split, packaged_protocol())
 
     @cached_property

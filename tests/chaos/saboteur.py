@@ -18,6 +18,7 @@ SCORER = "CHAOS_SCORER_VERSION"
 """The worker says that its scorer is this version."""
 VISIBILITY_S = "CHAOS_VISIBILITY_TIMEOUT_S"
 """The broker gives a message that was not acknowledged to another worker after so long."""
+VISIBILITY_TIMEOUT = "chaos: the transport was given its visibility timeout"
 
 
 def _orders() -> Path:
@@ -59,6 +60,7 @@ def _sabotage_worker() -> Callable[[], None]:
 
     def impatient(**named: Any) -> dict[str, Any]:
         wait_s = float(os.environ[VISIBILITY_S])
+        print(VISIBILITY_TIMEOUT, file=sys.stderr, flush=True)  # noqa: T201
         restore = {"unacked_restore_interval": 1, "unacked_restore_throttle": 0.5}
         return {**options(**named), **restore, "visibility_timeout": wait_s}
 

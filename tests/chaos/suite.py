@@ -38,33 +38,27 @@ class Fault:
     injection: str
     inject: Callable[[Run], str] | Callable[[], str]
     on: On = On.SQLITE
-    is_short: bool = False
-    """Part of the short form that `make test` runs."""
     why_not: Callable[[], str | None] | None = None
     """Says why it cannot be injected on this machine, if so."""
 
 
 FAULTS = (
-    Fault(
-        "F01", "SIGKILL worker children in mid-score, 3 times", worker.kill_children, is_short=True
-    ),
+    Fault("F01", "SIGKILL worker children in mid-score, 3 times", worker.kill_children),
     Fault("F02", "SIGKILL worker parent", worker.kill_parent),
     Fault("F02b", "SIGKILL the worker's whole group", worker.kill_group),
     Fault("F02c", "SIGKILL everything but the database", worker.kill_everything),
     Fault("F03", "SIGTERM worker with a running job", worker.terminate),
     Fault("F04", "SIGQUIT worker", worker.quit_at_once),
     Fault("F05", "SIGSTOP worker past its lease, SIGCONT", worker.freeze_past_the_lease),
-    Fault("F06", "SIGKILL broker, back empty", broker.comes_back_empty, is_short=True),
+    Fault("F06", "SIGKILL broker, back empty", broker.comes_back_empty),
     Fault("F07", "broker down for 60 s while 12 files are submitted", broker.down_at_submit),
-    Fault("F08", "FLUSHALL", broker.flush, is_short=True),
+    Fault("F08", "FLUSHALL", broker.flush),
     Fault("F09", "broker down and up 4 times", broker.flap),
     Fault("F10", "SIGSTOP broker for 15 s of uploads", broker.freeze),
     Fault("F11", "broker out of memory (noeviction)", broker.out_of_memory),
     Fault("F12", "broker evicts the queue (allkeys-lru)", broker.evicts),
     Fault("F13", "LPUSH junk of every kind into both queues", broker.junk),
-    Fault(
-        "F14", "deliver one job 20 times more, several at once", broker.deliver_again, is_short=True
-    ),
+    Fault("F14", "deliver one job 20 times more, several at once", broker.deliver_again),
     Fault("F15", "job outlasts the visibility timeout", worker.outlast_the_visibility_timeout),
     Fault("F16", "a file whose scoring kills its process", worker.poison),
     Fault("F17", "scoring never ends, in Python and in C", worker.endless_loop),
@@ -76,7 +70,6 @@ FAULTS = (
         "F22",
         "SIGKILL API after the row, before the answer",
         server.kill_api_after_commit,
-        is_short=True,
     ),
     Fault("F22b", "SIGKILL API under a stream", server.kill_api),
     Fault("F23", "SIGKILL the leading reconciler of two", server.kill_leader),
@@ -95,8 +88,9 @@ FAULTS = (
     ),
     Fault("F26", "file store gone", files.store_gone),
     Fault("F26b", "file store read-only", files.read_only_store, why_not=files.why_no_mount),
-    Fault("F27", "one bit of a stored upload flips", files.flipped_bit, is_short=True),
-    Fault("F28", "split missing, then changed", files.split_missing),
+    Fault("F27", "one bit of a stored upload flips", files.flipped_bit),
+    Fault("F28", "split missing", files.split_missing),
+    Fault("F28b", "split changed", files.split_changed),
     Fault(
         "F29",
         "workers' clocks 1 h ahead and behind",
@@ -105,7 +99,9 @@ FAULTS = (
         why_not=server.why_no_faketime,
     ),
     Fault("F30", "6 processes write to SQLite", alone.six_writers, On.ALONE),
-    Fault("F31", "1,000 rescoring jobs while teams submit", rescoring.rescore_while_submitting),
+    Fault(
+        "F31", "1,000 submissions rescored while teams submit", rescoring.rescore_while_submitting
+    ),
     Fault("F32", "SIGKILL everything in mid-rescore", rescoring.kill_in_mid_rescore),
     Fault("F33", "a worker of an older scorer joins", scoring.older_scorer),
     Fault("F34", "a protocol edited in place", server.edited_protocol),
@@ -148,7 +144,7 @@ def run_fault(fault: Fault, run: Run | None) -> Outcome:
 
 
 @contextmanager
-def running(on: On) -> Iterator[Run | None]:
+def running(on: On, *, is_short: bool = False) -> Iterator[Run | None]:
     """Start what a kind of faults is injected into."""
     if on is On.ALONE:
         yield None
@@ -159,7 +155,8 @@ def running(on: On) -> Iterator[Run | None]:
         subprocess.run(mount, check=True)
     run = None
     try:
-        run = Run(Topology(uses_postgres=on is On.POSTGRES, data=disk, has_canary=True))
+        topology = Topology(uses_postgres=on is On.POSTGRES, data=disk, has_canary=True)
+        run = Run(topology, is_short=is_short)
         yield run
     finally:
         if run is not None:

@@ -8,14 +8,14 @@ from tests.canary.values import CANARY_M
 from tests.chaos.checker_scores import LeakSearch, Rescorer, differences
 from tests.chaos.clients import planning_file
 
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_split
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_worker.sample.files import write_sample_split
 
 
 @pytest.fixture(scope="module")
 def rescorer(tmp_path_factory: pytest.TempPathFactory) -> Rescorer:
-    split = read_split(write_sample_split(tmp_path_factory.mktemp("splits")))
+    split = given_split(write_sample_split(tmp_path_factory.mktemp("splits")))
     return Rescorer(split, packaged_protocol())
 
 

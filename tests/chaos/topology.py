@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -10,15 +11,15 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Mapping
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 import redis
 from sqlalchemy import make_url
 from tests.chaos.postgres import Postgres
-from tests.chaos.processes import Process, Supervisor
+from tests.chaos.processes import Process, Supervisor, signal_process
 from tests.chaos.proxy import Proxy
 from tests.chaos.saboteur import ORDERS
 from tests.chaos.splits import multiply, plant_canary
@@ -97,6 +98,29 @@ class Broker:
         self.process.wait()
         socket_path(self.folder).unlink(missing_ok=True)
 
+    @contextmanager
+    def down(self) -> Iterator[None]:
+        """Kill it, and start another one at the end: it is gone meanwhile, and forgets all."""
+        pid = self.process.pid
+        self.kill()
+        assert not self.answers(), "the broker is up"
+        try:
+            yield
+        finally:
+            self.start()
+        assert self.process.pid != pid, "it is the same broker"
+
+    @contextmanager
+    def frozen(self) -> Iterator[None]:
+        """Let it stand still: it takes connections, and answers nobody."""
+        signal_process(self.process.pid, signal.SIGSTOP)
+        try:
+            assert not self.answers(), "the broker answers"
+            yield
+            assert not self.answers(), "the broker answers"
+        finally:
+            self.process.send_signal(signal.SIGCONT)
+
 
 class Topology:
     """Everything running on one folder; `close` ends all of it."""
@@ -113,6 +137,7 @@ class Topology:
         settings: Mapping[str, str] | None = None,
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
+        self.patience_s = 90.0
         self.users = users
         self.data = data or self.folder
         self.orders = self.folder / "orders"
@@ -201,10 +226,10 @@ class Topology:
         return True
 
     def wait_until(
-        self, question: Callable[[], object], what: str, timeout_s: float = 90.0
+        self, question: Callable[[], object], what: str, timeout_s: float | None = None
     ) -> float:
         """Wait for something, and say how long it took; raise when it never comes."""
-        started = time.monotonic()
+        started, timeout_s = time.monotonic(), timeout_s or self.patience_s
         while not question():
             if time.monotonic() > started + timeout_s:
                 raise TimeoutError(f"waited {timeout_s:g} s in vain for {what}; {self.folder}")

@@ -27,10 +27,15 @@ def as_user(user: int, group: int, command: list[str]) -> list[str]:
         *("setpriv", f"--reuid={user}", f"--regid={group}", "--clear-groups", "--no-new-privs"),
         *command,
     ]
+    return showing_python(changed)
+
+
+def showing_python(command: list[str]) -> list[str]:
+    """Return a command that runs another one where every user may reach this Python."""
     closed = _closed_home()
     if closed is None:
-        return changed
-    return ["unshare", "--mount", "sh", "-c", _SHOW_PYTHON, "sh", *closed, *changed]
+        return command
+    return ["unshare", "--mount", "sh", "-c", _SHOW_PYTHON, "sh", *closed, *command]
 
 
 _SHOW_PYTHON = (

@@ -46,7 +46,9 @@ def home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPat
     home = tmp_path_factory.mktemp("home")
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(home / "config"))
-    for name in ("EXCEPTIONDRIVE_SERVER", "EXCEPTIONDRIVE_TOKEN", "NO_COLOR", "FORCE_COLOR"):
+    for name in ("SERVER", "TOKEN", "PHASE"):
+        monkeypatch.delenv(f"EXCEPTIONDRIVE_{name}", raising=False)
+    for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     return home
 

@@ -5,7 +5,7 @@ import pytest
 
 from exceptiondrive import InvalidArgumentError, Recorder, StrategyRecorder, check_file
 from exceptiondrive.checking import manifest_of
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_split
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest
 
@@ -14,7 +14,7 @@ MakeFile = Callable[..., Path]
 
 @pytest.fixture
 def manifest(split_file: Path) -> Manifest:
-    return manifest_of(read_split(split_file), packaged_protocol())
+    return manifest_of(given_split(split_file), packaged_protocol())
 
 
 def test_a_sound_file_has_no_faults(planning_file: MakeFile, manifest: Manifest) -> None:

@@ -13,6 +13,7 @@ import typer
 from typer.main import get_group
 from typer.testing import CliRunner
 
+from exceptiondrive import __version__
 from exceptiondrive.cli import COMMANDS, app
 
 if TYPE_CHECKING:
@@ -384,6 +385,18 @@ def test_a_terminal_gets_colour_unless_no_color_is_set(
     os.close(main_end)
     assert (b"\x1b[1;32m" in output) is has_colour
     assert b"is valid" in output
+
+
+def test_the_version_is_an_option_too() -> None:
+    done = run("--version")
+    assert (done.exit_code, done.stdout) == (0, f"exceptiondrive {__version__}\n")
+
+
+def test_help_says_whole_sentences_in_eighty_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    text = " ".join(run("--help").stdout.split())
+    assert [words for _, words in COMMANDS.values() if words not in text] == []
+    assert "..." not in text.partition("Commands:")[2]
 
 
 def test_help_imports_nothing_heavy() -> None:

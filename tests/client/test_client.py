@@ -25,7 +25,7 @@ from exceptiondrive import (
 )
 from exceptiondrive.checking import manifest_of
 from exceptiondrive.client import TeamTokens
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionView
@@ -70,7 +70,7 @@ PHASE: dict[str, Any] = {
 
 @pytest.fixture
 def phase_dev(canned_server: "CannedServer", split_file: Path) -> "CannedServer":
-    manifest = manifest_of(read_split(split_file), packaged_protocol())
+    manifest = manifest_of(given_split(split_file), packaged_protocol())
     canned_server.answer("GET /phases/dev", 200, PHASE)
     canned_server.answer(
         "GET /phases/dev/manifest", 200, manifest.model_dump(mode="json", by_alias=True)
@@ -251,6 +251,18 @@ def test_an_upload_that_is_sent_again_is_whole_again(
     assert seen[-1] == (size, size)
     assert isinstance(submission, Submission)
     assert submission.id == "abc"
+
+
+def test_a_download_tells_how_much_of_it_has_come(
+    canned_server: "CannedServer", split_file: Path
+) -> None:
+    canned_server.answer("GET /splits/tiny", 200, json.loads(split_file.read_bytes()))
+    told: list[tuple[int, int]] = []
+    with Client(canned_server.url) as client:
+        client.split("tiny", on_progress=lambda *done: told.append(done))
+    come, size = told[-1]
+    assert come == size == len(json.dumps(json.loads(split_file.read_bytes())))
+    assert [first for first, _ in told] == sorted(first for first, _ in told)
 
 
 def test_submissions_are_read_page_by_page(canned_server: "CannedServer") -> None:

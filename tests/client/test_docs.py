@@ -66,10 +66,10 @@ def test_the_planner_of_the_quickstart_writes_a_sound_file(
 ) -> None:
     from exceptiondrive import check_file
     from exceptiondrive.checking import manifest_of
-    from exceptiondrive.evaluation import read_split
+    from exceptiondrive.inputs import given_split
     from exceptiondrive_schemas.protocol import packaged_protocol
 
-    split = read_split(split_file)
+    split = given_split(split_file)
     drive = tuple((4.0 * step, 0.0) for step in range(1, 7))
     samples = tuple(each.model_copy(update={"recorded": drive}) for each in split.samples)
     split = split.model_copy(update={"name": "sample", "samples": samples})

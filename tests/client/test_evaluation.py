@@ -6,7 +6,7 @@ import pytest
 from tests.support import realdata, reference
 
 from exceptiondrive import InvalidArgumentError, InvalidFileError, StrategyRecorder, evaluate_file
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_split
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
@@ -30,7 +30,7 @@ def test_a_sheet_names_protocol_and_split_by_digest(
 ) -> None:
     sheet = evaluate_file(planning_file(), split=split_file)
     assert sheet.protocol.digest == packaged_protocol().digest
-    assert sheet.split.revision == read_split(split_file).revision
+    assert sheet.split.revision == given_split(split_file).revision
 
 
 def test_standing_still_keeps_the_clearance_by_hand(
@@ -75,7 +75,7 @@ def test_a_file_that_is_no_split_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "split.json"
     path.write_text(text)
     with pytest.raises(InvalidArgumentError, match="is not a split file") as caught:
-        read_split(path)
+        given_split(path)
     assert "split download" in caught.value.advice
 
 
@@ -129,7 +129,7 @@ def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_fi
             {"sample_id": "s1", "source": swerving, "edited": swerving},
         ]
     )
-    loaded = load_split(read_split(split_file), protocol)
+    loaded = load_split(given_split(split_file), protocol)
     answers = read_upload(
         path.read_bytes(), challenge=PLANNING, manifest=loaded.manifest, protocol=protocol
     )

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive import InvalidArgumentError, InvalidFileError, StrategyRecorder
-from exceptiondrive.checking import manifest_of, read_file
+from exceptiondrive.checking import manifest_of
 from exceptiondrive.cli import app
-from exceptiondrive.evaluation import read_split
+from exceptiondrive.inputs import given_bytes, given_split
 from exceptiondrive.plot import Scenes, picture, plot_file
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.drawing import View
@@ -39,9 +39,9 @@ def file(planning_file: MakeFile) -> Path:
 
 @pytest.fixture
 def scenes(file: Path, split_file: Path) -> Scenes:
-    protocol, split = packaged_protocol(), read_split(split_file)
+    protocol, split = packaged_protocol(), given_split(split_file)
     manifest = manifest_of(split, protocol)
-    document = check(read_file(file), protocol=protocol, manifest=manifest).document
+    document = check(given_bytes(file).data, protocol=protocol, manifest=manifest).document
     assert document is not None
     return Scenes(document, split, protocol)
 

@@ -242,6 +242,75 @@ def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
     assert run(running, "evaluate", path, "--split", split).exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("manifest", "dve"), "Did you mean 'dev'? There are the phases dev, words."),
+        (("leaderboard", "--phase", "wrds"), "Did you mean 'words'?"),
+        (("quota", "--phase", "dew"), "Did you mean 'dev'?"),
+        (("split", "download", "tinny"), "Did you mean 'tiny'? There are the public splits tiny."),
+    ],
+)
+def test_a_name_that_is_not_there_is_answered_with_what_was_meant(
+    running: "Running", arguments: tuple[str, ...], words: str
+) -> None:
+    done = run(running, *arguments)
+    assert done.exit_code == 2
+    assert words in done.stderr
+
+
+def test_the_quota_is_shown_by_phase_and_belongs_to_teams(running: "Running") -> None:
+    found = json.loads(run(running, "quota", "--json").stdout)
+    assert set(found) == {"dev", "words"}
+    assert found["dev"]["remaining_today"] == QUOTA
+    assert f"{QUOTA} of {QUOTA}" in run(running, "quota", "--phase", "dev").stdout
+    organizer = run(running, "quota", token=running.organizer_token)
+    assert (organizer.exit_code, "Only teams have a quota" in organizer.stderr) == (4, True)
+
+
+def test_the_address_of_a_page_does_for_an_id_on_its_own_server_alone(
+    running: "Running", planning_file: MakeFile
+) -> None:
+    own = json.loads(submit(running, planning_file(), "--json").stdout)["id"]
+    for address in (f"{running.url}/submissions/{own}", f"{running.url}/entries/{own}?tab=a#b"):
+        assert json.loads(run(running, "status", address, "--json").stdout)["id"] == own
+    other = run(running, "status", f"https://board.example.org/submissions/{own}")
+    assert (other.exit_code, "Say which server" in other.stderr) == (2, True)
+    no_page = run(running, "status", f"{running.url}/phases/dev")
+    assert f"It is like {running.url}/submissions/ID" in no_page.stderr
+
+
+def test_stdin_is_a_file_like_any_other(
+    working: "Running", planning_file: MakeFile, split_file: Path
+) -> None:
+    data = planning_file().read_bytes()
+
+    def piped(*arguments: object) -> Any:
+        env = {"EXCEPTIONDRIVE_SERVER": working.url, "EXCEPTIONDRIVE_TOKEN": working.token}
+        words = [str(argument) for argument in arguments]
+        return CliRunner().invoke(app, words, input=data, env=env)
+
+    assert "stdin is valid" in piped("check", "-", "--phase", "dev").stdout
+    exact = json.loads(piped("evaluate", "-", "--split", split_file, "--json").stdout)
+    assert exact == json.loads(
+        run(working, "evaluate", planning_file(), "--split", split_file, "--json").stdout
+    )
+    done = piped("submit", "-", "--phase", "dev", "--method", "Piped", "--wait", "--json")
+    assert json.loads(done.stdout)["rank"] == 1
+
+
+def test_the_phase_of_the_environment_is_meant_where_none_is_named(
+    working: "Running", planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_PHASE", "dev")
+    done = run(working, "submit", planning_file(), "--method", "M", "--wait", "--json")
+    assert json.loads(done.stdout)["phase"] == "dev"
+    assert "phase dev" in run(working, "leaderboard").stdout
+    assert "split tiny" in run(working, "check", planning_file()).stdout
+    words = json.loads(run(working, "leaderboard", "--challenge", "strategy", "--json").stdout)
+    assert words["phase"] == "words", "a challenge that is named comes before a phase that is not"
+
+
 def test_the_board_in_all_its_forms(working: "Running", planning_file: MakeFile) -> None:
     submit(working, planning_file(), "--wait")
     table = run(working, "leaderboard", "--phase", "dev")

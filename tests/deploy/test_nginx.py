@@ -209,3 +209,29 @@ def test_an_endless_head_is_refused(hasty_site: Nginx, head: bytes) -> None:
         connection.sendall(head + b"a" * 2**20)
     answer = until_closed(connection)
     assert answer == b"" or answer.startswith((b"HTTP/1.1 400", b"HTTP/1.1 414"))
+
+
+@pytest.mark.row("I28")
+@pytest.mark.parametrize(
+    ("request_line", "status"),
+    [
+        pytest.param(b"GET /x%00 HTTP/1.1", 400, id="nul"),
+        pytest.param(b"GET /" + b"a" * 9_000 + b" HTTP/1.1", 414, id="long-address"),
+        pytest.param(b"GET / HTTP/1.1\r\nX: " + b"a" * 40_000, 400, id="long-header"),
+        pytest.param(b"GET /a/../../b HTTP/1.1", 400, id="above-the-root"),
+        pytest.param(b"CONNECT x:443 HTTP/1.1", 400, id="connect"),
+        pytest.param(b"GET /unreadable HTTP/1.1", 404, id="its-own-address"),
+    ],
+)
+def test_what_cannot_be_read_is_a_problem_in_words(
+    site: Nginx, request_line: bytes, status: int
+) -> None:
+    plain = socket.create_connection(("127.0.0.1", site.port), timeout=30)
+    trust = ssl.create_default_context(cafile=str(site.certificate))
+    with trust.wrap_socket(plain, server_hostname="127.0.0.1") as connection:
+        connection.sendall(request_line + b"\r\nHost: x\r\nConnection: close\r\n\r\n")
+        head, _, body = until_closed(connection).partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 %d " % status), head
+    assert b"content-type: application/problem+json" in head.lower()
+    problem = Problem.model_validate_json(body)
+    assert (problem.status, problem.title) == (status, PROBLEMS[problem.code].title)

@@ -48,6 +48,17 @@ def answers_of(*ids: str) -> bytes:
     return json.dumps({**document(), "predictions": answers}).encode()
 
 
+class PickleLoadedError(Exception):
+    """Somebody loaded a pickle that was uploaded."""
+
+
+class _Trap:
+    """What loads its pickle raises, in whatever process it does."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return exec, (f"raise __import__({__name__!r}, fromlist=['*']).PickleLoadedError",)
+
+
 def zipped() -> bytes:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
@@ -99,7 +110,8 @@ CONTENT: list[tuple[str, bytes, str]] = [
     ("I14", zipped(), "wrong_file_kind"),
     ("I14", b"\x28\xb5\x2f\xfd" + bytes(50), "wrong_file_kind"),
     ("I15", b"PAR1" + bytes(50) + b"PAR1", "wrong_file_kind"),
-    ("I15", pickle.dumps({"a": 1}), "wrong_file_kind"),
+    ("I15", pickle.dumps(_Trap()), "wrong_file_kind"),
+    ("I15", gzip.compress(pickle.dumps(_Trap())), "wrong_file_kind"),
     ("I15", npy(), "wrong_file_kind"),
     ("I15", npz(), "wrong_file_kind"),
     ("I15", b"sample_id,x,y\ns0,1,2\n", "not_json"),
@@ -126,6 +138,20 @@ def test_a_hostile_file_is_rejected_with_its_code(site: "Site", data: bytes, cod
     assert shown["sheet"] is None
 
 
+@pytest.mark.row("I15")
+def test_the_pickle_that_is_uploaded_would_be_noticed_by_whoever_loads_it() -> None:
+    with pytest.raises(PickleLoadedError):
+        pickle.loads(pickle.dumps(_Trap()))
+
+
+@pytest.mark.row("I29")
+def test_the_answer_to_a_file_of_invalid_samples_is_small(site: "Site") -> None:
+    shown = site.score(answers_of(*(f"ECHO-{i}" for i in range(2500))))
+    unknown = [each for each in shown["report"]["faults"] if each["code"] == "unknown_sample"]
+    assert [each["count"] for each in unknown] == [2500]
+    assert len(json.dumps(shown)) < 16_000
+
+
 @pytest.mark.row("I08")
 def test_i08_a_missing_source_is_scored_and_its_coverage_shown(site: "Site") -> None:
     shown = site.score(sound(source=None), method="No source")
@@ -149,6 +175,7 @@ def test_i17_what_no_car_does_is_flagged_and_shown_on_the_board(
     shown = site.score(data, method=f"Odd {flag}")
     plausibility = shown["sheet"]["plausibility"]
     assert plausibility["shares"][flag] == 1.0
+    assert shown["sheet"]["macro_family"]["hcc"] < 100.0
     codes = [found["code"] for found in plausibility["flags"]]
     assert codes
     site.publish()

@@ -1,15 +1,22 @@
 """The embedded default for real: what dies is started again, and all ends with the launcher."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import httpx
 import pytest
+from tests.chaos.users import can_change_user, showing_python
 from tests.support.processes import free_port, plain_environment
+
+from exceptiondrive_server.launcher.users import SERVER_USER
+from exceptiondrive_worker.sample.files import write_sample_split
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -17,17 +24,23 @@ SERVER = Path(sys.executable).parent / "exceptiondrive-server"
 ROOT = Path(__file__).parents[2]
 
 
+def run_command(data: Path, port: int) -> list[str]:
+    return [str(SERVER), "run", "--port", str(port), "--data", str(data)]
+
+
 class Running:
     """A launcher of this test."""
 
-    def __init__(self, data: Path, port: int) -> None:
+    def __init__(
+        self, data: Path, port: int, *, command: list[str] | None = None, **environment: str
+    ) -> None:
         self.said = data.parent / "said.txt"
         with self.said.open("wb") as said:
             self.process = subprocess.Popen(
-                [str(SERVER), "run", "--port", str(port), "--data", str(data)],
+                command or run_command(data, port),
                 stdout=said,
                 stderr=subprocess.STDOUT,
-                env=plain_environment(),
+                env={**plain_environment(), **environment},
                 cwd=ROOT,
             )
 
@@ -48,7 +61,10 @@ class Running:
             except (FileNotFoundError, ProcessLookupError):
                 continue
             if parent == self.process.pid:
-                name = next((w for w in ("serve", "reconcile", "run") if w in words), "broker")
+                name = next(
+                    (w for w in ("serve", "reconcile", "run", "fill-sample") if w in words),
+                    "broker",
+                )
                 found[name] = int(stat.parent.name)
         return found
 
@@ -90,3 +106,57 @@ def test_whatever_dies_is_started_again_and_nothing_outlives_the_launcher(
 
 def is_any(before: dict[str, int], running: Running) -> bool:
     return bool(set(before.values()) & set(running.children().values()))
+
+
+_READ = "import pathlib, sys; print(len(pathlib.Path(sys.argv[1]).read_bytes()))"
+
+
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """A folder that every user may enter, unlike those of pytest."""
+    folder = Path(tempfile.mkdtemp(prefix="ed-run-"))
+    folder.chmod(0o755)
+    yield folder
+    shutil.rmtree(folder)
+
+
+@pytest.mark.skipif(not can_change_user(), reason="only root can give the server another user")
+def test_who_takes_over_the_web_process_reads_no_region(
+    open_folder: Path,
+) -> None:
+    splits, data = open_folder / "splits", open_folder / "data"
+    withheld = write_sample_split(splits)
+    port = free_port()
+    command = showing_python([*run_command(data, port), "--sample"])
+    running = Running(data, port, command=command, EXCEPTIONDRIVE_SPLITS_DIR=str(splits))
+    try:
+        running.wait_until(lambda said: "1 of 7 scored" in said)
+        users = {
+            name: Path(f"/proc/{pid}").stat().st_uid
+            for name, pid in running.children().items()
+            if name != "fill-sample"
+        }
+        kept = next((data / "private" / "sheets").iterdir())
+        split = httpx.get(f"http://127.0.0.1:{port}/api/v1/splits/sample")
+    finally:
+        running.end()
+    assert f"the server runs as user {SERVER_USER}" in running.said.read_text()
+    assert users == {
+        "broker": SERVER_USER,
+        "serve": SERVER_USER,
+        "reconcile": SERVER_USER,
+        "run": 0,
+    }
+    assert split.status_code == 200, "what root stored is the server's to give"
+    for path, is_own in ((data / "records.sqlite3", True), (withheld, False), (kept, False)):
+        read = showing_python([sys.executable, "-c", _READ, str(path)])
+        as_server = ["setpriv", f"--reuid={SERVER_USER}", f"--regid={SERVER_USER}"]
+        read[-4:-4] = [*as_server, "--clear-groups", "--no-new-privs"]
+        done = subprocess.run(read, capture_output=True, text=True, check=False)
+        assert (done.returncode == 0) is is_own, f"{path}: {done.stderr}"
+
+
+def test_started_as_one_user_it_says_what_that_means(running: Running) -> None:
+    """The folders of pytest are closed to other users, so that root can give none to the server."""
+    running.wait_until(has_started)
+    assert "who takes over the web process can read withheld regions" in running.said.read_text()

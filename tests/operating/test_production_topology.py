@@ -203,7 +203,7 @@ def test_events_come_while_they_happen(run: Run, site: Site) -> None:
     """Held back by a buffer, the first would come with the last, which waits for it here."""
     workers = run.topology.workers
     for worker in workers:
-        worker.send_group(signal.SIGSTOP)
+        worker.freeze()
     try:
         call = run.upload("alpha")
         path = f"/api/v1/submissions/{call.submission_id}/events"
@@ -215,11 +215,11 @@ def test_events_come_while_they_happen(run: Run, site: Site) -> None:
             events = (json.loads(line[5:]) for line in answer.iter_lines() if line[:5] == "data:")
             assert next(events)["status"] == "queued"
             for worker in workers:
-                worker.send_group(signal.SIGCONT)
+                worker.thaw()
             assert [event["status"] for event in events][-1] == "scored"
     finally:
         for worker in workers:
-            worker.send_group(signal.SIGCONT)
+            worker.thaw()
 
 
 def _ready(topology: Topology, *hosts: str) -> bool:

@@ -46,6 +46,7 @@ def test_a_sample_recomputes_only_so_many(stage: Stage) -> None:
     assert verified(stage, 2).n_sheets == 2
 
 
+@pytest.mark.row("I30")
 def test_a_sheet_that_differs_is_named(stage: Stage) -> None:
     found = verified(stage, spoil=True)
     assert (found.n_equal, found.n_different) == (2, 1)

@@ -143,6 +143,7 @@ def test_a_duplicate_key_is_found_wherever_it_stands(
     assert paths == ["$", "$.note[0]"]
 
 
+@pytest.mark.row("I07")
 def test_examples_are_few_and_the_count_is_whole(planning: dict[str, Any], checked: Check) -> None:
     unknown = [{"sample_id": f"x-{n}", "source": None, "edited": None} for n in range(50)]
     planning["predictions"] += unknown
@@ -150,6 +151,7 @@ def test_examples_are_few_and_the_count_is_whole(planning: dict[str, Any], check
     assert group.count == 50
     assert len(group.examples) == MAX_EXAMPLES
     assert group.examples[19].path == "$.predictions[22].sample_id"
+    assert [example.sample_id for example in group.examples] == [f"x-{n}" for n in range(20)]
 
 
 def test_a_missing_sample_names_the_id_that_stands_in_its_place(

@@ -25,6 +25,14 @@ def test_equal_entries_share_a_rank_and_the_next_rank_is_skipped(
     assert ranks(values, [True] * 4, order) == [2, 1, 2, 4]
 
 
+@pytest.mark.row("I33")
+def test_a_difference_below_every_printed_digit_is_still_a_difference(
+    order: tuple[RankKey, ...],
+) -> None:
+    values = {"hcc": [5.0, 5.0 + 1e-12, 5.0], "ur": [70.0, 70.0, 70.0 - 1e-12]}
+    assert ranks(values, [True] * 3, order) == [3, 1, 2]
+
+
 def test_an_undefined_score_does_not_rank_and_takes_no_rank(order: tuple[RankKey, ...]) -> None:
     assert ranks({"hcc": [None, 9.0], "ur": [1.0, 70.0]}, [True, True], order) == [None, 1]
     assert ranks({"hcc": [10.0, 9.0], "ur": [None, 70.0]}, [True, True], order) == [None, 1]

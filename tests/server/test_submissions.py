@@ -80,9 +80,10 @@ def test_the_rank_is_that_of_the_current_board(api: "Api", make_entry: Callable[
     assert api.get(f"/submissions/{own}", "alpha").json()["rank"] == 7
 
 
+@pytest.mark.row("I24")
 @pytest.mark.parametrize(
     ("method", "path"),
-    [("GET", ""), ("GET", "/events"), ("POST", "/withdraw")],
+    [("GET", ""), ("GET", "/events"), ("GET", "/receipt"), ("POST", "/withdraw")],
 )
 def test_another_teams_submission_is_404_in_the_words_for_an_unknown_one(
     api_on_both: "Api", as_problem: Problem, method: str, path: str

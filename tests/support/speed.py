@@ -23,6 +23,8 @@ from sqlalchemy.util import LRUCache
 from exceptiondrive_records.db import database
 
 HEAVIEST = (
+    "tests/chaos/test_faults_sqlite_1.py",
+    "tests/chaos/test_faults_sqlite_2.py",
     "tests/end_to_end/test_on_the_sample.py",
     "tests/rescoring/test_organizer_in_a_browser.py",
     "tests/server/pages/test_in_a_browser.py",
@@ -30,9 +32,9 @@ HEAVIEST = (
     "tests/operating/test_running_server.py",
     "tests/records/test_lifecycle_machine.py",
     "tests/phases/test_in_a_browser.py",
-    "tests/chaos/test_short_form.py",
     "tests/server/test_openapi.py",
     "tests/end_to_end/test_main_job.py",
+    "tests/chaos/test_faults_postgres.py",
     "tests/operating/test_production_topology.py",
     "tests/worker/test_with_real_broker.py",
 )

@@ -192,6 +192,7 @@ def failing(error: BaseException) -> Callable[..., Any]:
     return fail
 
 
+@pytest.mark.row("I26")
 @pytest.mark.parametrize(
     ("error", "code"),
     [

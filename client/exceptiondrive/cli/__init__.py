@@ -2,14 +2,14 @@
 
 import sys
 from importlib import import_module
-from textwrap import shorten
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_group
 
 from exceptiondrive.errors import ExceptionDriveError
+from exceptiondrive.version import __version__
 
 HELP = """Check, score and submit trajectory files of the ExceptionDrive benchmark.
 
@@ -25,6 +25,7 @@ COMMANDS = {
     ),
     "convert": (".convert_command", "Make a submission of a planner's own files."),
     "version": (".local_commands", "Print the versions of client and protocol."),
+    "config": (".config_command", "Show or keep the usual server and phase."),
     "login": (".account_commands", "Keep a team token for a server."),
     "logout": (".account_commands", "Forget the token of a server."),
     "whoami": (".account_commands", "Show whose token is in use."),
@@ -107,12 +108,8 @@ class _LazyCommands(Commands):
         return self.commands.get(cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write a line for each command."""
-        width = formatter.width - 6 - max(map(len, COMMANDS))
-        rows = [
-            (name, shorten(words, width, placeholder="..."))
-            for name, (_, words) in COMMANDS.items()
-        ]
+        """Write what each command does, in as many lines as that takes."""
+        rows = [(name, words) for name, (_, words) in COMMANDS.items()]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
@@ -127,8 +124,21 @@ app = typer.Typer(
 )
 
 
+def _say_version(value: bool) -> None:
+    if value:
+        typer.echo(f"exceptiondrive {__version__}")
+        raise typer.Exit
+
+
 @app.callback(help=HELP)
-def _root() -> None:
+def _root(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_say_version, help="Say the version and exit."
+        ),
+    ] = False,
+) -> None:
     """Carry the help of the whole."""
 
 

@@ -5,19 +5,28 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view
 from exceptiondrive.errors import InvalidArgumentError, utc_text
+from exceptiondrive.settings import find_setting
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.submission import PhaseView
 
 
 def leaderboard(
-    phase: options.Phase = None,
+    phase: options.DefaultPhase = None,
     challenge: Annotated[
-        str | None, typer.Option("--challenge", metavar="C", help="planning or strategy.")
+        str | None,
+        typer.Option(
+            "--challenge",
+            metavar="planning|strategy",
+            autocompletion=choices(*CHALLENGES),
+            help="Its first phase; where no phase is meant.",
+        ),
     ] = None,
     protocol: Annotated[
         str | None, typer.Option("--protocol", metavar="V", help="Version; else the one in force.")
@@ -27,12 +36,23 @@ def leaderboard(
         typer.Option("--as-of", metavar="TIME", help="As it stood then: 2026-11-21[T18:00:00Z]."),
     ] = None,
     sort: Annotated[
-        str | None, typer.Option("--sort", metavar="METRIC", help="Order of rows; ranks stay.")
+        str | None,
+        typer.Option(
+            "--sort",
+            metavar="METRIC",
+            autocompletion=choices(
+                *(key for each in CHALLENGES.values() for key in each.metric_keys)
+            ),
+            help="Order of rows, by hcc or another; ranks stay.",
+        ),
     ] = None,
     view: Annotated[
         str | None,
         typer.Option(
-            "--view", metavar="main|late", help="late: with what came after the deadline."
+            "--view",
+            metavar="main|late",
+            autocompletion=choices("main", "late"),
+            help="late: with what came after the deadline.",
         ),
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="The server's CSV on stdout.")] = False,
@@ -44,6 +64,8 @@ def leaderboard(
         raise InvalidArgumentError("too_many_choices", "Give only one of --csv and --json.")
     if view not in (None, "main", "late"):
         raise InvalidArgumentError("wrong_option", f"--view is main or late, not {view!r}.")
+    if challenge is None:
+        phase = find_setting("phase", phase).value
     asked: dict[str, Any] = {
         "phase": phase,
         "challenge": challenge,

@@ -5,7 +5,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from exceptiondrive.checking import chosen_protocol, read_manifest, write_file
+from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.tables import report_view
@@ -18,6 +18,7 @@ from exceptiondrive.conversion import (
 )
 from exceptiondrive.conversion import convert as convert_pairs
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive.inputs import given_manifest, given_protocol
 from exceptiondrive.pair_files import read_pairs
 from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
@@ -127,7 +128,7 @@ def convert(
     themselves; nothing is ever padded. Every step that was taken is printed, and the result is
     checked: what is not valid is not written.
     """
-    rules = chosen_protocol(protocol)
+    rules = given_protocol(protocol)
     if rotate not in (None, *ROTATIONS_DEG):
         raise InvalidArgumentError("wrong_option", "--rotate must be 90, -90 or 180.")
     if follows not in get_args(FollowedPoint):
@@ -142,7 +143,7 @@ def convert(
         )
     form = planner_form(planner or "trajectories") if source_run or edited_run else None
     pairs, split_of_files = _read(files or [], form, source_run or [], edited_run or [], mode)
-    known = None if manifest is None else read_manifest(manifest)
+    known = None if manifest is None else given_manifest(manifest)
     split = split or split_of_files or (known.name if known else None)
     if split is None:
         raise InvalidArgumentError(

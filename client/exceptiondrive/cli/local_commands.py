@@ -5,15 +5,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive import __version__
-from exceptiondrive.checking import (
-    check_file,
-    chosen_protocol,
-    csv_text,
-    manifest_of,
-    read_manifest,
-    write_file,
-)
+from exceptiondrive.checking import check_file, csv_text, write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.session import open_client
@@ -21,12 +13,14 @@ from exceptiondrive.cli.tables import outlook_view, report_view, sheet_view
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.evaluation import (
     SampleResult,
-    read_split,
     sample_results,
     score,
     sound_file,
 )
+from exceptiondrive.inputs import GivenFile, given_split
 from exceptiondrive.plot import plot_file
+from exceptiondrive.settings import find_setting
+from exceptiondrive.version import __version__
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import packaged_protocol
@@ -42,10 +36,7 @@ def check(
         Path | None,
         typer.Option("--manifest", metavar="M", help="Check its samples: a manifest file."),
     ] = None,
-    phase: Annotated[
-        str | None,
-        typer.Option("--phase", metavar="P", help="Check its samples: ask the server."),
-    ] = None,
+    phase: options.DefaultPhase = None,
     protocol: options.ProtocolOption = None,
     name_all: Annotated[
         bool, typer.Option("--all", help="Name every sample that has a fault.")
@@ -55,11 +46,14 @@ def check(
 ) -> None:
     """Check a file, list every fault, and say what it looks like.
 
-    The checker is the server's own. Without --split, --manifest or --phase only the form is
-    checked, not the sample ids.
+    The checker is the server's own. Sample ids are checked against --split, --manifest or the
+    phase; without any of them only the form is.
     """
-    report = _report(file, split, manifest, phase, protocol, server)
-    show_result(report, json, *report_view(report, file.name, with_all=name_all))
+    given = options.given(file)
+    if split is None and manifest is None:
+        phase = find_setting("phase", phase).value
+    report = _report(given, split, manifest, phase, protocol, server)
+    show_result(report, json, *report_view(report, given.name, with_all=name_all))
     if report.is_valid and not json and split is None and manifest is None and phase is None:
         say("Only the form was checked; add --phase, --manifest or --split for the sample ids.")
     if not report.is_valid:
@@ -67,7 +61,7 @@ def check(
 
 
 def _report(
-    file: Path,
+    file: GivenFile,
     split: Path | None,
     manifest: Path | None,
     phase: str | None,
@@ -83,13 +77,9 @@ def _report(
         with open_client(server) as client:
             if protocol is None:
                 return client.check(file, phase=phase)
-            rules = chosen_protocol(protocol)
-            return check_file(file, manifest=client.manifest(phase), protocol=rules)
-    rules = chosen_protocol(protocol)
-    known = None if manifest is None else read_manifest(manifest)
-    if split is not None:
-        known = manifest_of(read_split(split), rules)
-    return check_file(file, manifest=known, protocol=rules)
+            return check_file(file, manifest=client.manifest(phase), protocol=protocol)
+    known = given_split(split) if split is not None else manifest
+    return check_file(file, manifest=known, protocol=protocol)
 
 
 def evaluate(
@@ -112,14 +102,13 @@ def evaluate(
     the exact score sheet. Below it stands what the file looks like. Needs the extra `evaluate` (numpy) and a split with regions: see `split
     download`.
     """
-    rules = chosen_protocol(protocol)
-    sound = sound_file(file, split, rules)
-    sheet = score(sound.document, sound.split, rules)
+    sound = sound_file(options.given(file), split, protocol)
+    sheet = score(sound.document, sound.split, sound.protocol)
     if per_sample is not None:
-        rows = sample_results(sound.document, sound.split, rules)
+        rows = sample_results(sound.document, sound.split, sound.protocol)
         write_file(per_sample, csv_text(SampleResult._fields, rows))
         say(f"{counted(len(rows), 'sample')} in {per_sample}")
-    show_result(sheet, json, *sheet_view(sheet, rules), *outlook_view(sound.report))
+    show_result(sheet, json, *sheet_view(sheet, sound.protocol), *outlook_view(sound.report))
 
 
 def plot(
@@ -146,8 +135,14 @@ def plot(
     scoring code itself. An .svg follows light and dark. Needs the extra `plot` and a split with
     regions: see `split download`.
     """
-    rules = chosen_protocol(protocol)
-    drawn = plot_file(file, output, split=split, sample_ids=samples, worst=worst, protocol=rules)
+    drawn = plot_file(
+        options.given(file),
+        output,
+        split=split,
+        sample_ids=samples,
+        worst=worst,
+        protocol=protocol,
+    )
     facts = {"output": str(output), "sample_ids": list(drawn)}
     show_result(facts, json, f"{counted(len(drawn), 'sample')} in {output}")
 

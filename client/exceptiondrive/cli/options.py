@@ -1,11 +1,14 @@
 """Options that several commands share."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from exceptiondrive.cli import completion
 from exceptiondrive.cli.output import remember_json
+from exceptiondrive.inputs import GivenFile, given_bytes
 
 Json = Annotated[
     bool,
@@ -16,11 +19,25 @@ Server = Annotated[
     typer.Option(
         "--server",
         metavar="URL",
-        help="Address of the server; else EXCEPTIONDRIVE_SERVER, else what login kept.",
+        help="Address of the server; else EXCEPTIONDRIVE_SERVER, `config`, what login kept.",
     ),
 ]
+STDIN = Path("-")
+
+
+def given(file: Path) -> GivenFile:
+    """Return what a file holds that was named, or stdin where it is `-`.
+
+    Raises:
+        InvalidArgumentError: It cannot be read.
+    """
+    if file == STDIN:
+        return GivenFile("stdin", sys.stdin.buffer.read())
+    return given_bytes(file)
+
+
 File = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Submission file, JSON or gzip of JSON.")
+    Path, typer.Argument(metavar="FILE", help="Submission file, JSON or gzip of JSON; - is stdin.")
 ]
 ProtocolOption = Annotated[
     str | None,
@@ -28,8 +45,29 @@ ProtocolOption = Annotated[
         "--protocol", metavar="P", help="Version that ships with the client, or a TOML file."
     ),
 ]
-Phase = Annotated[str | None, typer.Option("--phase", metavar="PHASE", help="Id of a phase.")]
-SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
+Phase = Annotated[
+    str | None,
+    typer.Option(
+        "--phase", metavar="PHASE", autocompletion=completion.phases, help="Only of this phase."
+    ),
+]
+DefaultPhase = Annotated[
+    str | None,
+    typer.Option(
+        "--phase",
+        metavar="PHASE",
+        autocompletion=completion.phases,
+        help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
+    ),
+]
+SubmissionId = Annotated[
+    str,
+    typer.Argument(
+        metavar="ID",
+        autocompletion=completion.submission_ids,
+        help="Id of the submission, or the address of its page.",
+    ),
+]
 FactsFile = Annotated[
     Path | None, typer.Option("--facts", metavar="FILE", help="JSON file of the method's facts.")
 ]

@@ -6,12 +6,12 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.checking import chosen_protocol, read_file
-from exceptiondrive.cli import options, phase_commands, rescore_commands
+from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import ExceptionDriveError
+from exceptiondrive.inputs import given_bytes, given_protocol
 
 TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
@@ -19,7 +19,7 @@ FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol doc
 
 def check_protocol(file: FileArgument, json: options.Json = False) -> None:
     """Check a protocol document on this machine; every problem is listed."""
-    protocol = chosen_protocol(str(file))
+    protocol = given_protocol(str(file))
     facts = {"version": protocol.version, "digest": protocol.digest}
     show_result(facts, json, f"protocol {protocol.version} is valid, {protocol.digest}")
 
@@ -34,8 +34,8 @@ def diff_protocol(
     json: options.Json = False,
 ) -> None:
     """Say in plain words what a document would change, and what would be repeated."""
-    chosen_protocol(str(file))
-    toml = read_file(file).decode("utf-8-sig")
+    given_protocol(str(file))
+    toml = given_bytes(file).data.decode("utf-8-sig")
     with open_organizer(server) as organizer:
         found = organizer.rescoring.check_protocol(toml, phase)
     changes = [f"- {change['sentence']} ({change['stage']})" for change in found["changes"]]
@@ -193,8 +193,8 @@ def add_protocol(
     json: options.Json = False,
 ) -> None:
     """Add a protocol document; it is immutable from then on."""
-    chosen_protocol(str(file))
-    toml = read_file(file).decode("utf-8-sig")
+    given_protocol(str(file))
+    toml = given_bytes(file).data.decode("utf-8-sig")
     with open_organizer(server) as organizer:
         known = {one["digest"] for one in organizer.protocols()}
         added = organizer.add_protocol(toml)
@@ -293,6 +293,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         rescore_commands.COMMANDS,
     ),
     "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
+    "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }

@@ -6,17 +6,16 @@ The options of the settings are made from `PhaseSettings`: a further field is a 
 from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.checking import read_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
@@ -64,13 +63,15 @@ def create(
     **settings: Any,
 ) -> None:
     """Make a phase."""
+    given = setting_document(PhaseSettings, settings)
     with open_organizer(server) as organizer:
+        taken_over = {} if like is None else _undated(organizer.phase(like))
         wanted = {
             "id": phase_id,
             "split": split,
             "split_revision": split_revision,
             "challenge": challenge,
-            **_merged({} if like is None else _undated(organizer.phase(like)), _document(settings)),
+            **_merged(taken_over, given),
         }
         wanted["protocol"] = protocol or organizer.protocols()[-1]["version"]
         phase = organizer.create_phase(wanted)
@@ -84,7 +85,7 @@ def update(
     **settings: Any,
 ) -> None:
     """Change settings of a phase; what would take back a promise is refused."""
-    changes = _document(settings)
+    changes = setting_document(PhaseSettings, settings)
     if not changes:
         raise InvalidArgumentError(
             "nothing_to_set", "Say what to change: `--help` lists the settings."
@@ -175,9 +176,9 @@ def _parameter(name: str, annotation: Any, default: Any) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _document(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that were given as the API takes them."""
-    fields = fields_of(PhaseSettings)
+def setting_document(model: type[Document], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a model that were given, as the API takes them."""
+    fields = fields_of(model)
     said = {field.name: field for field in fields if given[field.name] is not None}
     return document_of(fields, {name: _value(field, given[name]) for name, field in said.items()})
 
@@ -204,7 +205,7 @@ def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
     if field.kind == "lines" and given.startswith("@"):
-        return read_file(Path(given[1:])).decode("utf-8-sig")
+        return given_bytes(given[1:]).data.decode("utf-8-sig")
     if field.kind == "whole":
         if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):
             raise InvalidArgumentError(

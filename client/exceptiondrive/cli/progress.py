@@ -1,7 +1,15 @@
 """Progress on stderr, and only where a person sees it."""
 
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    DownloadColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+    TransferSpeedColumn,
+)
 from rich.status import Status
+from rich.table import Column
 
 from exceptiondrive.cli.output import console, has_terminal
 from exceptiondrive.cli.tables import status_line
@@ -9,20 +17,28 @@ from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.submission import SubmissionView
 
 
-class UploadBar:
-    """A bar that is called with bytes sent and bytes in all."""
+class TransferBar:
+    """A bar that is called with bytes done and bytes in all, 0 where that is not known.
 
-    def __init__(self, name: str) -> None:
+    Args:
+        doing: "uploading", "downloading".
+        name: Of the file.
+    """
+
+    def __init__(self, doing: str, name: str) -> None:
         self._bar = Progress(
-            TextColumn("uploading {task.description}"),
-            BarColumn(),
+            TextColumn(
+                "{task.description}", table_column=Column(overflow="ellipsis", no_wrap=True)
+            ),
+            BarColumn(bar_width=20),
             DownloadColumn(),
+            TransferSpeedColumn(),
             TimeRemainingColumn(),
             console=console(stderr=True),
             transient=True,
             disable=not has_terminal(),
         )
-        self._task = self._bar.add_task(name, total=None)
+        self._task = self._bar.add_task(f"{doing} {name}", total=None)
 
     def __enter__(self) -> Self:
         return self
@@ -30,10 +46,10 @@ class UploadBar:
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    def __call__(self, sent: int, total: int) -> None:
+    def __call__(self, done: int, total: int) -> None:
         """Move the bar; it is shown from the first byte on, so that a question before it is read."""
         self._bar.start()
-        self._bar.update(self._task, completed=sent, total=total)
+        self._bar.update(self._task, completed=done, total=total or None)
 
 
 class WaitLine:

@@ -6,9 +6,11 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.output import show_result
+from exceptiondrive.cli.progress import TransferBar
 from exceptiondrive.cli.session import open_client
+from exceptiondrive.settings import default_phase
 
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where to write it.")
@@ -16,7 +18,14 @@ Output = Annotated[
 
 
 def manifest(
-    phase: Annotated[str, typer.Argument(metavar="PHASE", help="Id of the phase.")],
+    phase: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[PHASE]",
+            autocompletion=completion.phases,
+            help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
+        ),
+    ] = None,
     output: Output = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -26,7 +35,7 @@ def manifest(
     The recorder and `check --manifest` read the file.
     """
     with open_client(server) as client:
-        found = client.manifest(phase)
+        found = client.manifest(default_phase(phase))
     path = output or Path(f"{found.name}.manifest.json")
     write_file(path, found.model_dump_json(by_alias=True, indent=1))
     facts: dict[str, str | int] = {
@@ -39,7 +48,14 @@ def manifest(
 
 
 def download(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a development split.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            autocompletion=completion.public_splits,
+            help="Name of a development split.",
+        ),
+    ],
     output: Output = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -48,8 +64,8 @@ def download(
 
     With its hazard regions, which only a development split gives away.
     """
-    with open_client(server) as client:
-        found = client.split(name)
+    with open_client(server) as client, TransferBar("downloading", name) as bar:
+        found = client.split(name, on_progress=bar)
     path = output or Path(f"{found.name}.split.json")
     write_file(path, found.model_dump_json(by_alias=True, exclude_none=True))
     facts: dict[str, str | int] = {

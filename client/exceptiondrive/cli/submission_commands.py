@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.completion import choices, submission_ids
 from exceptiondrive.cli.output import (
     can_ask,
     say_view,
@@ -14,7 +15,7 @@ from exceptiondrive.cli.output import (
     show_json,
     show_result,
 )
-from exceptiondrive.cli.progress import UploadBar, WaitLine
+from exceptiondrive.cli.progress import TransferBar, WaitLine
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import (
     edits_table,
@@ -27,17 +28,18 @@ from exceptiondrive.cli.tables import (
 from exceptiondrive.client import Outlook
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.facts import facts_of_pairs
+from exceptiondrive.settings import default_phase
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 
 def submit(
     file: options.File,
-    phase: Annotated[str, typer.Option("--phase", metavar="P", help="Id of the phase.")],
     method: Annotated[
         str,
         typer.Option("--method", metavar="NAME", help="Name of the method, as the board has it."),
     ],
+    phase: options.DefaultPhase = None,
     description: Annotated[
         str, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
     ] = "",
@@ -54,6 +56,7 @@ def submit(
         typer.Option(
             "--without-reminder",
             metavar="SUBMISSION_ID",
+            autocompletion=submission_ids,
             help="Strategy phases: your submission of the same agent without reminder.",
         ),
     ] = None,
@@ -93,10 +96,11 @@ def submit(
         say_view(*outlook_view(outlook.report), outlook.rule)
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
+    phase, given = default_phase(phase), options.given(file)
     with open_client(server) as client:
-        with UploadBar(file.name) as bar:
+        with TransferBar("uploading", given.name) as bar:
             submission = client.submit(
-                file,
+                given,
                 phase=phase,
                 method=method,
                 description=description,
@@ -159,7 +163,13 @@ def status(
 def submissions(
     phase: options.Phase = None,
     only: Annotated[
-        str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
+        str | None,
+        typer.Option(
+            "--status",
+            metavar="STATUS",
+            autocompletion=choices(*SubmissionStatus),
+            help=f"Only {', '.join(SubmissionStatus)}.",
+        ),
     ] = None,
     limit: Annotated[
         int, typer.Option("--limit", metavar="N", min=1, help="At most so many.")

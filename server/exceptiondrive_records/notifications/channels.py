@@ -8,6 +8,7 @@ import smtplib
 import socket
 import ssl
 from email.message import EmailMessage
+from email.policy import default
 from typing import Annotated, Literal
 from urllib.parse import urlsplit, urlunsplit
 
@@ -192,6 +193,8 @@ def _may_help(error: Exception) -> bool:
 
 
 _MAIL_TIMEOUT_S = 10.0
+_LONG_LINES = default.clone(max_line_length=900)
+"""Below the 998 of RFC 5322: a folded address in a header would be written in code words."""
 
 
 def send_email(
@@ -228,7 +231,7 @@ def message_of(
     Mail programs offer to unsubscribe by its headers (RFC 2369, and with one click RFC 8058).
     """
     leave = f"{settings.public_url.rstrip('/')}{unsubscribe}"
-    message = EmailMessage()
+    message = EmailMessage(policy=_LONG_LINES)
     message["Subject"] = one_line(notice.title)
     message["From"] = settings.mail_from
     message["To"] = to

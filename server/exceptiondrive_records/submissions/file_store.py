@@ -209,12 +209,20 @@ class FileStore:
         with contextlib.suppress(FileExistsError, FileNotFoundError):  # obstore says what is wrong
             subfolder.mkdir()
             subfolder.chmod(stat.S_IMODE(self._folder.stat().st_mode))
+            self._own(subfolder)
+
+    def _own(self, entry: Path) -> None:
+        """What root puts here belongs to whom the store belongs to."""
+        if self._folder is not None and os.geteuid() == 0:
+            owner = self._folder.stat()
+            os.lchown(entry, owner.st_uid, owner.st_gid)
 
     def _sync(self, key: str) -> None:
         """Make a local file survive a power cut: the file, and the folder that names it."""
         if self._folder is None:
             return
         path = self._folder / key
+        self._own(path)
         for entry in (path, path.parent):
             descriptor = os.open(entry, os.O_RDONLY)
             try:

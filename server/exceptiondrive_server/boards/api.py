@@ -15,7 +15,7 @@ from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import chosen_board, facts_on
 from exceptiondrive_server.boards.query import AskedBoard, documented
-from exceptiondrive_server.boards.table import sorted_board
+from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.web.problems import problem_responses
@@ -38,11 +38,12 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     openapi_extra=documented(),
 )
 def get_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
-    """Give a board as JSON; sorting never changes a rank, and rows without a value come last."""
+    """Give a board as JSON; sorting and filters change no rank, rows without a value come last."""
     with services.database.read() as session:
         row = chosen_board(session, query)
         board = parsed_board(row)
-    shown = sorted_board(board, query.sort)
+        facts = facts_on(session, board)
+    shown = selected_board(board, query, facts)
     body = row.body if shown is board else shown.model_dump_json()
     max_age_s = services.settings.board_max_age_s
     return conditional(request, body.encode(), "application/json", max_age_s=max_age_s)
@@ -68,7 +69,7 @@ def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> 
         row = chosen_board(session, query)
         protocol = find_protocol(session, row.protocol_digest)
         facts = facts_on(session, parsed_board(row))
-    csv, board = EXPORTS["csv"], sorted_board(parsed_board(row), query.sort)
+    csv, board = EXPORTS["csv"], selected_board(parsed_board(row), query, facts)
     text = csv.write(board, protocol, origin_of(request), facts)
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)

@@ -24,6 +24,7 @@ from exceptiondrive_server.web.templating import template_filter
 LINE_HEIGHT = 40
 WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16
 NARROW = 310
+MAX_COMPARED = 6
 Sheets = tuple[ScoreSheet | None, ScoreSheet | None]
 
 

@@ -10,7 +10,7 @@ from datetime import datetime
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.boards.entry_facts import entry_url, flags_of, primary_metrics
+from exceptiondrive_server.boards.entry_facts import flags_of, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import (
     Digits,
@@ -25,12 +25,11 @@ MAX_NAMED = 3
 
 @dataclass(frozen=True)
 class Fact:
-    """One big figure under the headline."""
+    """One figure under the headline."""
 
     label: str
     value: str
     note: str
-    url: str | None = None
 
 
 @dataclass(frozen=True)
@@ -49,25 +48,16 @@ def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Di
         return Headline(words.headline.question, ("No board has been published yet.",), ())
     ranked = [entry for entry in board.entries if entry.rank is not None]
     n_listed = sum([bool(entry.unranked_flags) for entry in board.entries])
-    note = ("ranked" if ranked else "ranked yet") + (f", {n_listed} listed" if n_listed else "")
+    note = f"{words.subjects} ranked" + ("" if ranked else " yet")
+    note += f", {n_listed} listed" if n_listed else ""
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),
-        Fact("Tasks", str(n_tasks), f"in {counted(len(board.families), 'family', 'families')}"),
+        Fact(
+            "Tasks", str(n_tasks), f"tasks in {counted(len(board.families), 'family', 'families')}"
+        ),
         Fact(words.subjects.capitalize(), grouped(len(ranked)), note),
-        *_leader_facts(board, challenge, digits),
     )
     return Headline(_title(board, challenge), _findings(board, ranked, challenge, digits), facts)
-
-
-def _leader_facts(board: Board, challenge: Challenge, digits: Digits) -> Iterator[Fact]:
-    leader = board.leader
-    if leader is None:
-        return
-    for metric in primary_metrics(challenge):
-        text = digits.text(metric, leader.metrics.get(metric.key))
-        if text is not None:
-            label = f"{metric.label} of the leader"
-            yield Fact(label, with_unit(metric, text), leader.method, entry_url(leader, board))
 
 
 def _title(board: Board, challenge: Challenge) -> str:

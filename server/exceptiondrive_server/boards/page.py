@@ -15,12 +15,19 @@ from markupsafe import Markup
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
-from exceptiondrive_schemas.method_facts import FactsOfBoard
+from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
-from exceptiondrive_server.boards.comparison import Comparison, default_pair
+from exceptiondrive_server.boards.charts import (
+    Curves,
+    best_entries,
+    curve_chart,
+    effect_lines,
+    scatter_chart,
+)
+from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
 from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
+from exceptiondrive_server.boards.families import Tasks, dot_plot, families_of
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
     ChangeLine,
@@ -55,8 +62,9 @@ class Same(Generic[T]):
 class ShownBoard(NamedTuple):
     """What follows from a board, its protocol and a query; `rows` are the rows of nobody's own.
 
-    `address` is the query that names this very board. `axes` and `head` belong to the table,
-    `change` tells what is new since the board before.
+    `address` is the query that names this very board, `compared_fields` what names it to the
+    comparison. `axes` and `head` belong to the table, `change` tells what is new since the board
+    before.
     """
 
     name: str
@@ -70,6 +78,7 @@ class ShownBoard(NamedTuple):
     charts: Markup
     families: Markup
     metrics: Markup
+    compared_fields: tuple[tuple[str, str], ...]
 
 
 @lru_cache(maxsize=64)
@@ -77,12 +86,14 @@ def _shown(
     same_board: Same[Board],
     same_protocol: Same[ProtocolDocument],
     same_curves: Same[Curves],
+    same_tasks: Same[Tasks],
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
+    facts: Same[FactsOfBoard],
 ) -> ShownBoard:
     board, protocol, curves = same_board.value, same_protocol.value, same_curves.value
-    table = board_table(board, protocol, query, is_current)
+    table = board_table(board, protocol, query, is_current, facts.value)
     digits, average = table.builder.digits, table.builder.average
     set_row, pair = macro("boards/table.html", "board_row"), default_pair(board)
     narrow, low = NARROW_PX
@@ -107,8 +118,14 @@ def _shown(
         head=macro("boards/table.html", "table_head")(table),
         rows={row.key: set_row(row, table, False) for row in table.rows},
         charts=charts,
-        families=macro("boards/table.html", "heat_map")(table),
+        families=macro("boards/families.html", "families_section")(
+            table=table,
+            shown=families_of(board),
+            plot=dot_plot(board, best_entries(board), digits),
+            tasks=same_tasks.value,
+        ),
         metrics=_metrics(Same(table.builder.challenge), average),
+        compared_fields=board_fields(board, is_current),
     )
 
 
@@ -135,8 +152,7 @@ def forget_shown_boards() -> None:
     _scene.cache_clear()
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """One option of a select field."""
 
     value: str
@@ -247,7 +263,9 @@ class BoardPage:
     has_late_view: bool = False
     curves: Curves = ()
     """Clearance curves of the best entries."""
-    facts: FactsOfBoard = field(default_factory=dict)
+    tasks: Tasks = ()
+    """Tasks, hardest first, as far as the sheets of the best entries tell them."""
+    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
@@ -261,8 +279,8 @@ class BoardPage:
         """
         if self.board is None:
             return None
-        same = Same(self.board), Same(self.protocol), Same(self.curves)
-        return _shown(*same, self.query, self.is_current, self.before)
+        same = Same(self.board), Same(self.protocol), Same(self.curves), Same(self.tasks)
+        return _shown(*same, self.query, self.is_current, self.before, Same(self.facts))
 
     @property
     def challenge(self) -> Challenge:
@@ -276,6 +294,11 @@ class BoardPage:
             return self.shown.headline
         digits = Digits.of(self.protocol.publication)
         return headline(None, self.challenge, len(self.protocol.tasks), digits)
+
+    @property
+    def most_compared(self) -> int:
+        """How many rows may be chosen to be compared."""
+        return MAX_COMPARED
 
     @property
     def withheld(self) -> str:
@@ -331,7 +354,7 @@ class BoardPage:
     @property
     def kept_fields(self) -> list[tuple[str, str]]:
         """What the filter form carries on unseen."""
-        kept = ("challenge", "phase", "view", "source", "sort")
+        kept = ("challenge", "phase", "view", "source", "fact")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
 
     @cached_property

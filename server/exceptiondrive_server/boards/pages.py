@@ -24,7 +24,7 @@ from exceptiondrive_server.boards.queries import (
     read_phases,
 )
 from exceptiondrive_server.boards.query import AskedBoard
-from exceptiondrive_server.boards.table import sorted_board
+from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import principal_of_browser
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
@@ -103,7 +103,7 @@ def export_board(request: Request, services: ServicesOf, query: AskedBoard, form
         row = chosen_board(session, query)
         protocol = find_protocol(session, row.protocol_digest)
         facts = facts_on(session, parsed_board(row))
-    board = sorted_board(parsed_board(row), query.sort)
+    board = selected_board(parsed_board(row), query, facts)
     text = export.write(board, protocol, origin_of(request), facts)
     name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}

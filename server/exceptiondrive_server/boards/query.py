@@ -10,12 +10,20 @@ from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
 
 from fastapi import Depends, Request
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.datetimes import Moment
+from exceptiondrive_schemas.method_facts import LABELS
 from exceptiondrive_schemas.phase_settings import BoardView
 
 Average = Literal["macro_family", "micro"]
@@ -27,6 +35,9 @@ AVERAGE_TITLES: Mapping[Average, str] = {
     "micro": "mean of scenes",
 }
 BY_RANK = "rank"
+PageRows = Literal["20", "100", "all"]
+PAGE_ROWS: Mapping[PageRows, int] = {"20": 20, "100": 100, "all": 1000}
+"""Scored rows of a page; `all` has an end, so that no address makes a page without one."""
 DEFAULT_SORT = BY_RANK
 """The order in which a board is given where nobody asks for another."""
 MAX_SEARCH = 80
@@ -67,12 +78,27 @@ class BoardQuery(BaseModel):
         f"a value come last. One of: {_SORTS}",
         examples=["ur", "-hcc"],
     )
-    source: EntrySource | None = None
+    source: EntrySource | None = Field(None, description="entries of this source alone")
     average: Average | None = None
-    search: str = ""
+    search: str = Field("", description="entries whose method, team or words hold all these words")
     page: int = Field(1, ge=1, lt=2**31)
+    rows: PageRows = "20"
+    facts: frozenset[str] = Field(
+        frozenset(),
+        description="entries of these facts, as `type:vla,open_code:yes`: of one field any, of "
+        "several fields each",
+    )
     hidden: frozenset[str] = frozenset()
     added: frozenset[str] = frozenset()
+
+    @field_validator("facts")
+    @classmethod
+    def _are_known_facts(cls, facts: frozenset[str]) -> frozenset[str]:
+        for fact in facts:
+            name, _, value = fact.partition(":")
+            if value not in LABELS.get(name, {}):
+                raise ValueError(f"FIELD:VALUE, of the fields {', '.join(LABELS)}")
+        return facts
 
     @model_validator(mode="after")
     def _is_one_board(self) -> Self:
@@ -105,6 +131,7 @@ class BoardQuery(BaseModel):
         given["search"] = given.get("q", "")[:MAX_SEARCH]
         given["hidden"] = _hidden(many)
         given["added"] = _names(many.get("add", []))
+        given["facts"] = _names(many.get("fact", []))
         try:
             return cls.model_validate(given)
         except ValidationError as error:
@@ -143,6 +170,8 @@ class BoardQuery(BaseModel):
             ("q", self.search or None),
             ("sort", self.sort if self.sort != DEFAULT_SORT else None),
             ("page", self.page if self.page > 1 else None),
+            ("rows", self.rows if self.rows != "20" else None),
+            ("fact", ",".join(sorted(self.facts)) or None),
             ("hide", ",".join(sorted(self.hidden)) or None),
             ("add", ",".join(sorted(self.added)) or None),
         ]
@@ -151,7 +180,7 @@ class BoardQuery(BaseModel):
     def url(self, path: str = "/", anchor: str = "board", **changes: Any) -> str:
         """Return the address of this state with some fields changed; changes go to page 1."""
         changed = self.model_copy(update={"page": 1, **changes}) if changes else self
-        query = urlencode(changed.pairs(), safe=",")
+        query = urlencode(changed.pairs(), safe=",:")
         return f"{path}{'?' + query if query else ''}{'#' + anchor if anchor else ''}"
 
 
@@ -164,10 +193,21 @@ AskedBoard = Annotated[BoardQuery, Depends(_asked)]
 
 
 def documented() -> dict[str, Any]:
-    """Return what OpenAPI says of the fields that name a board and its order."""
+    """Return what OpenAPI says of the fields that name a board, its entries and their order."""
     properties = BoardQuery.model_json_schema()["properties"]
-    names = ("challenge", "phase", "protocol", "as_of", "sort", "view")
-    return {"parameters": [_parameter(name, properties[name]) for name in names]}
+    names = ("challenge", "phase", "protocol", "as_of", "sort", "view", "source")
+    texts = {"search": "q", "facts": "fact"}
+    return {
+        "parameters": [
+            *(_parameter(name, properties[name]) for name in names),
+            *(
+                _parameter(
+                    asked, {"type": "string", "description": properties[name]["description"]}
+                )
+                for name, asked in texts.items()
+            ),
+        ]
+    }
 
 
 def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:

@@ -3,16 +3,17 @@
 All of it is pure: from a board, a protocol's digits and a query.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.entry_facts import (
     BADGES,
     Badge,
@@ -24,87 +25,27 @@ from exceptiondrive_server.boards.entry_facts import (
     primary_metrics,
     values_of,
 )
-from exceptiondrive_server.boards.query import AVERAGE_TITLES, BY_RANK, SOURCES, Average, BoardQuery
-from exceptiondrive_server.web.numbers import DASH, Digits, grouped, unit_of
+from exceptiondrive_server.boards.query import (
+    AVERAGE_TITLES,
+    BY_RANK,
+    PAGE_ROWS,
+    SOURCES,
+    Average,
+    BoardQuery,
+)
+from exceptiondrive_server.boards.selection import (
+    FactChip,
+    fact_choices,
+    found_entries,
+    sort_entries,
+)
+from exceptiondrive_server.web.numbers import DASH, Digits, grouped, unit_of, with_unit
 from exceptiondrive_server.web.scales import Scale, nice_scale
 
-PAGE_ROWS = 20
 HEAT_STEPS = 10
 HEAT_ROWS = 12
 SMALL_FAMILY = 30
-_Value = Callable[[BoardEntry], float | str | None]
-
-
-def sort_entries(
-    board: Board, entries: Sequence[BoardEntry], sort: str, average: Average | None = None
-) -> list[BoardEntry]:
-    """Sort entries of a board within scored, reference, reported; ranks stay as they are.
-
-    Entries that are listed without a rank stand below the others, whatever the sort.
-
-    Args:
-        board: The board they stand on.
-        entries: Some or all of its entries.
-        sort: `rank`, `method`, `date`, `family.ID` or a metric; `-` in front for descending.
-            Entries without the value come last in either direction.
-        average: Which average a metric is taken from; by default the headline.
-
-    Raises:
-        InvalidRecord: This board has nothing of that name to sort by.
-    """
-    descending, key = sort.startswith("-"), sort.removeprefix("-")
-    average = average or board.headline
-    value = _sort_value(board, key, average)
-    keyed = [(value(entry), entry) for entry in entries]
-    known = [(found, entry) for found, entry in keyed if found is not None]
-    unknown = [entry for found, entry in keyed if found is None]
-    known.sort(key=lambda pair: pair[0], reverse=descending)
-    if key == BY_RANK:  # what has no rank stands by the first metric, the best first
-        unknown.sort(key=_by_first_metric(board, average))
-    found = sorted([*(e for _, e in known), *unknown], key=lambda e: bool(e.unranked_flags))
-    return [entry for source in SOURCES for entry in found if entry.source == source]
-
-
-def sorted_board(board: Board, sort: str) -> Board:
-    """Return the board with its entries sorted; by rank is how boards are kept."""
-    if sort == BY_RANK:
-        return board
-    return board.model_copy(update={"entries": tuple(sort_entries(board, board.entries, sort))})
-
-
-def _by_first_metric(board: Board, average: Average) -> Callable[[BoardEntry], tuple[bool, float]]:
-    metric = challenge_of(board).metrics[0]
-    sign = -1 if metric.better == "higher" else 1
-
-    def order(entry: BoardEntry) -> tuple[bool, float]:
-        value = values_of(entry, board, average).get(metric.key)
-        return (True, 0.0) if value is None else (False, sign * value)
-
-    return order
-
-
-def _sort_value(board: Board, key: str, average: Average) -> _Value:
-    challenge = challenge_of(board)
-    if key == BY_RANK:
-        return lambda entry: entry.rank
-    if key == "method":
-        return lambda entry: entry.method.casefold()
-    if key == "date":
-        return lambda entry: entry.submitted_at.timestamp() if entry.submitted_at else None
-    family = key.removeprefix("family.")
-    shown = {head.id for head in board.families}
-    if family != key and (family in shown or not shown):
-        first = challenge.metrics[0].key
-        return lambda entry: (
-            cell.metrics.get(first) if (cell := entry.families.get(family)) else None
-        )
-    if key in challenge.metric_keys:
-        return lambda entry: values_of(entry, board, average).get(key)
-    words = (
-        f"sort by {BY_RANK}, method, date, a family, or one of {', '.join(challenge.metric_keys)}, "
-        "with - in front for descending"
-    )
-    raise InvalidRecord("There is nothing of that name to sort this board by.", {"sort": words})
+WIDE_COLUMNS = 9
 
 
 @dataclass(frozen=True)
@@ -119,12 +60,18 @@ class Whisker:
 
 @dataclass(frozen=True)
 class Cell:
-    """One metric of one row; `text` is None where it is undefined or was not reported."""
+    """One metric of one row; `text` is None where it is undefined or was not reported.
+
+    `brief` has fewer decimals than `text`, `spread` is `±2.1`, `words` say all of it exactly.
+    """
 
     key: str
     label: str
     role: str
     text: str | None
+    brief: str | None
+    spread: str
+    words: str
     is_best: bool
     whisker: Whisker | None
 
@@ -172,9 +119,16 @@ class Row:
     could_be_first: bool
     movement: Movement | None
     badge: Badge
+    tag: str
+    """What kind of method its team says it is, in a word."""
     cells: tuple[Cell, ...]
     outcome: OutcomeBar | None
     tiles: tuple[FamilyTile, ...]
+
+    @property
+    def not_ranked_because(self) -> str | None:
+        """Why a scored entry has no rank; of other rows their heading says it."""
+        return self.entry.unranked_because if self.entry.source == "scored" else None
 
 
 @dataclass(frozen=True)
@@ -194,6 +148,7 @@ class RowBuilder:
     heat_top: float
     best_by_family: dict[str, float]
     is_current: bool
+    facts: FactsOfBoard
 
     @classmethod
     def of(
@@ -203,6 +158,7 @@ class RowBuilder:
         digits: Digits,
         query: BoardQuery | None = None,
         is_current: bool = True,
+        facts: FactsOfBoard = NO_FACTS,
     ) -> "RowBuilder":
         """Prepare axes and best values from all entries of a board; `query` names the columns."""
         challenge = challenge_of(board)
@@ -217,6 +173,7 @@ class RowBuilder:
             heat_top=_heat_top(board, challenge.metrics[0].key),
             best_by_family=_best_by_family(board, challenge.metrics[0]),
             is_current=is_current,
+            facts=facts,
         )
 
     @property
@@ -226,6 +183,7 @@ class RowBuilder:
 
     def row(self, entry: BoardEntry) -> Row:
         """Build one row."""
+        told = self.facts.get(entry.submission_id or "")
         values = values_of(entry, self.board, self.average)
         return Row(
             key=entry_key(entry),
@@ -237,6 +195,7 @@ class RowBuilder:
             could_be_first=could_be_first(entry),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
+            tag=told.facts.tag if told else "",
             cells=tuple([self._cell(entry, m, values.get(m.key)) for m in self.metrics]),
             outcome=self.outcome(entry),
             tiles=self._tiles(entry),
@@ -250,18 +209,37 @@ class RowBuilder:
         text = self.digits.text(metric, value)
         is_best = entry.may_lead and text is not None and text == self.best.get(metric.key)
         axis = self.axes.get(metric.key)
-        whisker = None
-        if axis is not None and value is not None and axis.holds(value):
-            whisker = self._whisker(entry, metric, value, axis)
-        return Cell(metric.key, metric.label, metric.role, text, is_best, whisker)
-
-    def _whisker(self, entry: BoardEntry, metric: Metric, value: float, axis: Scale) -> Whisker:
         interval = interval_of(entry, self.board, self.average, metric.key)
+        words = "" if text is None else f"{metric.label} {with_unit(metric, text)}"
+        if interval is not None:
+            words += f", {self._interval_words(metric, interval)}"
+        return Cell(
+            key=metric.key,
+            label=metric.label,
+            role=metric.role,
+            text=text,
+            brief=self.digits.brief(metric, value),
+            spread=self.digits.spread(metric, value, interval)
+            if interval and value is not None
+            else "",
+            words=words,
+            is_best=is_best,
+            whisker=self._whisker(metric, value, interval, axis)
+            if axis is not None and value is not None and axis.holds(value)
+            else None,
+        )
+
+    def _whisker(
+        self, metric: Metric, value: float, interval: Interval | None, axis: Scale
+    ) -> Whisker:
         if interval is None:
             return Whisker(axis.at(value), None, None, "")
         low, high = axis.clamped(interval[0]), axis.clamped(interval[1])
-        words = f"{self.board.confidence:.0%} interval {self._span(metric, interval)}"
+        words = self._interval_words(metric, interval)
         return Whisker(axis.at(value), low, high - low, words)
+
+    def _interval_words(self, metric: Metric, interval: Interval) -> str:
+        return f"{self.board.confidence:.0%} interval {self._span(metric, interval)}"
 
     def _span(self, metric: Metric, interval: tuple[float, float]) -> str:
         return f"{self.digits.text(metric, interval[0])} to {self.digits.text(metric, interval[1])}"
@@ -283,7 +261,7 @@ class RowBuilder:
         return FamilyTile(
             n_text=n_text,
             text=text,
-            step=None if value is None else self._heat_step(metric, value),
+            step=None if value is None else self.heat_step(metric, value),
             is_best=entry.may_lead
             and value is not None
             and value == self.best_by_family.get(family),
@@ -292,7 +270,7 @@ class RowBuilder:
             words=f"{title}: not reported" if text is None else f"{title} {text} %, {n_text}",
         )
 
-    def _heat_step(self, metric: Metric, value: float) -> int:
+    def heat_step(self, metric: Metric, value: float) -> int:
         """Return 0 to 9; for a metric of which less is better it is reversed."""
         share = min(max(value / self.heat_top, 0.0), 1.0)
         step = min(int(share * HEAT_STEPS), HEAT_STEPS - 1)
@@ -426,9 +404,10 @@ _BETTER_WORDS = {"higher": "higher is better", "lower": "lower is better", None:
 
 @dataclass(frozen=True)
 class Column:
-    """One column head. `subscript` is set small behind the label."""
+    """One column head. `subscript` is set small behind the label, `plain` above it."""
 
     key: str
+    plain: str
     label: str
     subscript: str
     unit: str
@@ -457,7 +436,7 @@ def method_column(challenge: Challenge, query: BoardQuery) -> Column:
     order, url = _sorting(challenge, query, "method")
     words = "sorted A to Z" if order == "ascending" else "sorted Z to A" if order else "sort A to Z"
     label = challenge.words.subject.capitalize()
-    return Column("method", label, "", "", "Method and team", "date", url, order, words)
+    return Column("method", "", label, "", "", "Method and team", "date", url, order, words)
 
 
 def date_column(challenge: Challenge, query: BoardQuery) -> Column:
@@ -466,7 +445,7 @@ def date_column(challenge: Challenge, query: BoardQuery) -> Column:
     words = {None: "sort, newest first", "descending": "sorted, newest first"}.get(
         order, "sorted, oldest first"
     )
-    return Column("date", "Submitted", "", "", "Date of submission", "date", url, order, words)
+    return Column("date", "", "Submitted", "", "", "Date of submission", "date", url, order, words)
 
 
 def _metric_column(challenge: Challenge, metric: Metric, query: BoardQuery) -> Column:
@@ -476,6 +455,7 @@ def _metric_column(challenge: Challenge, metric: Metric, query: BoardQuery) -> C
     is_component = metric.label.startswith("CTS") and len(metric.label) == 4
     return Column(
         key=metric.key,
+        plain=metric.plain,
         label=metric.label[:3] if is_component else metric.label,
         subscript=metric.label[3:] if is_component else "",
         unit=unit_of(metric),
@@ -499,10 +479,10 @@ def _sorting(challenge: Challenge, query: BoardQuery, key: str) -> tuple[Order |
     is_by_rank = query.sort == BY_RANK and key == challenge.metrics[0].key
     sort = first if is_by_rank else query.sort
     if sort.removeprefix("-") != key:
-        return None, query.url(sort=first)
+        return None, query.url(sort=first, anchor=f"s-{key}")
     if sort.startswith("-"):
-        return "descending", query.url(sort=key)
-    return "ascending", query.url(sort=f"-{key}")
+        return "descending", query.url(sort=key, anchor=f"s-{key}")
+    return "ascending", query.url(sort=f"-{key}", anchor=f"s-{key}")
 
 
 _BLOCK_TITLES = {"scored": "Scored by this server", "reference": "Reference rows"}
@@ -580,8 +560,61 @@ class BoardTable:
     @cached_property
     def date_column(self) -> Column | None:
         """Head of the column of dates, if it is shown."""
-        is_shown = "date" not in self.query.hidden
+        is_shown = "date" in self.query.added
         return date_column(self.builder.challenge, self.query) if is_shown else None
+
+    @cached_property
+    def fact_choices(self) -> list[tuple[str, list[FactChip]]]:
+        """The facts by which these rows may be filtered, by field."""
+        return fact_choices(self.board, self.query, self.builder.facts)
+
+    @property
+    def row_choices(self) -> list[tuple[str, str, bool]]:
+        """How many rows a page may have: value, words, whether it is so now."""
+        return [(rows, rows, rows == self.query.rows) for rows in PAGE_ROWS]
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether there are more columns than fit on a desktop screen."""
+        return self.n_columns > WIDE_COLUMNS
+
+    @cached_property
+    def sort_choices(self) -> list[tuple[str, str, bool]]:
+        """What a reader may sort by without the head of the table, as `row_choices`."""
+        first = self.builder.challenge.metrics[0]
+        offered = [(BY_RANK, "rank"), ("method", "name"), ("-date", "newest first")]
+        for column in self.columns:
+            for sign, order in (("-", "descending"), ("", "ascending")):
+                words = _DIRECTION_WORDS[self.builder.challenge.metric(column.key).better][order]
+                offered.append(
+                    (f"{sign}{column.key}", f"{column.label}{column.subscript}, {words}")
+                )
+        families = [(f"-family.{id}", short) for id, _, short, *_ in self.family_heads]
+        offered += [(key, f"{first.label} in {title.lower()}") for key, title in families]
+        if self.query.sort not in dict(offered):
+            offered.append((self.query.sort, self.query.sort))
+        return [(key, words, key == self.query.sort) for key, words in offered]
+
+    @cached_property
+    def page_numbers(self) -> list[int | None]:
+        """The numbers of the first and last page and of those about this one; None is a gap."""
+        near = {1, self.n_pages, *range(self.number - 2, self.number + 3)}
+        numbers: list[int | None] = []
+        for number in sorted(near & set(range(1, self.n_pages + 1))):
+            if numbers and number - (numbers[-1] or 0) > 1:
+                numbers.append(None)
+            numbers.append(number)
+        return numbers
+
+    @property
+    def found_sentence(self) -> str:
+        """Say how many entries a search finds; nothing where none is asked for."""
+        if not (self.query.search or self.query.source or self.query.facts):
+            return ""
+        words = self.builder.challenge.words
+        count = counted(self.n_found, words.subject, words.subjects)
+        looked = f" for \u201c{self.query.search}\u201d" if self.query.search else ""
+        return f"{count} of {grouped(len(self.board.entries))} found{looked}."
 
     @property
     def shows_outcome(self) -> bool:
@@ -652,18 +685,23 @@ class BoardTable:
 
 
 def _optional(challenge: Challenge) -> list[tuple[str, str]]:
-    """All columns but rank, method and primary metrics."""
+    """The columns that may be switched off: all but rank, method and primary metrics."""
     columns = [metric for metric in challenge.metrics if metric.shown == "column"]
     diagnostic = [(m.key, m.label) for m in columns if m.role == "diagnostic"]
-    return [*diagnostic, ("outcome", "Outcome and families"), ("date", "Date")]
+    return [*diagnostic, ("outcome", "Outcome and families")]
 
 
 def _extra(challenge: Challenge) -> list[tuple[str, str]]:
-    return [(m.key, m.label) for m in challenge.metrics if m.shown == "extra column"]
+    metrics = [(m.key, m.label) for m in challenge.metrics if m.shown == "extra column"]
+    return [*metrics, ("date", "Date of submission")]
 
 
 def board_table(
-    board: Board, protocol: ProtocolDocument, query: BoardQuery, is_current: bool = True
+    board: Board,
+    protocol: ProtocolDocument,
+    query: BoardQuery,
+    is_current: bool = True,
+    facts: FactsOfBoard = NO_FACTS,
 ) -> BoardTable:
     """Filter, sort and cut a board, and build the rows that are shown.
 
@@ -679,26 +717,18 @@ def board_table(
     }
     query = query.model_copy(update=columns)
     average = query.average or board.headline
-    builder = RowBuilder.of(board, average, Digits.of(protocol.publication), query, is_current)
-    found = [entry for entry in board.entries if _matches(entry, query)]
-    found = sort_entries(board, found, query.sort, average)
+    digits = Digits.of(protocol.publication)
+    builder = RowBuilder.of(board, average, digits, query, is_current, facts)
+    found = sort_entries(board, found_entries(board, query, facts), query.sort, average)
     by_source = {source: [e for e in found if e.source == source] for source in SOURCES}
-    n_pages = max(1, -(-len(by_source["scored"]) // PAGE_ROWS))
+    n_rows = PAGE_ROWS[query.rows]
+    n_pages = max(1, -(-len(by_source["scored"]) // n_rows))
     number = min(query.page, n_pages)
     blocks = []
     for source, entries in by_source.items():
-        start = (number - 1) * PAGE_ROWS
-        shown = entries[start : start + PAGE_ROWS] if source == "scored" else entries
+        start = (number - 1) * n_rows
+        shown = entries[start : start + n_rows] if source == "scored" else entries
         if shown:
             rows = tuple([builder.row(entry) for entry in shown])
             blocks.append(Block(source, rows, len(entries)))
     return BoardTable(board, query, builder, tuple(blocks), number, n_pages, len(found))
-
-
-def _matches(entry: BoardEntry, query: BoardQuery) -> bool:
-    if query.source is not None and entry.source != query.source:
-        return False
-    if not query.search:
-        return True
-    haystack = f"{entry.method} {entry.team} {entry.description}".casefold()
-    return all(word in haystack for word in query.search.casefold().split())

@@ -7,6 +7,7 @@ from urllib.parse import urlencode
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_server.boards.comparison import (
+    MAX_COMPARED,
     Comparison,
     difference_table,
     find_pair,
@@ -21,7 +22,7 @@ from exceptiondrive_server.boards.entry_facts import (
 )
 from exceptiondrive_server.boards.page import entry_choices
 from exceptiondrive_server.boards.table import outcome_bar
-from exceptiondrive_server.entries.queries import MAX_COMPARED, ComparedEntries
+from exceptiondrive_server.entries.queries import ComparedEntries
 from exceptiondrive_server.web.numbers import Digits, listed
 
 

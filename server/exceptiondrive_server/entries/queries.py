@@ -30,14 +30,13 @@ from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
-from exceptiondrive_server.boards.comparison import default_pair
+from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
 from exceptiondrive_server.boards.entry_facts import find_entry
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
 
 MOST_PROTOCOLS = 8
-MAX_COMPARED = 6
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,8 @@ def read_comparison(
     Args:
         session: Reads the records.
         query: Which board.
-        pairs: The address: `a`, `b` and any number of `more`; empty ones are nobody.
+        pairs: The address: `a`, `b` and any number of `more`, who step in where `a` or `b` is
+            missing; empty ones are nobody.
 
     Raises:
         NotFound: A named entry does not stand on this board.
@@ -156,8 +156,9 @@ def read_comparison(
     board, given = reading.board, dict(pairs)
     if board is None:
         return ComparedEntries(reading, (), (None, None))
-    more = dict.fromkeys(value for key, value in pairs if key == "more" and value)
-    named = [_named(board, given.get(key)) for key in ("a", "b")]
+    more = list(dict.fromkeys(value for key, value in pairs if key == "more" and value))
+    first_two = [given.get(key) or (more.pop(0) if more else None) for key in ("a", "b")]
+    named = [_named(board, key) for key in first_two]
     rest = [_named(board, key) for key in more]
     pair = _pair(board, *named)
     if pair is None:

@@ -25,6 +25,8 @@ class ChildPlan:
     command: list[str]
     environment: Mapping[str, str] = field(repr=False)
     log: Path
+    user: int | None = None
+    """Who runs it, in a group of the same number; whoever runs the launcher by default."""
 
 
 class Child:
@@ -49,6 +51,9 @@ class Child:
                 stderr=subprocess.STDOUT,
                 env=dict(self.plan.environment),
                 start_new_session=True,
+                user=self.plan.user,
+                group=self.plan.user,
+                extra_groups=None if self.plan.user is None else [],
                 preexec_fn=die_with_parent(os.getpid()),  # noqa: PLW1509 - no threads here
             )
         self.starts += 1

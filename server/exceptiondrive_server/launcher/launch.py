@@ -33,8 +33,10 @@ from exceptiondrive_server.launcher.layout import (
     find_command,
     service_plans,
     shared_environment,
+    withheld_splits,
     worker_environment,
 )
+from exceptiondrive_server.launcher.users import own_user_of_server
 
 Say = Callable[[str], None]
 
@@ -80,18 +82,20 @@ class Launcher:
 
     def _start_all(self, folder: BrokerFolder) -> dict[str, str]:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
+        shared = shared_environment(self.layout, self.address, given_url or folder.url)
+        self._migrate(shared)
+        user, words = own_user_of_server(self.layout.data, withheld_splits())
+        self.say(words)
         if given_url:
             self.say("broker: the one of EXCEPTIONDRIVE_BROKER_URL")
         else:
-            self._start_broker(folder)
-        shared = shared_environment(self.layout, self.address, given_url or folder.url)
-        plans = service_plans(self.layout, self.address, shared)
-        self._migrate(shared)
+            self._start_broker(folder, user)
+        plans = service_plans(self.layout, self.address, shared, user)
         for plan in plans:
             self._start(plan)
         return shared
 
-    def _start_broker(self, folder: BrokerFolder) -> None:
+    def _start_broker(self, folder: BrokerFolder, user: int | None) -> None:
         try:
             binary = find_broker_binary()
         except NoBrokerError as error:
@@ -99,7 +103,9 @@ class Launcher:
         self.say(f"broker: {binary.origin}, private, on a unix socket")
         socket_path(folder.path).unlink(missing_ok=True)
         command = broker_command(binary.path, folder.path)
-        child = self._start(broker_plan(self.layout, command))
+        if user is not None:
+            folder.give_to(user)
+        child = self._start(broker_plan(self.layout, command, user))
         deadline = time.monotonic() + _BROKER_START_S
         while not socket_path(folder.path).exists():
             if not child.is_alive or time.monotonic() > deadline:

@@ -105,6 +105,10 @@ class BrokerFolder:
         self.path.chmod(0o700)
         self.url = broker_url(self.path)
 
+    def give_to(self, user: int) -> None:
+        """Let another user run the broker; root reaches it all the same."""
+        os.chown(self.path, user, user)
+
     def remove(self) -> None:
         """Remove a temporary folder."""
         if self._is_temporary:
@@ -154,28 +158,39 @@ def shared_environment(layout: Layout, address: Address, broker_url: str) -> dic
     }
 
 
+def withheld_splits() -> Path:
+    """Return where the worker finds splits, as its settings say."""
+    return Path(os.environ.get("EXCEPTIONDRIVE_SPLITS_DIR", "hidden_splits"))
+
+
 def worker_environment(layout: Layout, shared: Mapping[str, str]) -> dict[str, str]:
     """Return what the worker alone is told besides: where its private store is."""
     private = str(layout.private.resolve())
     return {"EXCEPTIONDRIVE_PRIVATE_DIR": private, **shared}
 
 
-def broker_plan(layout: Layout, command: list[str]) -> ChildPlan:
+def broker_plan(layout: Layout, command: list[str], user: int | None) -> ChildPlan:
     """Return the plan of the private broker; it needs none of our settings."""
     environment = {"PATH": os.environ.get("PATH", "")}
-    return ChildPlan("broker", command, environment, layout.logs / "broker.log")
+    return ChildPlan("broker", command, environment, layout.logs / "broker.log", user)
 
 
 def service_plans(
-    layout: Layout, address: Address, shared: Mapping[str, str]
+    layout: Layout, address: Address, shared: Mapping[str, str], server_user: int | None
 ) -> tuple[ChildPlan, ...]:
-    """Return the plans of API, reconciler and worker."""
+    """Return the plans of API, reconciler and worker; the first two may have a user of their own."""
     server = find_command("exceptiondrive-server")
     worker = find_command("exceptiondrive-worker")
     serve = [server, "serve", "--host", address.host, "--port", str(address.port)]
     return (
-        ChildPlan("server", serve, shared, layout.logs / "server.log"),
-        ChildPlan("reconciler", [server, "reconcile"], shared, layout.logs / "reconciler.log"),
+        ChildPlan("server", serve, shared, layout.logs / "server.log", server_user),
+        ChildPlan(
+            "reconciler",
+            [server, "reconcile"],
+            shared,
+            layout.logs / "reconciler.log",
+            server_user,
+        ),
         ChildPlan(
             "worker",
             [worker, "run"],

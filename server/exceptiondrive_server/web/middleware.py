@@ -31,6 +31,8 @@ HEADERS: Mapping[str, str] = MappingProxyType(
 
 _log = structlog.get_logger("exceptiondrive.access")
 _ID = re.compile(r"[A-Za-z0-9._-]{8,64}")
+_LEFT = 499
+"""The sender left before there was an answer: counted as nginx counts it, and no error of ours."""
 _METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 
 
@@ -49,7 +51,7 @@ class RequestContext:
         asked = Headers(scope=scope)
         request_id = _request_id(asked.get("x-request-id", ""))
         scope.setdefault("state", {})["request_id"] = request_id
-        started, status = time.perf_counter(), 500
+        started, status = time.perf_counter(), _LEFT
 
         async def send_with_headers(message: Message) -> None:
             nonlocal status
@@ -61,6 +63,9 @@ class RequestContext:
         with structlog.contextvars.bound_contextvars(request_id=request_id):
             try:
                 await self.app(scope, receive, send_with_headers)
+            except Exception:
+                status = 500
+                raise
             finally:
                 self._note(scope, status, time.perf_counter() - started)
 

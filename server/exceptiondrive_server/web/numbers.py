@@ -36,6 +36,15 @@ class Digits:
             return fixed(value * 100, self.percent)
         return fixed(value, self.metre)
 
+    def brief(self, metric: Metric, value: float | None) -> str | None:
+        """Write a metric for a row among many: per cent with one decimal, metres as published."""
+        return Digits(min(self.percent, 1), self.metre).text(metric, value)
+
+    def spread(self, metric: Metric, value: float, interval: Interval) -> str:
+        """Write how far an interval reaches from its value, to the end that is farther: `±2.1`."""
+        low, high = interval
+        return f"±{self.brief(metric, max(value - low, high - value))}"
+
     def fraction(self, value: float) -> str:
         """Write a fraction as per cent, without the sign."""
         return fixed(value * 100, self.percent)

@@ -20,6 +20,7 @@ from markupsafe import Markup, escape
 from exceptiondrive_schemas.formulas import over_families
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.web import numbers
+from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.markdown import first_paragraph, markdown
 from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.static_files import asset
@@ -39,6 +40,7 @@ _TOKEN = re.compile(
     re.DOTALL | re.VERBOSE,
 )
 _MARKUP = {"raw", "closing", "tag", "call"}
+_ASKED_TERM = re.compile(r'popovertarget="t-([a-z0-9_]+)"')
 _VOID = re.compile(r"<(!|(area|br|col|hr|img|input|link|meta|source|wbr)\b)|.*/>$", re.DOTALL)
 _BEGINS = re.compile(r"\{%\s*(if|for|macro|block|call|filter)\b")
 _ENDS = re.compile(r"\{%\s*end(if|for|macro|block|call|filter)\b")
@@ -137,7 +139,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE)
+    made.globals.update(asset=asset, THIN_SPACE=numbers.THIN_SPACE, terms=TERMS)
     made.filters.update(
         day=numbers.day,
         minute=numbers.minute,
@@ -172,5 +174,13 @@ def template_filter(function: F) -> F:
 
 
 def render(template: str, **values: object) -> str:
-    """Fill a template, and clean it of what turns, hides or steers, whatever the records let in."""
-    return printable(environment().get_template(template).render(**values))
+    """Fill a template, and clean it of what turns, hides or steers, whatever the records let in.
+
+    The meanings of the words that ask for one (`term`, `what`) are added once.
+    """
+    text = environment().get_template(template).render(**values)
+    asked = dict.fromkeys(_ASKED_TERM.findall(text))
+    if asked:
+        body, end, rest = text.rpartition("</body>")
+        text = f"{body}{macro('web/macros/icons.html', 'meanings')(asked)}{end}{rest}"
+    return printable(text)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from benchmarks.page import big_board
 from tests.server.pages.invented_board import (
     COUNTS,
     EFFECT,
@@ -101,6 +102,10 @@ def shown_site(
         site.create_phase(phase)
     site.publish(paper_board.model_copy(update={"phase": "paper"}))
     site.publish(empty_board.model_copy(update={"phase": "empty"}))
+    for phase, n_entries in (("long", 90), ("seventeen", 17)):
+        site.create_phase(phase)
+        entries = big_board(PROTOCOL, n_entries).entries
+        site.publish(lively_board.model_copy(update={"phase": phase, "entries": entries}))
     site.create_phase("strategy", "strategy")
     site.publish(strategy_board)
     publish_late_view(site, lively_board)

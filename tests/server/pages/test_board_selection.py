@@ -8,13 +8,8 @@ from tests.server.pages.invented_board import PROTOCOL
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.boards.table import (
-    PAGE_ROWS,
-    BoardTable,
-    board_table,
-    sort_entries,
-    sorted_board,
-)
+from exceptiondrive_server.boards.selection import selected_board, sort_entries
+from exceptiondrive_server.boards.table import BoardTable, board_table
 
 
 @pytest.mark.parametrize("sort", ["accuracy", "nonsense", "family.nowhere", "team"])
@@ -25,8 +20,9 @@ def test_only_what_a_board_has_sorts_it(lively_board: Board, sort: str) -> None:
 
 
 def test_a_board_is_kept_in_the_order_of_its_ranks(lively_board: Board) -> None:
-    assert sorted_board(lively_board, "rank") is lively_board
-    ranks = [entry.rank for entry in sorted_board(lively_board, "-rank").entries]
+    assert selected_board(lively_board, BoardQuery(sort="rank"), {}) is lively_board
+    turned = selected_board(lively_board, BoardQuery(sort="-rank"), {})
+    ranks = [entry.rank for entry in turned.entries]
     assert ranks[:7] == [6, 5, 4, 3, 2, 1, None]
 
 
@@ -82,6 +78,6 @@ def test_long_boards_are_cut_into_pages(lively_board: Board) -> None:
     )
     board = lively_board.model_copy(update={"entries": many})
     pages = [table_of(board, page=number) for number in (1, 3, 99)]
-    assert [len(page.blocks[0].rows) for page in pages] == [PAGE_ROWS, PAGE_ROWS, 15]
+    assert [len(page.blocks[0].rows) for page in pages] == [20, 20, 15]
     assert [page.number for page in pages] == [1, 3, 5]
     assert pages[0].blocks[0].n_all == 95

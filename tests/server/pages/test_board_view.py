@@ -111,7 +111,7 @@ def test_progress_is_a_column_for_who_asks_for_it(
     seen = view(lively_board, protocol, added=frozenset({"progress", "clear"}))
     assert [column.key for column in seen.columns] == [*keys, "progress"]
     assert seen.rows[0].cells[-1].text == "62.00"
-    assert seen.extra_columns == [("progress", "Progress")]
+    assert seen.extra_columns == [("progress", "Progress"), ("date", "Date of submission")]
 
 
 def test_what_a_flag_bars_from_leading_is_never_marked_as_the_best(
@@ -143,7 +143,7 @@ def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round()
     assert [column.aria_sort for column in columns].count(None) == len(columns) - 1
     ur = next(column for column in columns if column.key == "ur")
     assert (ur.aria_sort, ur.sort_words) == ("ascending", "sorted, best first")
-    assert ur.sort_url == "/?sort=-ur#board"
+    assert ur.sort_url == "/?sort=-ur#s-ur"
 
 
 def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks() -> None:

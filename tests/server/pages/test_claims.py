@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -24,7 +25,7 @@ from tests.server.pages.reading import Node, read
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.pictures import board_picture
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
@@ -74,6 +75,11 @@ def own(board: Board) -> list[BoardEntry]:
 # What was rendered.
 
 
+def sentence(node: Node) -> str:
+    """The text of an element, without the blanks that the reading puts before stops."""
+    return re.sub(r" (?=[,.:;])", "", node.text)
+
+
 def check_the_title(title: str, board: Board) -> None:
     """A count of the leader's scenes, and never more certain than it is."""
     leader, second = leader_of(board), challenge_of(board).metrics[1]
@@ -81,7 +87,7 @@ def check_the_title(title: str, board: Board) -> None:
         assert title == challenge_of(board).words.headline.question
         return
     share = leader.micro[second.key] or 0.0
-    share = 1 - share if re.search("keeps clear|careful enough", title) else share
+    share = 1 - share if re.search("stays out|careful enough", title) else share
     if "every time" in title:
         assert share == 1
         return
@@ -121,21 +127,12 @@ def check_the_findings(text: str, board: Board) -> None:
         assert all(label in text for label in labels(entry))
 
 
-def check_the_tiles(page: Node, board: Board) -> None:
-    leader = leader_of(board)
-    tiles = {
-        tile.one("dt").text: (tile.one("dd").text, tile.one("small").text)
-        for tile in page.one("dl", "stats").all("div")
-    }
-    said = {key: value for key, value in tiles.items() if key.endswith("of the leader")}
-    if leader is None:
-        assert said == {}
-        return
-    assert len(said) == 2
-    for metric in challenge_of(board).metrics[:2]:
-        value, name = said[f"{metric.label} of the leader"]
-        assert name == leader.method
-        assert value.startswith(percent(leader.metrics[metric.key]) or "?")
+def check_the_counts(page: Node, board: Board) -> None:
+    said = [fact.one("dd").text for fact in page.one("dl", "stats").all("div")]
+    n_listed = sum(bool(entry.unranked_flags) for entry in board.entries)
+    assert said[0].startswith(f"{board.n_samples:,} ")
+    assert re.match(rf"{len(ranked(board))} \w+ ranked", said[2])
+    assert (f"{n_listed} listed" in said[2]) == (n_listed > 0)
 
 
 def rows_of(page: Node) -> list[Node]:
@@ -160,18 +157,49 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
         values = values_of(entry, average)
         rank = row.one("td", "rank").one("b").text
         assert rank == (str(entry.rank) if entry.rank else "\u2013")
-        assert [flag.text for flag in row.all("span", "flag")] == labels(entry)
+        tips = row.all("div", "tip")
+        assert [label.text for tip in tips for label in tip.all("b")] == labels(entry)
+        said = [button.text for button in row.all("button", "flag")]
+        assert said == ([f"{', '.join(labels(entry))}: why"] if entry.flags else []) or (
+            len(entry.flags) > 1 and said[0].endswith(f"{', '.join(labels(entry))}: why")
+        )
         assert ("listed" in row.classes) == bool(entry.unranked_flags)
         if entry.unranked_flags:
             assert f"Not ranked: {entry.unranked_because}" in row.text
+        check_the_range(row, entry)
         could = entry.rank_interval is not None and entry.rank_interval[0] == 1
         assert ("first" in row.classes) == could
         for metric in metrics:
+            interval = entry.intervals.get(metric.key) if average != "micro" else None
+            cell = row.one("td", metric.key)
+            check_the_number(cell, metric.label, values[metric.key], interval)
+            is_best = entry in contenders(board) and percent(values[metric.key]) == best[metric.key]
             number = row.one("td", metric.key).one("b")
-            assert number.text == percent(values[metric.key])
-            is_best = entry in contenders(board) and number.text == best[metric.key]
             assert ("best" in number.classes) == is_best
         check_the_bar(row.all("svg", "sb"), values, challenge_of(board))
+
+
+def check_the_range(row: Node, entry: BoardEntry) -> None:
+    """The ranks that an entry could have stand beside its rank, where there are several."""
+    low, high = entry.rank_interval or (0, 0)
+    said = [small.text for small in row.one("td", "rank").all("small")]
+    assert said == ([f"{low}\u2013{high}"] if entry.rank and low < high else [])
+
+
+def check_the_number(
+    cell: Node, label: str, known: float | None, interval: Interval | None
+) -> None:
+    """One decimal in the cell, all of them on hover; \u00b1 reaches to the farther end."""
+    value = known or 0.0
+    assert abs(float(cell.one("b").text) - 100 * value) <= 0.0501
+    assert f"{label} {percent(value)}" in cell["title"]
+    said = [small.text for small in cell.all("small")]
+    if interval is None:
+        assert said == []
+        return
+    reach = 100 * max(value - interval[0], interval[1] - value)
+    assert abs(float(said[0].removeprefix("\u00b1")) - reach) <= 0.0501
+    assert f"{percent(interval[0])} to {percent(interval[1])}" in cell["title"]
 
 
 def values_of(entry: BoardEntry, average: str) -> MetricRow:
@@ -198,7 +226,7 @@ def check_the_bar(bars: list[Node], values: MetricRow, challenge: Challenge) -> 
 
 def check_who_could_be_first(page: Node, board: Board) -> None:
     could = [e for e in board.entries if e.rank_interval and e.rank_interval[0] == 1]
-    foot = page.one("div", "foot").text
+    foot = sentence(page.one("div", "foot"))
     if not could:
         assert "could be first" not in foot
     elif len(could) == 1:
@@ -213,7 +241,7 @@ def check_who_could_be_first(page: Node, board: Board) -> None:
 def check_the_average(page: Node, average: str) -> None:
     """The words and the formulas are of the numbers that the page shows."""
     words = {"macro_family": "mean of families", "micro": "mean of scenes"}
-    assert f"Every number is the {words[average]}" in page.one("div", "foot").text
+    assert f"Every number is the {words[average]}:" in sentence(page.one("div", "foot"))
     means = [part.text for part in page.one("section", id="metrics").all("math")]
     assert means
     assert all(mean.startswith("1 F") == (average == "macro_family") for mean in means)
@@ -240,6 +268,85 @@ def check_the_chart(page: Node, board: Board, average: str) -> None:
     left = " ".join(line.text for line in page.all("p", "outside")) if points else ""
     missing = {entry.method for entry in own(board) if entry not in known} if points else set()
     assert set(re.findall(r"Planner\d+x", left)) == missing
+
+
+def check_what_is_hardest(page: Node, board: Board) -> None:
+    """Columns, the last line and the first sentence follow the mean of all that are ranked."""
+    metric = challenge_of(board).metrics[0]
+    sections = page.all("section", id="families")
+    if not rows_of(page):
+        assert sections == []
+        return
+    (section,) = sections
+    shown = [a["title"].partition(":")[0] for a in section.one("thead").all("a")]
+    if not ranked(board):
+        assert shown == [head.title for head in board.families]
+        assert section.all("tfoot") == []
+        assert "is hardest" not in section.text
+        return
+
+    def value(entry: BoardEntry, family: str) -> float:
+        return entry.families[family].metrics[metric.key] or 0.0
+
+    means = {h.title: fmean(value(e, h.id) for e in ranked(board)) for h in board.families}
+    expected = sorted(means, key=lambda title: means[title], reverse=metric.better == "lower")
+    assert shown == expected
+    foot = section.one("tfoot")
+    assert foot.one("th").text == f"Mean of all {len(ranked(board))} ranked"
+    said = [span.text.split()[0] for span in foot.all("span")]
+    assert [float(text) for text in said] == [
+        pytest.approx(100 * means[title], abs=0.0051) for title in expected
+    ]
+    first, last = expected[0], expected[-1]
+    claim = f"{first} is hardest and {last} easiest, by the mean of all {len(ranked(board))} ranked"
+    assert (claim in section.text) == (means[first] != means[last])
+    check_the_dots(section, board, expected)
+    check_the_tasks(section, board)
+
+
+def check_the_dots(section: Node, board: Board, expected: list[str]) -> None:
+    """The leader and the next four: each says its number and its interval, where they stand."""
+    metric = challenge_of(board).metrics[0]
+    leader = leader_of(board)
+    best = sorted(ranked(board), key=lambda e: (e is not leader, e.rank))[:5]
+    svg = section.one("svg", "dots")
+    true = []
+    for title in expected:
+        head = next(head for head in board.families if head.title == title)
+        for entry in best:
+            cell = entry.families[head.id]
+            words = f"{entry.method} {percent(cell.metrics[metric.key])} %"
+            span = cell.intervals.get(metric.key)
+            if span:
+                words += f" ({percent(span[0])} to {percent(span[1])})"
+            true.append(f"{short_title(title)}: {words}")
+    groups = [group for group in svg.all("g") if group.all("title")]
+    assert [group.one("title").text for group in groups] == true
+    ticks = [line for line in svg.all("line", "gr") if line["x1"] and line["x1"] == line["x2"]]
+    numbers = [float(text.text) for text in svg.all("text", "t-ax")]
+    low, high = float(ticks[0]["x1"]), float(ticks[-1]["x1"])
+    for group, words in zip(groups, true, strict=True):
+        share = float(re.findall(r" (\d+\.\d+) %", words)[0])
+        at = low + (share - numbers[0]) / (numbers[-1] - numbers[0]) * (high - low)
+        for circle in group.all("circle"):
+            assert float(circle["cx"]) == pytest.approx(min(at, high + 60), abs=0.2)
+    names = [key.text for key in section.all("span", "key")]
+    assert names[: len(best)] == [entry.method for entry in best]
+
+
+def check_the_tasks(section: Node, board: Board) -> None:
+    """Where sheets tell tasks: their means over the ranked entries, the least first."""
+    items = section.all("ol", "tasks2")
+    if board.challenge != PLANNING.id:
+        assert items == []
+        return
+    tables = [sheet_of(entry).tasks for entry in ranked(board)]
+    means = {task: fmean(t[task].metrics["hcc"] or 0.0 for t in tables) for task in tables[0]}
+    told = {li.one("code").text: float(li.one("b").text) for li in items[0].all("li")}
+    assert set(told) == set(means)
+    assert list(told.values()) == sorted(told.values())
+    for task, number in told.items():
+        assert number == pytest.approx(100 * means[task], abs=0.0051)
 
 
 def check_ahead_in(text: str, board: Board, pair: PairedComparison | None) -> None:
@@ -356,7 +463,9 @@ def check_the_curve(page: Node, entry: BoardEntry) -> None:
     zero, top = (
         float(tick["y1"]) for tick in (svg.all("line", "gr")[0], svg.all("line", "gr")[-1])
     )
-    _, y = (float(at) for at in lines[0]["points"].split()[0].split(","))
+    group = next(group for group in svg.all("g") if group.all("polyline"))
+    scale, _, offset = map(float, re.findall(r"-?[\d.]+", group["transform"])[3:])
+    y = offset + scale * float(lines[0]["points"].split()[0].split(",")[1])
     assert (y - zero) / (top - zero) == pytest.approx(1 - (entry.metrics["ur"] or 0), abs=0.002)
     said = re.search(rf"{entry.method}: (\S+) % keep all of it", page.text)
     assert said is not None
@@ -416,11 +525,12 @@ def test_every_claim_is_true_of_the_board(site: Site, challenge: Challenge, data
         page = read(text)
         check_the_title(page.one("h1").text, board)
         check_the_findings(page.one("p", "lede").text, board)
-        check_the_tiles(page, board)
+        check_the_counts(page, board)
         check_the_rows(page, board, average)
         check_who_could_be_first(page, board)
         check_the_average(page, average)
         check_the_chart(page, board, average)
+        check_what_is_hardest(page, board)
     check_the_rows(read(get(site, f"/?phase={phase}&sort={challenge.metrics[1].key}")), board, "")
     for a, b in [*zip(ranked(board), ranked(board)[1:], strict=False)][:2]:
         for one, other in ((a, b), (b, a)):

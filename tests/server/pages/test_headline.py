@@ -34,21 +34,26 @@ def flagged(board: Board, *places: int) -> Board:
         (0.78, "Even the leading planner hits the hazard about 7 times in 9."),
         (0.5, "The leading planner still hits one hazard in 2."),
         (0.311, "The leading planner still hits about 3 hazards in 10."),
-        (0.02, "The leading planner keeps clear 98 times in 100."),
-        (0.0033, "The leading planner keeps clear more than 99 times in 100."),
-        (0.0, "The leading planner keeps clear every time."),
+        (0.02, "The leading planner stays out of the hazard 98 times in 100."),
+        (
+            0.0033,
+            "The leading planner stays out of the hazard more than 99 times in 100.",
+        ),
+        (0.0, "The leading planner stays out of the hazard every time."),
     ],
 )
 def test_the_title_counts_the_leaders_samples(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title == title
 
 
-def test_the_facts_are_the_leaders(lively_board: Board) -> None:
+def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
     said = headline(lively_board, PLANNING, 21, Digits())
-    facts = {fact.label: fact for fact in said.facts}
-    assert facts["HCC of the leader"].value == "61.40\u202f%"
-    assert facts["UR of the leader"].note == "Kestrel-2"
-    assert facts["Planners"].note == "ranked"
+    facts = {fact.label: f"{fact.value} {fact.note}" for fact in said.facts}
+    assert facts == {
+        "Samples scored": "240 pairs of scenes",
+        "Tasks": "21 tasks in 6 families",
+        "Planners": "6 planners ranked",
+    }
 
 
 def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
@@ -94,8 +99,6 @@ def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) 
         "Samples scored",
         "Tasks",
         "Agents",
-        "Accuracy of the leader",
-        "Under-warning of the leader",
     ]
     assert said.facts[0].note == "scenes with hazard"
     assert headline(None, STRATEGY, 21, Digits()).title == "Which agent is careful enough?"

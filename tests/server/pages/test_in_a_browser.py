@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, ViewportSize
+from playwright.sync_api import Browser, Page, ViewportSize, expect
 from tests.support.browser import axe_violations
 from tests.support.serving import served
 
@@ -94,7 +94,7 @@ def test_sorting_filtering_and_hiding_columns_work_without_script(visit: Visit) 
     page.goto(visit.address)
     page.click("details.more summary")
     page.uncheck("input[name=show][value=cts_x]")
-    page.click(".pop button")
+    page.click(".pop button[type=submit]")
     assert "hide=cts_x" in page.url
     assert page.locator("#board-rows th.cts_x, #board-rows td.cts_x").count() == 0
 
@@ -160,11 +160,159 @@ def test_with_script_the_theme_changes_in_place_and_is_remembered(visit: Visit) 
     assert visit.complaints == []
 
 
-def test_with_script_rows_narrow_while_typing(visit: Visit) -> None:
-    page = visit.open("/")
-    page.fill("input[name=q]", "aurora")
-    shown = page.locator("#board-rows tr[id^='e-']:visible")
-    assert shown.count() == 2
+def test_with_script_all_rows_are_searched_while_typing(visit: Visit) -> None:
+    page = visit.open("/?phase=long&rows=20")
+    page.locator("input[name=q]").press_sequentially("planner 77")
+    expect(page.locator("#board-rows tr[id^='e-']")).to_have_count(1)
+    assert first_planner(page) == "Planner 77"
+    assert page.inner_text("#found") == "1 planner of 90 found for \u201cplanner 77\u201d."
+    assert "q=planner+77" in page.url
+    assert page.evaluate("document.activeElement.name") == "q"
+    page.locator("input[name=q]").press_sequentially("x")
+    page.wait_for_selector("#board-rows .nothing")
+    assert "Nothing matches this filter." in page.inner_text("#board-rows")
+    assert visit.complaints == []
+
+
+def test_sorting_by_keyboard_keeps_the_focus_on_its_head(visit: Visit) -> None:
+    page = visit.open("/?phase=long")
+    for order in ("ascending", "descending"):
+        page.focus("#s-ur")
+        page.keyboard.press("Enter")
+        page.wait_for_selector(f"#board-rows th.ur[aria-sort={order}]")
+        assert page.evaluate("document.activeElement.id") == "s-ur"
+    assert first_planner(page) == "Planner 89"
+    page.go_back()
+    page.wait_for_selector("#board-rows th.ur[aria-sort=ascending]")
+
+
+def test_on_a_phone_the_list_can_be_sorted_without_script(visit: Visit) -> None:
+    page = visit.open("/?phase=long", width=390, java_script_enabled=False)
+    page.select_option("select[name=sort]", "-ur")
+    page.press("input[name=q]", "Enter")
+    assert "sort=-ur" in page.url
+    assert first_planner(page) == "Planner 89"
+
+
+def test_ticked_rows_of_several_pages_are_compared(visit: Visit) -> None:
+    page = visit.open("/?phase=long")
+    assert not page.locator("#chosen").is_visible()
+    page.check("#e-s0000003kq .tick")
+    page.click(".pager a:text-is('5')")
+    page.wait_for_selector("#e-s0000085kq")
+    page.check("#e-s0000085kq .tick")
+    page.check("#e-s0000087kq .tick")
+    assert page.inner_text("#chosen .n") == "3 chosen"
+    page.click("#chosen .pri")
+    assert page.inner_text("h1") == "3 planners side by side"
+    assert {"Planner 3", "Planner 85", "Planner 87"} <= set(
+        page.locator("#all th a").all_inner_texts()
+    )
+
+
+def test_without_script_ticked_rows_are_counted_and_compared(visit: Visit) -> None:
+    page = visit.open("/?phase=long", java_script_enabled=False)
+    for key in ("s0000001kq", "s0000004kq"):
+        page.check(f"#e-{key} .tick")
+    assert page.locator("#chosen").is_visible()
+    page.click("#chosen .pri")
+    assert page.inner_text("h1") == "Planner 1 against Planner 4"
+
+
+def test_a_pinned_planner_stands_on_top_of_every_page(visit: Visit) -> None:
+    page = visit.open("/?phase=long")
+    page.hover("#e-s0000007kq")
+    page.click("#e-s0000007kq .pin")
+    page.wait_for_selector(".pinned #e-s0000007kq")
+    page.goto(f"{visit.address}/?phase=long&page=3")
+    page.wait_for_selector(".pinned #e-s0000007kq")
+    assert first_planner(page) == "Planner 7"
+    page.click(".pinned .pin")
+    expect(page.locator(".pinned")).to_have_count(0)
+    assert visit.complaints == []
+
+
+def test_rows_can_be_dense_and_stay_so(visit: Visit) -> None:
+    page = visit.open("/?phase=long")
+    row = "document.querySelector('#board-rows tr[id]').getBoundingClientRect().height"
+    assert page.evaluate(row) == 44
+    page.click(".bar summary:text-is('View')")
+    page.click(".density button[value=dense]")
+    assert page.evaluate(row) == 34
+    page.reload()
+    assert page.evaluate(row) == 34
+
+
+FIRST_SCREEN = """() => {
+  const rows = [...document.querySelectorAll("#board-rows tr[id^='e-']")].filter((row) => {
+    const number = row.querySelector(".pm small");
+    return number?.checkVisibility() && row.getBoundingClientRect().bottom <= LIMIT;
+  });
+  return {rows: rows.length, said: rows.map((row) => row.querySelector(".pm").innerText.trim()),
+    hero: document.querySelector(".hero").getBoundingClientRect().height,
+    heights: [...new Set([...document.querySelectorAll("#board-rows tr[id^='e-']")]
+      .map((row) => row.getBoundingClientRect().height))]};
+}"""
+
+
+@pytest.mark.parametrize("phase", ["sample", "long"])
+@pytest.mark.parametrize(
+    ("width", "height", "limit", "least", "row"), [(1440, 900, 900, 5, 44), (390, 844, 700, 2, 64)]
+)
+def test_the_first_screen_shows_ranked_planners_and_how_sure_they_are(
+    visit: Visit, phase: str, width: int, height: int, limit: int, least: int, row: int
+) -> None:
+    page = visit.open(f"/?phase={phase}", width=width)
+    page.set_viewport_size({"width": width, "height": height})
+    seen = page.evaluate(FIRST_SCREEN.replace("LIMIT", str(limit)))
+    assert seen["rows"] >= least
+    assert all(re.search(r"\d\.\d\s*\u00b1\d", said) for said in seen["said"])
+    assert seen["heights"] == [row]
+    if width > 1000:
+        assert seen["hero"] <= 240
+
+
+def test_a_tap_on_a_phone_opens_the_rest_of_a_row(visit: Visit) -> None:
+    page = visit.open("/?phase=long", width=390, has_touch=True)
+    row = page.locator("#e-s0000000kq")
+    assert not row.locator("td.ur").is_visible()
+    box = row.bounding_box()
+    assert box is not None
+    page.touchscreen.tap(box["x"] + 250, box["y"] + 40)
+    assert row.locator("td.ur").is_visible()
+    assert row.locator("td.split").is_visible()
+
+
+def test_a_flag_says_why_in_a_pop_over_without_script(visit: Visit) -> None:
+    page = visit.open("/", java_script_enabled=False)
+    row = page.locator("tr:has(.pn:text-is('nerve'))")
+    assert not row.locator(".tip").is_visible()
+    row.locator(".flag").click()
+    assert "Blind to the edit" in row.locator(".tip").inner_text()
+    page.keyboard.press("Escape")
+    assert not row.locator(".tip").is_visible()
+
+
+@pytest.mark.parametrize("width", [1440, 900])
+def test_head_and_names_stay_in_sight(visit: Visit, width: int) -> None:
+    page = visit.open("/?phase=long&rows=100", width=width)
+    page.locator("#e-s0000060kq").scroll_into_view_if_needed()
+    page.evaluate("document.querySelector('.scroll.b').scrollLeft = 150")
+    head = page.locator("#board-rows thead th.hcc").bounding_box()
+    name = page.locator("#e-s0000060kq th").bounding_box()
+    row = page.locator("#e-s0000060kq").bounding_box()
+    assert head is not None
+    assert name is not None
+    assert row is not None
+    assert 0 <= head["y"] < row["y"]
+    assert name["x"] >= page.locator(".scroll.b").bounding_box()["x"]  # type: ignore[index]
+
+
+def test_seventeen_rows_print_on_one_page(visit: Visit) -> None:
+    page = visit.open("/?phase=seventeen")
+    assert page.locator("#board-rows tr[id^='e-']").count() == 17
+    printed = page.pdf(format="A4")
+    assert len(re.findall(rb"/Type\s*/Page\b", printed)) == 1
 
 
 def test_no_page_scrolls_sideways_at_any_width(visit: Visit) -> None:
@@ -227,12 +375,13 @@ def test_the_keyboard_reaches_everything_and_shows_where_it_is(visit: Visit) -> 
 @pytest.mark.parametrize("path", ["/", "/?phase=strategy"])
 def test_every_number_stands_under_its_head_at_any_width(visit: Visit, path: str) -> None:
     page = visit.open(path)
-    for width in (1920, 1360, 1201, 1130, 1091, 950):
+    for width in (1920, 1360, 1241, 1130, 950, 700):
         page.set_viewport_size({"width": width, "height": 900})
         heads = page.evaluate(RIGHT_EDGES, "#board-rows thead tr:last-child")
         cells = page.evaluate(RIGHT_EDGES, "#board-rows tr[id]")
         assert heads == cells, f"{path} at {width} px"
-        assert page.evaluate(FITS), f"{path} at {width} px"
+        if width > 1240:  # below, the table scrolls in its own box under its head
+            assert page.evaluate(FITS), f"{path} at {width} px"
 
 
 RIGHT_EDGES = """(rule) => [...document.querySelector(rule).children].filter((cell) => cell.offsetWidth)
@@ -248,7 +397,7 @@ def test_phone_rows_are_cards_that_keep_the_roles_of_a_table(visit: Visit) -> No
     box = row.bounding_box()
     assert box is not None
     assert box["width"] <= 390
-    assert box["height"] > 120
+    assert box["height"] == 64
 
 
 def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:

@@ -1,0 +1,63 @@
+"""What the shell offers at a press of Tab: phases, ids of submissions, choices.
+
+Never an error and never a wait: what the server does not say at once is not offered.
+"""
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from exceptiondrive.client import Client
+
+LONGEST_WAIT_S = 1.0
+Completion = tuple[str, str]
+"""A word and what the shell says beside it."""
+
+
+def phases(context: typer.Context, incomplete: str) -> list[Completion]:
+    """Offer the phases of the server."""
+    return _offer(context, incomplete, lambda client: ((p.id, p.title) for p in client.phases()))
+
+
+def public_splits(context: typer.Context, incomplete: str) -> list[Completion]:
+    """Offer the splits whose regions are public."""
+    return _offer(
+        context,
+        incomplete,
+        lambda client: {p.split: p.split for p in client.phases() if p.split_is_public}.items(),
+    )
+
+
+def submission_ids(context: typer.Context, incomplete: str) -> list[Completion]:
+    """Offer the team's newest submissions."""
+    return _offer(
+        context,
+        incomplete,
+        lambda client: ((v.id, f"{v.method}, {v.status}") for v in client.submissions(limit=30)),
+    )
+
+
+def choices(*words: str) -> Callable[[str], list[str]]:
+    """Return what offers these words."""
+
+    def offer(incomplete: str) -> list[str]:
+        return [word for word in words if word.startswith(incomplete)]
+
+    return offer
+
+
+def _offer(
+    context: typer.Context,
+    incomplete: str,
+    words: "Callable[[Client], Iterable[Completion]]",
+) -> list[Completion]:
+    with suppress(Exception):  # whatever it is, it must not stand in somebody's command line
+        from exceptiondrive.client import Client
+
+        server: Any = context.params.get("server")
+        with Client(server, attempts=1, timeout_s=LONGEST_WAIT_S) as client:
+            return [word for word in words(client) if word[0].startswith(incomplete)]
+    return []

@@ -1,0 +1,73 @@
+"""The command that shows and keeps the usual server and phase."""
+
+from typing import Annotated
+
+import typer
+
+from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.fitted_table import FittedTable
+from exceptiondrive.cli.output import show, show_result
+from exceptiondrive.credentials import normal_server, server_setting
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.settings import VARIABLES, config_path, find_setting, keep_setting
+
+
+def _values(context: typer.Context, incomplete: str) -> list[completion.Completion]:
+    is_phase = context.params.get("name") == "phase"
+    return completion.phases(context, incomplete) if is_phase else []
+
+
+def config(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            autocompletion=completion.choices(*VARIABLES),
+            help=f"{' or '.join(VARIABLES)}; without it both are shown.",
+        ),
+    ] = None,
+    value: Annotated[
+        str | None,
+        typer.Argument(metavar="[VALUE]", autocompletion=_values, help="Keep it as the usual one."),
+    ] = None,
+    unset: Annotated[bool, typer.Option("--unset", help="Take it out of the file.")] = False,
+    json: options.Json = False,
+) -> None:
+    """Show or keep the usual server and phase.
+
+    An option comes first, then EXCEPTIONDRIVE_SERVER and EXCEPTIONDRIVE_PHASE, then config.toml,
+    which this command writes; for the server then what `login` kept. Shown is what holds, and where
+    it was found.
+    """
+    if name is None:
+        _show_all(json)
+        return
+    if (value is None) != unset:
+        raise InvalidArgumentError(
+            "wrong_option", "Give a value, or --unset.", f"exceptiondrive config {name} VALUE"
+        )
+    if name == "server" and value is not None:
+        value = normal_server(value)
+    path = keep_setting(name, value)
+    fact = {"name": name, "value": value, "path": str(path)}
+    show_result(fact, json, f"{name} {'is unset' if unset else value} in {path}")
+    if not json and (found := find_setting(name)).value not in (value, None):
+        show(f"but {found.found_in} says {found.value}, and comes first")
+
+
+def _show_all(json: bool) -> None:
+    found = {"server": server_setting(), "phase": find_setting("phase")}
+    table = FittedTable.of("setting", "value", "found in")
+    for name, each in found.items():
+        place = config_path().name if each.found_in == str(config_path()) else each.found_in
+        table.add_row(name, each.value or "", place or "nowhere")
+    facts = {
+        "path": str(config_path()),
+        "settings": {name: each._asdict() for name, each in found.items()},
+    }
+    show_result(facts, json, table, f"file: {config_path()}")
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(config)

@@ -1,0 +1,265 @@
+"""What the functions of the SDK take: a path, bytes, an open file, a mapping, arrays, a model.
+
+A submission may also be columns of arrays (`sample_id`, `source`, `edited` of shape (N, T, 2), NaN
+where the planner gave nothing; or `sample_id`, `strategy`), or a data frame: of the waypoints, as
+`convert` reads CSV, or of `sample_id` and `strategy`. numpy and pandas are never imported here.
+"""
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar, cast
+
+from pydantic import ValidationError
+
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
+from exceptiondrive_schemas.check.inflate import UnreadableFileError, inflate
+from exceptiondrive_schemas.protocol import (
+    ProtocolDocument,
+    ProtocolError,
+    packaged_protocol,
+    parse_protocol,
+)
+from exceptiondrive_schemas.split import Manifest, Split
+
+
+class DataFrameLike(Protocol):
+    """A data frame, as far as it is looked at."""
+
+    @property
+    def columns(self) -> Any:
+        """Names of its columns."""
+
+    @property
+    def attrs(self) -> Any:
+        """What is said of it as a whole; `split` may be named there."""
+
+
+class GivenFile(NamedTuple):
+    """What was given, and what to call it."""
+
+    name: str
+    data: bytes
+
+
+BytesLike = GivenFile | str | os.PathLike[str] | bytes | BinaryIO
+"""The path of a file, what it holds, or an open one."""
+SubmissionLike = BytesLike | Mapping[str, Any] | DataFrameLike
+ManifestLike = Manifest | BytesLike | Mapping[str, Any]
+SplitLike = Split | BytesLike | Mapping[str, Any]
+ProtocolLike = ProtocolDocument | str | os.PathLike[str]
+MAX_SPLIT_BYTES = 256 * 1024 * 1024
+SIDES = ("source", "edited")
+Model = TypeVar("Model", bound=Document)
+
+
+def given_bytes(given: object, what: str = "file") -> GivenFile:
+    """Return what a path, bytes or an open file hold.
+
+    Raises:
+        InvalidArgumentError: It is none of these, or cannot be read.
+    """
+    if isinstance(given, GivenFile):
+        return given
+    if isinstance(given, bytes | bytearray | memoryview):
+        return GivenFile(what, bytes(given))
+    if isinstance(given, str | os.PathLike):
+        try:
+            return GivenFile(Path(given).name, Path(given).read_bytes())
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InvalidArgumentError(
+                "unreadable_file", f"{os.fspath(given)} cannot be read: {reason}."
+            ) from None
+    read = getattr(given, "read", None)
+    data = read() if callable(read) else None
+    if not isinstance(data, bytes):
+        raise InvalidArgumentError(
+            "wrong_argument",
+            f"The {what} is of type {type(given).__name__}, which is not taken.",
+            "Give a path, bytes, a file opened in binary mode, or what the documentation names.",
+        )
+    name = getattr(given, "name", None)
+    return GivenFile(Path(name).name.strip("<>") if isinstance(name, str) else what, data)
+
+
+def given_submission(given: object, split: str | None = None) -> GivenFile:
+    """Return a submission file.
+
+    Args:
+        given: See the head of this module.
+        split: Name of the split, where arrays or a data frame do not say it.
+
+    Raises:
+        InvalidArgumentError: It is none of these.
+    """
+    to_dict = getattr(given, "to_dict", None)
+    if not isinstance(given, Mapping) and callable(to_dict):
+        attrs = getattr(given, "attrs", None) or {}
+        columns = cast("dict[str, list[Any]]", to_dict("list"))
+        split = attrs.get("split", split)
+        given = _of_waypoints(columns) if "trajectory" in columns else columns
+    if not isinstance(given, Mapping):
+        return given_bytes(given, "submission")
+    document = _plain(given)
+    if "predictions" not in document and "sample_id" in document:
+        document = _of_columns(document, split)
+    try:
+        return GivenFile("submission.json", json.dumps(document).encode())
+    except (TypeError, ValueError) as error:
+        raise InvalidArgumentError(
+            "wrong_argument", f"The submission cannot be written as JSON: {error}."
+        ) from None
+
+
+def given_manifest(given: ManifestLike) -> Manifest:
+    """Return the public manifest of a split.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, or is no manifest.
+    """
+    return _model(
+        Manifest,
+        given,
+        "manifest",
+        "Take it from the server: exceptiondrive manifest PHASE -o FILE",
+    )
+
+
+def given_split(given: SplitLike) -> Split:
+    """Return a split with its regions, of a plain file or gzip.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, or is no split.
+    """
+    return _model(
+        Split,
+        given,
+        "split file",
+        "Take the development split: exceptiondrive split download NAME",
+    )
+
+
+def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
+    """Return a protocol: a model, a TOML file or a version that ships; else the one that ships.
+
+    Raises:
+        InvalidArgumentError: Neither a file nor a version, or a file that is no protocol.
+    """
+    if given is None:
+        return packaged_protocol()
+    if isinstance(given, ProtocolDocument):
+        return given
+    path = Path(given)
+    try:
+        if path.is_file():
+            return parse_protocol(path.read_text(encoding="utf-8-sig"))
+        return packaged_protocol(str(given))
+    except ProtocolError as error:
+        raise InvalidArgumentError("wrong_protocol", f"{given}: {error}") from None
+    except UnicodeDecodeError:
+        raise InvalidArgumentError(
+            "wrong_protocol", f"{given} is not UTF-8 text; a protocol is a TOML file."
+        ) from None
+    except OSError:
+        raise InvalidArgumentError(
+            "wrong_protocol",
+            f"{str(given)!r} is neither a protocol file nor a version that ships with this client.",
+            "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml.",
+        ) from None
+
+
+def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
+    if isinstance(given, kind):
+        return given
+    name = noun
+    try:
+        if isinstance(given, Mapping):
+            data = json.dumps(_plain(given)).encode()
+        else:
+            name, data = given_bytes(given, noun)
+            data = inflate(
+                data, max_upload_bytes=MAX_SPLIT_BYTES, max_inflated_bytes=MAX_SPLIT_BYTES
+            )
+        if kind is Manifest:  # of a server that may be newer
+            return kind.read(data)
+        return kind.model_validate_json(data)
+    except (UnreadableFileError, TypeError) as error:
+        reason = str(error)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        reason = f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
+    code = f"wrong_{noun.replace(' ', '_')}"
+    raise InvalidArgumentError(code, f"{name} is not a {noun} ({reason}).", advice)
+
+
+def _plain(value: Any) -> Any:
+    """Return lists in the place of arrays and tensors, at every depth."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]:
+    """Return the document of columns, one value a sample."""
+    challenge = STRATEGY if "strategy" in columns else PLANNING
+    named = [name for name in columns if name not in ("schema", "split")]
+    lengths = {len(columns[name]) for name in named}
+    if len(lengths) != 1:
+        raise InvalidArgumentError(
+            "wrong_argument", f"The columns {', '.join(named)} are not equally long."
+        )
+    rows = zip(*(map(_without_nan, columns[name]) for name in named), strict=True)
+    return {
+        "schema": columns.get("schema", challenge.file_schema),
+        "split": columns.get("split", split),
+        "predictions": [dict(zip(named, row, strict=True)) for row in rows],
+    }
+
+
+def _without_nan(value: Any) -> Any:
+    """Return None for what is NaN alone, as numpy and pandas write what is missing."""
+    numbers = list(_numbers(value))
+    return None if numbers and all(map(_is_nan, numbers)) else value
+
+
+def _numbers(value: Any) -> Iterable[Any]:
+    if isinstance(value, list):
+        for each in value:
+            yield from _numbers(each)
+    else:
+        yield value
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)
+
+
+def _of_waypoints(columns: Mapping[str, list[Any]]) -> dict[str, Any]:
+    """Return columns by sample of columns by waypoint."""
+    absent = {"sample_id", "trajectory", "step", "x_m", "y_m"} - columns.keys()
+    if absent:
+        raise InvalidArgumentError(
+            "wrong_argument", f"The data frame has no column {', '.join(sorted(absent))}."
+        )
+    names = ("step", "x_m", "y_m", "sample_id", "trajectory")
+    sides: dict[Any, dict[str, list[Any]]] = {}
+    for _, x_m, y_m, sample_id, side in sorted(
+        zip(*(columns[each] for each in names), strict=True), key=lambda row: row[0]
+    ):
+        if side not in SIDES:
+            raise InvalidArgumentError(
+                "wrong_argument", f"trajectory is source or edited, not {side!r}."
+            )
+        sides.setdefault(sample_id, {}).setdefault(side, []).append([x_m, y_m])
+    in_order = dict.fromkeys(columns["sample_id"])
+    return {
+        "sample_id": list(in_order),
+        **{side: [sides[each].get(side) for each in in_order] for side in SIDES},
+    }

@@ -1,0 +1,84 @@
+"""Gives the server a user of its own, so that whoever takes over the web process reads no withheld region.
+
+Only root may start processes as another user. Started by somebody else, server and worker are one user, and the
+launcher says what that means.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from exceptiondrive_server.launcher.child import LaunchError
+
+SERVER_USER = 10001
+"""The number that compose.yaml gives the server; it needs no account."""
+_SHARED_FOLDER = 0o1770
+"""The server makes files here; the sticky bit keeps it from moving those of others away."""
+_PROBE = """
+import os, sys
+from importlib.util import find_spec
+for name in ("fastapi", "exceptiondrive_records", "exceptiondrive_server.app"):
+    open(find_spec(name).origin).close()
+os.listdir(sys.argv[1])
+"""
+_ONE_USER = (
+    "server and worker run as one user: who takes over the web process can read withheld regions. {why} "
+    "For withheld splits, use compose.yaml."
+)
+
+
+def own_user_of_server(data: Path, withheld: Path) -> tuple[int | None, str]:
+    """Prepare the data folder for a server of its own user.
+
+    Args:
+        data: The data folder; what the server writes in it becomes its own, all else stays root's.
+        withheld: Where withheld splits lie; it is closed to everybody but root.
+
+    Returns:
+        The user, or None where it cannot be had; and a sentence for who started this.
+    """
+    if os.geteuid() != 0:
+        return None, _ONE_USER.format(
+            why="Started as root, this command gives the server a user of its own."
+        )
+    own = [*data.glob("records.sqlite3*"), *data.glob("receipt-key.pem"), data / "uploads"]
+    try:
+        os.chown(data, 0, SERVER_USER)
+        data.chmod(_SHARED_FOLDER)
+        for path in own:
+            _give(path)
+        if withheld.is_dir():
+            withheld.chmod(0o700)
+    except OSError as error:
+        raise LaunchError(f"cannot share {data} with the server's user: {error.strerror}") from None
+    why = _why_not(data)
+    if why is not None:
+        return None, _ONE_USER.format(why=f"Another user cannot run it from here ({why}).")
+    return SERVER_USER, f"the server runs as user {SERVER_USER}, who cannot read withheld regions"
+
+
+def _why_not(data: Path) -> str | None:
+    """Return what the server's user cannot reach of Python, our code and the data, if anything."""
+    try:
+        subprocess.run(
+            [sys.executable, "-c", _PROBE, str(data)],
+            user=SERVER_USER,
+            group=SERVER_USER,
+            extra_groups=[],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except OSError as error:
+        return f"{error.strerror}: {error.filename}"
+    except subprocess.CalledProcessError as error:
+        return str(error.stderr).strip().splitlines()[-1]
+    return None
+
+
+def _give(path: Path) -> None:
+    """Let the server own a file, or a folder with all in it, but nothing that a link points to."""
+    os.lchown(path, SERVER_USER, SERVER_USER)
+    for inner in path.rglob("*") if path.is_dir() else ():
+        os.lchown(inner, SERVER_USER, SERVER_USER)

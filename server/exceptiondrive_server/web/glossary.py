@@ -1,0 +1,99 @@
+"""What the words on the pages mean, each in a sentence or two: one registry for all pop-overs."""
+
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from exceptiondrive_schemas.challenges import CHALLENGES
+
+_DIRECTIONS = {"higher": "Higher is better.", "lower": "Lower is better.", None: "Not a score."}
+
+
+class Term(NamedTuple):
+    """A word as it stands on a page, and what it means."""
+
+    title: str
+    meaning: str
+
+
+def _of_metrics() -> Iterator[tuple[str, Term]]:
+    """The metrics, in the words of their challenge."""
+    for challenge in CHALLENGES.values():
+        for metric in (*challenge.metrics, *challenge.of_controls):
+            title = (
+                metric.label if metric.label == metric.title else f"{metric.label}: {metric.title}"
+            )
+            yield metric.key, Term(title, f"{metric.meaning} {_DIRECTIONS[metric.better]}")
+
+
+_WORDS = {
+    "rank": Term(
+        "Rank and its range",
+        "The rank is by the first metric, then the second; equal numbers share a rank. A range such as "
+        "1\u20133 beside it says which ranks the planner could have, given how much the scenes vary: "
+        "other scenes of the same kind would have put it anywhere in there.",
+    ),
+    "interval": Term(
+        "\u00b1 and bars",
+        "How far a number moves when the scenes are drawn anew: in 95 of 100 such draws it stays within "
+        "the bar. \u00b1 is the distance from the number to the farther end of the bar.",
+    ),
+    "outcome": Term(
+        "What happened",
+        "All scenes of a row, in parts that sum to 100 %. The small squares below are the hazard "
+        "families, darker where the first metric is better.",
+    ),
+    "original": Term(
+        "Original scene",
+        "The driving scene as it was recorded, without a hazard. The paper calls it the source scene.",
+    ),
+    "with_hazard": Term(
+        "Scene with hazard",
+        "The same scene after a hazard was put into its pictures: a child on the road, a closed lane, "
+        "a signal that changed. The paper calls it the edited scene.",
+    ),
+    "family": Term(
+        "Hazard family",
+        "The 21 kinds of hazard form six families, such as things that suddenly come onto the road.",
+    ),
+    "required_clearance": Term(
+        "Required clearance",
+        "The distance from the hazard that a planner has to keep for full credit.",
+    ),
+    "flag": Term(
+        "Flag",
+        "A sign that the numbers of a row mean less than they say, such as a planner that only stands "
+        "still. A flagged row is never named as the best; with some flags it takes no rank.",
+    ),
+    "reference": Term(
+        "Reference rows",
+        "Yardsticks scored by the same code, such as a car that never moves. They take no rank.",
+    ),
+    "average": Term(
+        "Two averages",
+        "Mean of families: every hazard family counts the same. Mean of scenes: every scene counts the "
+        "same, so a family with many scenes weighs more.",
+    ),
+    "split": Term(
+        "Split",
+        "A named set of scenes. Of a withheld one nobody outside knows where the hazards lie.",
+    ),
+    "protocol": Term(
+        "Protocol",
+        "The numbered set of rules and constants that turns trajectories into scores. It never changes; "
+        "a new one gets a new number, and old boards stay.",
+    ),
+    "paired": Term(
+        "Compared scene by scene",
+        "Both planners drove the same scenes, so chance that hits both alike drops out. That settles "
+        "more than two intervals side by side.",
+    ),
+    "coverage": Term(
+        "Answered scenes",
+        "The share of scenes for which the file holds an answer. A missing answer counts as driving "
+        "into the hazard.",
+    ),
+}  # fmt: skip
+
+TERMS: Mapping[str, Term] = MappingProxyType({**dict(_of_metrics()), **_WORDS})
+"""Every word that a page explains, by its key."""

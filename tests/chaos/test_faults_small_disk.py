@@ -1,0 +1,20 @@
+"""Every fault of the kind, in its short form."""
+
+from collections.abc import Iterator
+
+import pytest
+from tests.chaos.run import Run
+from tests.chaos.short_form import faults_on, require_survived, started
+from tests.chaos.suite import Fault, On
+
+pytestmark = [pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def run() -> Iterator[Run | None]:
+    yield from started(On.SMALL_DISK)
+
+
+@pytest.mark.parametrize("fault", faults_on(On.SMALL_DISK))
+def test_it_survives(fault: Fault, run: Run | None) -> None:
+    require_survived(fault, run)

@@ -1,0 +1,78 @@
+"""Completion as the shells ask for it: words, and never an error or a traceback."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+NOBODY = "http://127.0.0.1:9"
+
+
+def completed(shell: str, line: str, **environment: str) -> "subprocess.CompletedProcess[str]":
+    """Ask as the script of a shell does, at the end of a line."""
+    words = line.split(" ")
+    asked = {
+        "bash": {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)},
+        "zsh": {"_TYPER_COMPLETE_ARGS": line},
+        "fish": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
+    }[shell]
+    return subprocess.run(
+        [Path(sys.executable).with_name("exceptiondrive")],
+        env={**os.environ, "_EXCEPTIONDRIVE_COMPLETE": f"complete_{shell}", **asked, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_shell_gets_the_phases(running: "Running", shell: str) -> None:
+    done = completed(
+        shell, "exceptiondrive leaderboard --phase w", EXCEPTIONDRIVE_SERVER=running.url
+    )
+    assert done.stderr == ""
+    assert "words" in done.stdout
+    assert "dev" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("exceptiondrive submi", {"submit", "submissions"}),
+        ("exceptiondrive manifest ", {"dev", "words"}),
+        ("exceptiondrive split download ", {"tiny"}),
+        ("exceptiondrive submissions --status re", {"received", "rejected"}),
+        ("exceptiondrive leaderboard --view ", {"main", "late"}),
+        ("exceptiondrive leaderboard --sort hc", {"hcc"}),
+        ("exceptiondrive config ph", {"phase"}),
+        ("exceptiondrive config phase d", {"dev"}),
+    ],
+)
+def test_commands_names_and_choices(running: "Running", line: str, words: set[str]) -> None:
+    done = completed("bash", line, EXCEPTIONDRIVE_SERVER=running.url)
+    assert (done.stderr, set(done.stdout.split())) == ("", words)
+
+
+def test_ids_of_the_team_are_offered(running: "Running", planning_file: object) -> None:
+    assert callable(planning_file)
+    with running.client() as client:
+        own = client.submit(planning_file(), phase="dev", method="Planner").id
+    environment = {
+        "EXCEPTIONDRIVE_SERVER": running.url,
+        "EXCEPTIONDRIVE_TOKEN": running.token,
+    }
+    line = f"exceptiondrive status {own[:3]}"
+    assert completed("bash", line, **environment).stdout.split() == [own]
+    assert f'"{own}":"Planner, queued"' in completed("zsh", line, **environment).stdout
+
+
+@pytest.mark.parametrize("server", [NOBODY, "no address", "http://127.0.0.1:9/with/path"])
+def test_offline_there_is_nothing_and_no_error(server: str) -> None:
+    done = completed("bash", "exceptiondrive status ", EXCEPTIONDRIVE_SERVER=server)
+    assert (done.stdout.strip(), done.stderr) == ("", "")

@@ -1,0 +1,159 @@
+"""One kind of argument everywhere: the same submission, split and manifest in every form."""
+
+import gzip
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from exceptiondrive import (
+    ExceptionDriveError,
+    InvalidArgumentError,
+    Recorder,
+    check_file,
+    evaluate_file,
+    evaluate_samples,
+)
+from exceptiondrive.inputs import given_manifest, given_protocol, given_split, given_submission
+from exceptiondrive_schemas.split import Manifest
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
+
+MakeFile = Callable[..., Path]
+IDS = [f"s{number}" for number in range(4)]
+PATH = np.array([[4.0 * step, 0.0] for step in range(1, 7)], dtype=np.float32)
+BROKEN = np.full((6, 2), np.nan)
+
+
+def arrays() -> dict[str, Any]:
+    """The file of `planning_file` with one answer missing, as a planner has it in memory."""
+    return {
+        "sample_id": np.array(IDS),
+        "source": np.stack([PATH] * 4),
+        "edited": np.stack([PATH, PATH, PATH, BROKEN]),
+    }
+
+
+def waypoints() -> pd.DataFrame:
+    rows = [
+        {"sample_id": sample_id, "trajectory": side, "step": step + 1, "x_m": x, "y_m": y}
+        for sample_id in IDS
+        for side in ("source", "edited")
+        if (sample_id, side) != ("s3", "edited")
+        for step, (x, y) in enumerate(PATH.tolist())
+    ]
+    return pd.DataFrame(rows).sample(frac=1, random_state=1)  # in no order
+
+
+@pytest.fixture
+def document() -> dict[str, Any]:
+    predictions = [
+        {
+            "sample_id": sample_id,
+            "source": PATH.tolist(),
+            "edited": None if sample_id == "s3" else PATH,
+        }
+        for sample_id in IDS
+    ]
+    schema = "exceptiondrive.planning/1"
+    return {"schema": schema, "split": "tiny", "predictions": predictions}
+
+
+def test_a_submission_is_the_same_in_every_form(
+    tmp_path: Path, split_file: Path, document: dict[str, Any]
+) -> None:
+    data = given_submission(document).data
+    path = tmp_path / "planner.json.gz"
+    path.write_bytes(gzip.compress(data))
+    exact = evaluate_file(path, split=split_file)
+    assert exact.coverage.edited == 0.75
+    with path.open("rb") as stream:
+        forms: list[Any] = [str(path), data, bytearray(data), io.BytesIO(data), stream, document]
+        forms += [arrays(), waypoints()]
+        for form in forms:
+            assert evaluate_file(form, split=split_file) == exact, type(form)
+    assert evaluate_samples(arrays(), split=split_file) == evaluate_samples(path, split=split_file)
+
+
+def test_a_split_is_the_same_in_every_form(planning_file: MakeFile, split_file: Path) -> None:
+    exact = evaluate_file(planning_file(), split=split_file)
+    data = split_file.read_bytes()
+    for form in (str(split_file), data, gzip.compress(data), json.loads(data), given_split(data)):
+        assert evaluate_file(planning_file(), split=form) == exact
+
+
+def test_a_manifest_is_the_same_in_every_form(
+    tmp_path: Path, planning_file: MakeFile, split_file: Path
+) -> None:
+    manifest = Manifest.of(given_split(split_file), given_protocol(None).geometry)
+    text = manifest.model_dump_json(by_alias=True)
+    path = tmp_path / "m.json"
+    path.write_text(text)
+    missing = planning_file(predictions=[])
+    exact = check_file(missing, manifest=path)
+    assert not exact.is_valid
+    for form in (str(path), text.encode(), json.loads(text), manifest, given_split(split_file)):
+        assert check_file(missing, manifest=form).faults == exact.faults
+    assert given_manifest(manifest) is manifest
+
+
+def test_the_recorder_takes_a_manifest_too(tmp_path: Path, split_file: Path) -> None:
+    manifest = Manifest.of(given_split(split_file), given_protocol(None).geometry)
+    for form in (manifest, json.loads(manifest.model_dump_json(by_alias=True))):
+        with Recorder(tmp_path / "p.json", split="tiny", manifest=form) as recorder:
+            for sample_id in IDS:
+                recorder.add(sample_id, source=PATH, edited=None)
+            with pytest.raises(ExceptionDriveError, match="no such sample"):
+                recorder.add("s9", source=None, edited=None)
+
+
+def test_strategies_come_as_a_data_frame(split_file: Path) -> None:
+    table = pd.DataFrame({"sample_id": IDS, "strategy": ["A", "B", None, "C"]})
+    assert check_file(table, manifest=given_split(split_file)).challenge == "strategy"
+    assert evaluate_file(table, split=split_file).coverage.edited == 0.75
+
+
+def test_a_client_submits_what_is_in_memory(working: "Running") -> None:
+    with working.client() as client:
+        view = client.submit(
+            {**arrays(), "edited": np.stack([PATH] * 4)}, phase="dev", method="In memory"
+        ).wait()
+        assert view.rank == 1
+        assert client.check(waypoints(), phase="dev").is_valid
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda split: check_file(17),  # type: ignore[arg-type]
+        lambda split: check_file("no such file"),
+        lambda split: check_file("nul\0"),
+        lambda split: check_file(io.StringIO("{}")),  # type: ignore[arg-type]
+        lambda split: check_file({"a": object()}),
+        lambda split: check_file(b"{}", manifest=split.parent),
+        lambda split: check_file(b"{}", manifest=b"{}"),
+        lambda split: check_file(b"{}", manifest=3),  # type: ignore[arg-type]
+        lambda split: check_file(b"{}", protocol="9.9"),
+        lambda split: check_file(b"{}", protocol=split),
+        lambda split: evaluate_file(b"{}", split={"schema": "x"}),
+        lambda split: evaluate_file(b"{}", split=split),
+        lambda split: evaluate_file({"sample_id": ["a"], "source": []}, split=split),
+        lambda split: evaluate_file(pd.DataFrame({"trajectory": ["source"]}), split=split),
+        lambda split: evaluate_file(waypoints().replace("source", "both"), split=split),
+        lambda split: Recorder(split.with_name("p.json"), "tiny", manifest=3),
+        lambda split: Recorder(split.with_name("p.json"), "tiny", manifest="nowhere"),
+    ],
+)
+def test_what_is_wrong_is_an_error_of_this_package(
+    call: Callable[[Path], Any], split_file: Path
+) -> None:
+    with pytest.raises(InvalidArgumentError) as caught:
+        call(split_file)
+    assert caught.value.sentence
+    assert caught.value.exit_code == 2
