@@ -34,6 +34,7 @@ from exceptiondrive_schemas.method_facts import SubmissionEditView
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
+from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_schemas.submission import (
     Me,
@@ -54,6 +55,7 @@ MAX_OUTAGES = 5
 OnChange = Callable[[SubmissionView], None]
 AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
+NOTICES = TypeAdapter(tuple[NotificationView, ...])
 EDITS = TypeAdapter(tuple[SubmissionEditView, ...])
 PAGE_SIZE = 100
 MAX_NAMES = 12
@@ -543,6 +545,45 @@ class Client(Connection):
         if bytes_digest(data) != view.file_digest:
             raise ServerError("damaged", "The file that came has another digest than the upload.")
         return data
+
+    def notices(self, *, unread: bool = False, limit: int = 100) -> tuple[NotificationView, ...]:
+        """Return what the team was told, newest first.
+
+        Args:
+            unread: Only what was not read yet.
+            limit: At most so many.
+        """
+        query: dict[str, str | int | None] = {"unread": str(unread).lower(), "limit": limit}
+        answer = self._transport.get("/notifications", query)
+        return read_answer(lambda data: NOTICES.validate_json(data, extra="allow"), answer)
+
+    def mark_read(self, notice_id: str) -> NotificationView:
+        """Mark a message as read."""
+        answer = self._transport.post(f"/notifications/{quoted(notice_id)}/read", dict)
+        return read_answer(NotificationView.read, answer)
+
+    def contacts(self) -> list[Record]:
+        """Return the addresses at which the team is told besides its inbox."""
+        return self._transport.records("/contacts")
+
+    def add_contact(self, address: str, wishes: Sequence[str] = ("updates",)) -> Record:
+        """Be told at an address; the secret of a webhook is under `secret`, shown this once.
+
+        Args:
+            address: E-mail address, which has to be confirmed by who reads there, or https address.
+            wishes: What it is told of: `updates`, `scored`, `failed`, `overtaken`, `phase_ends`.
+        """
+        channel = "webhook" if "://" in address else "email"
+        wanted = {"channel": channel, "address": address, "wishes": list(wishes)}
+        return self._transport.post_once("/contacts", wanted)
+
+    def set_wishes(self, contact_id: str, wishes: Sequence[str]) -> Record:
+        """Set what an address is told of."""
+        return self._transport.patch(f"/contacts/{quoted(contact_id)}", {"wishes": list(wishes)})
+
+    def remove_contact(self, contact_id: str) -> Record:
+        """Be told no longer at an address."""
+        return self._transport.post_once(f"/contacts/{quoted(contact_id)}/remove", {})
 
     def withdraw(self, submission_id: str) -> SubmissionView:
         """Take a submission off the board; it keeps its place in the team's own list."""

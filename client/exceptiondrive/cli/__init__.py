@@ -57,6 +57,11 @@ COMMANDS = {
         ".submission_commands",
         "Put an entry on the board of a phase that keeps entries private.",
     ),
+    "notices": (".notice_commands", "Show what the team was told, newest first."),
+    "contacts": (
+        ".notice_commands",
+        "Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
+    ),
     "leaderboard": (".board_commands", "Show a ranked board."),
     "phases": (".board_commands", "List the phases."),
     "remind": (
