@@ -344,7 +344,9 @@ class Client(Connection):
             )
         rules: list[RunRule] = [each.run_rule for each in scored if each.method == method]
         said = rules[0] if rules else "newest"
-        return Outlook(report, None if said == "best" else replaces, RUN_RULES[said])
+        may_say = " Your team may say otherwise: exceptiondrive choose."
+        rule = RUN_RULES[said] + (may_say if phase.policy.run_choice == "team" else "")
+        return Outlook(report, None if said == "best" else replaces, rule)
 
     def _replaced(
         self,

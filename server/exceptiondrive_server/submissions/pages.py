@@ -15,7 +15,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tokens import Principal, Scope, names_of_actors
+from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
@@ -275,7 +275,6 @@ def show_submission(
         ended = has_closed(phase, database_now(session))
         entry = entries_on(session, phase.current_board_id).get(seen.id)
         edits = edits_of(session, seen.id)
-        names = names_of_actors(session, (edit.by for edit in edits))
     headline = protocol.grading.headline
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
     return private_page(
@@ -291,7 +290,6 @@ def show_submission(
         families=families_of(seen, protocol, entry),
         columns=CHALLENGES[seen.challenge].columns,
         edits=edits,
-        names=names,
         headline_title=AVERAGE_TITLES[headline],
         other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
         n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
