@@ -62,6 +62,8 @@ class Submission(Base):
     """When the team chose it for the board, or a rule for its method; the latest choice counts."""
     chosen_rule: Mapped[RunRule] = mapped_column(String, default="this")
     """What was chosen then: this run, or the best or newest one of its method."""
+    idempotency_key: Mapped[str | None]
+    """What the team named the upload, so that one that is sent again is known."""
     published_at: Mapped[datetime | None]
     """When the team made it public, in a phase that keeps entries private."""
     facts: Mapped[MethodFacts | None] = mapped_column(DocumentText(MethodFacts))

@@ -254,6 +254,7 @@ def create_submissions() -> None:
         sa.Column("arrived_at", TIME),
         sa.Column("chosen_at", TIME),
         sa.Column("chosen_rule", sa.String(), nullable=False),
+        sa.Column("idempotency_key", sa.String()),
         sa.Column("published_at", TIME),
         sa.Column("facts", sa.Text()),
         sa.Column("edited_at", TIME),
@@ -342,6 +343,7 @@ def create_boards() -> None:
         sa.Column("body", sa.Text(), nullable=False),
         sa.Column("published_at", TIME, nullable=False),
         sa.Column("view", sa.String(), nullable=False),
+        sa.Column("leader", sa.Text()),
         sa.UniqueConstraint("phase_id", "number"),
     )
     op.create_table(
