@@ -207,7 +207,11 @@ class PhaseChange(PhaseSettings):
 class NewPhase(PhaseSettings):
     """A phase to be made: its settings, and what it is made of for good."""
 
-    id: str = Field(max_length=64, description="Stands in addresses.")
+    id: str = Field(
+        max_length=64,
+        description="Stands in addresses.",
+        json_schema_extra={"pattern": "^[a-z0-9][a-z0-9-]{0,63}$"},
+    )
     challenge: KnownChallenge
     split: str = Field(max_length=64, description="Name of a registered split.")
     split_revision: str | None = Field(

@@ -59,6 +59,8 @@ class Submission(Base):
     """When its first byte came, where that was noted: the deadline is judged by it."""
     chosen_at: Mapped[datetime | None]
     """When the team chose it for the board; the latest choice counts."""
+    idempotency_key: Mapped[str | None]
+    """What the team named the upload, so that one that is sent again is known."""
     published_at: Mapped[datetime | None]
     """When the team made it public, in a phase that keeps entries private."""
     facts: Mapped[MethodFacts | None] = mapped_column(DocumentText(MethodFacts))

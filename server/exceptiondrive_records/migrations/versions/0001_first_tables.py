@@ -253,6 +253,7 @@ def create_submissions() -> None:
         sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
         sa.Column("arrived_at", TIME),
         sa.Column("chosen_at", TIME),
+        sa.Column("idempotency_key", sa.String()),
         sa.Column("published_at", TIME),
         sa.Column("facts", sa.Text()),
         sa.Column("edited_at", TIME),
@@ -341,6 +342,7 @@ def create_boards() -> None:
         sa.Column("body", sa.Text(), nullable=False),
         sa.Column("published_at", TIME, nullable=False),
         sa.Column("view", sa.String(), nullable=False),
+        sa.Column("leader", sa.Text()),
         sa.UniqueConstraint("phase_id", "number"),
     )
     op.create_table(
