@@ -134,7 +134,7 @@ import json, sys
 from recorder import Recorder
 
 def plan(sample_id, scene):  # put your planner here; scene is "source" or "edited"
-    return [(2.0 * step, 0.0) for step in range(1, 7)]  # x forward, y left, each 0.5 s
+    return [(3.5 * step, 0.0) for step in range(1, 7)]  # x forward, y left, each 0.5 s
 
 manifest, output = sys.argv[1:]
 split = json.load(open(manifest))["name"]

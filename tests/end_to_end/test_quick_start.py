@@ -96,7 +96,7 @@ def test_the_quick_start_of_a_withheld_phase_scores_a_public_split(system: Syste
 
 def test_recorder_and_wheel_come_with_their_digests(system: System) -> None:
     page = system.read("/client/")
-    own = Path(sys.modules["exceptiondrive.recorder"].__file__ or "").read_bytes()
+    own = (ROOT / "client/exceptiondrive/recorder.py").read_bytes()
     for address in ("/recorder.py", "/client/recorder.py"):
         with urllib.request.urlopen(system.url + address) as answer:
             given = answer.read()
