@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Path, Query, Request
@@ -24,6 +25,7 @@ from exceptiondrive_records.submissions.submissions import (
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.method_facts import SubmissionChange, SubmissionEditView
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.download import own_upload
@@ -215,10 +217,17 @@ def withdraw_submission(
     responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
 )
 def choose_submission(
-    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+    services: ServicesOf,
+    principal: Submitter,
+    submission_id: SubmissionId,
+    rule: Annotated[RunRule, Query(description="which run of the method stands")] = "this",
 ) -> SubmissionView:
-    """Let a submission stand for its team, in a phase that shows one of each; the last counts."""
-    return _decide(services, principal, submission_id, choose)
+    """Say which run stands on the board; the last word before the deadline counts.
+
+    In a phase that shows one entry of each team this submission stands for it. In one that lets teams
+    choose the run of a method, this run stands, or the method's best or newest one.
+    """
+    return _decide(services, principal, submission_id, partial(choose, rule=rule))
 
 
 @router.post(
