@@ -175,9 +175,10 @@ def test_wrong_files_sent_all_at_once_stay_within_their_cap(
 
     def submit(number: int) -> str | None:
         try:
-            return world.submit(f"wrong {number}").job_id
+            job_id: str | None = world.submit(f"wrong {number}").job_id
         except ConcurrentQuotaExceeded:
             return None
+        return job_id
 
     with ThreadPoolExecutor(24) as pool:
         jobs_of_files = [job for job in pool.map(submit, range(24)) if job is not None]
