@@ -18,9 +18,9 @@ from exceptiondrive_server.boards.entry_facts import (
     board_fields,
     challenge_of,
     entry_key,
+    entry_labels,
     is_barred,
 )
-from exceptiondrive_server.boards.page import entry_choices
 from exceptiondrive_server.boards.table import outcome_bar
 from exceptiondrive_server.entries.queries import ComparedEntries
 from exceptiondrive_server.web.numbers import Digits, listed
@@ -50,13 +50,10 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     if board is None or len(entries) < 2:
         return page
     both = Comparison(board, entries[0], entries[1], digits)
-    offered = entry_choices(board)
-    known = dict(offered)
-    rest = tuple((key, e.method) for key, e in zip(keys, entries, strict=True) if key not in known)
     fields = board_fields(board, shown.is_current)
     return page | {
         "both": both,
-        "choices": (*offered, *rest),
+        "labels": entry_labels(board),
         "fit": [entry for entry in entries if not is_barred(entry)],
         "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
         "differences": difference_table(both, shown.protocol, reading.sheets),

@@ -1,7 +1,7 @@
 """Routes of the entry page and of the comparison."""
 
 from fastapi import APIRouter, Request
-from fastapi.responses import Response
+from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_server.boards.pictures import painted_picture
@@ -73,10 +73,13 @@ def show_entry_picture(request: Request, services: ServicesOf, key: str) -> Resp
 
 @router.get("/compare")
 def show_comparison(request: Request, services: ServicesOf) -> Response:
-    """Compare two or more entries of one board."""
+    """Compare two or more entries of one board; names that were typed become their keys."""
     pairs = request.query_params.multi_items()
     with services.database.read() as session:
         reading = read_comparison(session, BoardQuery.parse(pairs), pairs)
+    keys = [entry_key(entry) for entry in reading.entries]
+    if any(value and value not in keys for key, value in pairs if key in ("a", "b", "more")):
+        return RedirectResponse(compared_address(pairs, keys), status_code=303)
     return page(request, "entries/compare.html", "compare", **compare_page(reading))
 
 
