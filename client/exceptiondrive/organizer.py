@@ -75,6 +75,14 @@ class Organizer(Connection):
         path = f"/organizer/phases/{quoted(phase_id)}/similar"
         return self._transport.record(path)
 
+    def site(self) -> Record:
+        """Return the links of the site."""
+        return self._transport.record("/site")
+
+    def set_site(self, links: Record) -> Record:
+        """Set links of the site; what is left out stays, an empty one is not shown."""
+        return self._transport.patch("/organizer/site", links)
+
     def feature_phase(self, phase_id: str, reason: str) -> Record:
         """Put a phase before all others: in lists, and on the front page."""
         path = f"/organizer/phases/{quoted(phase_id)}/feature"

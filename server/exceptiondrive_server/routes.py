@@ -18,7 +18,10 @@ from exceptiondrive_server.entries import pages as entry_pages
 from exceptiondrive_server.guide import api as guide
 from exceptiondrive_server.guide import pages as guide_pages
 from exceptiondrive_server.notifications import api as notifications
+from exceptiondrive_server.operations import api as operations
+from exceptiondrive_server.operations import organizer_api as organizer_operations
 from exceptiondrive_server.operations import organizer_pages as overview_pages
+from exceptiondrive_server.operations import pages as operation_pages
 from exceptiondrive_server.phases import api as phases
 from exceptiondrive_server.phases import organizer_api as organizer_phases
 from exceptiondrive_server.phases import organizer_pages as organizer_phase_pages
@@ -66,6 +69,7 @@ for _part in (
     organizer_rescoring.router,
     organizer_submissions.router,
     organizer_audit.router,
+    organizer_operations.router,
 ):
     _ORGANIZER_API.include_router(_part)
 
@@ -85,6 +89,7 @@ for _part in (
     teams.router,
     notifications.router,
     rescoring.router,
+    operations.router,
     _ORGANIZER_API,
 ):
     _API.include_router(_part)
@@ -97,6 +102,7 @@ for _part in (
     protocol_pages.router,
     split_pages.router,
     guide_pages.router,
+    operation_pages.router,
     pictures.router,
     responses.router,
     account_pages.router,

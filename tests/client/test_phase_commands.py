@@ -197,3 +197,41 @@ def test_late_entries_are_read_with_view_late(working: "Running", planning_file:
             late: True,
         }
     assert run(working, *asked, "--view", "later").exit_code == 2
+
+
+def test_texts_come_from_files_and_a_phase_is_made_like_another(
+    running: "Running", tmp_path: Path
+) -> None:
+    rules = tmp_path / "rules.md"
+    rules.write_text("# Rules\n\nBe *fair*.")
+    make_phase(running, "--rules", f"@{rules}", "--data-licence", "CC0", CLOSES)
+    assert shown(running)["page"]["rules"] == "# Rules\n\nBe *fair*."
+    words = ("create", "next", "--title", "Next", "--split", "tiny", "--like", "test")
+    assert organize(running, *words, "--quota-per-day", "4").exit_code == 0
+    made = json.loads(organize(running, "show", "next", "--json").stdout)
+    assert made["page"] == shown(running)["page"]
+    assert (made["title"], made["quota_per_day"], made["closes_at"]) == ("Next", 4, None)
+    missing = organize(running, "update", "next", "--terms", f"@{tmp_path / 'none.md'}")
+    assert missing.exit_code == 2
+
+
+def test_a_phase_is_featured_and_hidden(running: "Running") -> None:
+    make_phase(running)
+    assert organize(running, "feature", "test", *REASON).exit_code == 0
+    first = json.loads(run(running, "phases", "--json").stdout)
+    assert first[0]["id"] == "test"
+    assert organize(running, "update", "test", "--visibility", "hidden").exit_code == 0
+    seen = json.loads(run(running, "phases", "--json").stdout)
+    assert "test" not in [one["id"] for one in seen]
+    assert "test" in [one["id"] for one in json.loads(
+        run(running, "phases", "--json", token=running.organizer_token).stdout)]  # fmt: skip
+
+
+def test_the_links_of_the_site_are_set_and_shown(running: "Running") -> None:
+    def site(*words: str) -> Any:
+        return run(running, "organizer", "site", *words, token=running.organizer_token)
+
+    assert site("set", "--paper-url", "https://paper.example.org").exit_code == 0
+    assert json.loads(site("show", "--json").stdout)["paper_url"] == "https://paper.example.org"
+    assert site("set").exit_code == 2
+    assert site("set", "--contact", "javascript:alert(1)").exit_code == 2

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, phase_commands, rescore_commands
+from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -293,6 +293,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         rescore_commands.COMMANDS,
     ),
     "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
+    "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }

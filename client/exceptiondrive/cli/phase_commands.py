@@ -63,13 +63,15 @@ def create(
     **settings: Any,
 ) -> None:
     """Make a phase."""
+    given = setting_document(PhaseSettings, settings)
     with open_organizer(server) as organizer:
+        taken_over = {} if like is None else _undated(organizer.phase(like))
         wanted = {
             "id": phase_id,
             "split": split,
             "split_revision": split_revision,
             "challenge": challenge,
-            **_merged({} if like is None else _undated(organizer.phase(like)), _document(settings)),
+            **_merged(taken_over, given),
         }
         wanted["protocol"] = protocol or organizer.protocols()[-1]["version"]
         phase = organizer.create_phase(wanted)
@@ -83,7 +85,7 @@ def update(
     **settings: Any,
 ) -> None:
     """Change settings of a phase; what would take back a promise is refused."""
-    changes = _document(settings)
+    changes = setting_document(PhaseSettings, settings)
     if not changes:
         raise InvalidArgumentError(
             "nothing_to_set", "Say what to change: `--help` lists the settings."
@@ -174,9 +176,9 @@ def _parameter(name: str, annotation: Any, default: Any) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _document(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that were given as the API takes them."""
-    fields = fields_of(PhaseSettings)
+def setting_document(model: type[Document], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a model that were given, as the API takes them."""
+    fields = fields_of(model)
     said = {field.name: field for field in fields if given[field.name] is not None}
     return document_of(fields, {name: _value(field, given[name]) for name, field in said.items()})
 

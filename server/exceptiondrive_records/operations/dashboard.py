@@ -21,6 +21,8 @@ from exceptiondrive_schemas.rescoring import RunKind
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 NEWEST = 5
+SLOW_S = 300.0
+"""A fresh submission that has waited longer than this is worth a look."""
 _A_DAY = timedelta(days=1)
 _A_MONTH = timedelta(days=30)
 

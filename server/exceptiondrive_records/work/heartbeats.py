@@ -11,9 +11,11 @@ from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
 
 HEARTBEAT_TTL_S = 15.0
-_FORGET_AFTER = timedelta(days=1)
 _SCORER_COUNTS_FOR = timedelta(hours=1)
 """A newer scorer that was killed keeps older ones away for so long."""
+_FORGET_AFTER = _SCORER_COUNTS_FOR
+MISSED_FOR_S = 120.0
+"""A worker that fell silent is missed for so long; then it counts as gone."""
 
 
 @dataclass(frozen=True)

@@ -165,6 +165,27 @@ class _Mark:
     y_interval: Interval | None
 
 
+def labels_of(entries: Sequence[BoardEntry], most: int = 60) -> tuple[str, ...]:
+    """Return what each of these entries is called in a picture: no two alike, none too long.
+
+    Its method; where two have the same one, its team as well; where that is the same, a number.
+    """
+    names = [entry.method for entry in entries]
+    full = [
+        f"{name}, {entry.team}" if names.count(name) > 1 and entry.team else name
+        for entry, name in zip(entries, names, strict=True)
+    ]
+    cut = [_cut(name, most) for name in full]
+    return tuple(
+        f"{_cut(name, most - 4)} ({cut[: at + 1].count(name)})" if cut.count(name) > 1 else name
+        for at, name in enumerate(cut)
+    )
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
 def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
     """Return the entries that the chart of a board draws: the first scored ones, the references."""
     scored = [entry for entry in board.entries if entry.source == "scored"]
@@ -305,7 +326,8 @@ def _labels(
     marks: Sequence[_Mark], x: Scale, y: Scale, corners: Sequence[Label]
 ) -> tuple[Label, ...]:
     frame = Box(x.extent[0] + 2, y.extent[1] + 2, x.extent[1] + 12, y.extent[0] - 2)
-    anchors = [(mark.entry.method, x.at(mark.x), y.at(mark.y)) for mark in marks]
+    names = labels_of([mark.entry for mark in marks], MAX_CHARACTERS)
+    anchors = [(name, x.at(m.x), y.at(m.y)) for name, m in zip(names, marks, strict=True)]
     bars = [_extent_box(mark, x, y) for mark in marks]
     words = [_text_box(c.text, float(c.x), float(c.y), c.anchor) for c in corners]
     return place_labels(anchors, frame, [*bars, *words])
@@ -355,7 +377,7 @@ def place_labels(
     taken = [Box(x - 7, y - 7, x + 7, y + 7) for _, x, y in anchors] + list(obstacles)
     placed: list[Label] = []
     for text, x, y in anchors:
-        short = text if len(text) <= MAX_CHARACTERS else text[: MAX_CHARACTERS - 1] + "…"
+        short = _cut(text, MAX_CHARACTERS)
         for dx, dy, anchor in _OFFSETS:
             box = _text_box(short, x + dx, y + dy, anchor)
             if frame.holds(box) and not box.meets(taken):
@@ -484,7 +506,7 @@ Curves = tuple[tuple[BoardEntry, ClearanceCurve], ...]
 Where a curve starts, at no clearance, it stands at 100 - UR; the area under it up to the required
 clearance is HCC, as exactly as its steps allow.
 """
-MAX_CURVES = 4
+MAX_CURVES = 5
 """So many lines are told apart by colour and dashes."""
 
 
@@ -492,7 +514,7 @@ MAX_CURVES = 4
 class Curve:
     """One entry's curve, as the points of a polyline."""
 
-    entry: BoardEntry
+    name: str
     points: str
     at_required: float
     """Share of samples that keep the whole required clearance."""
@@ -500,7 +522,11 @@ class Curve:
 
 @dataclass(frozen=True)
 class CurveChart:
-    """Curves on one pair of axes, in SVG units; `required_x` is the required clearance."""
+    """Curves on one pair of axes, in SVG units; `required_x` is the required clearance.
+
+    The points of curves count steps of the curve along x and thousandths of the scenes up;
+    `transform` brings them to the axes, so that they are written once for every size.
+    """
 
     width: int
     height: int
@@ -511,6 +537,7 @@ class CurveChart:
     required_x: str
     x_ticks: tuple[Tick, ...]
     y_ticks: tuple[Tick, ...]
+    transform: str
     curves: tuple[Curve, ...]
     description: str
 
@@ -533,11 +560,13 @@ def curve_chart(
     x_scale = Scale((0.0, reach), (left, right), tuple(i / 2 for i in range(int(reach * 2) + 1)))
     y_scale = Scale((0.0, 1.0), (bottom, top), (0.0, 0.25, 0.5, 0.75, 1.0))
     curves = []
-    for entry, curve in known:
+    names = labels_of([entry for entry, _ in known])
+    for name, (_, curve) in zip(names, known, strict=True):
         shares = curve.micro if average == "micro" else curve.macro_family
-        at = [(x_scale.at(k * curve.step), y_scale.at(share)) for k, share in enumerate(shares)]
-        points = " ".join(f"{px(x)},{px(y)}" for x, y in at)
-        curves.append(Curve(entry, points, shares[round(1 / curve.step)]))
+        points = " ".join([f"{k},{share * 1000:.0f}" for k, share in enumerate(shares)])
+        curves.append(Curve(name, points, shares[round(1 / curve.step)]))
+    along = (right - left) / reach * known[0][1].step
+    transform = f"matrix({along:.4f} 0 0 {(top - bottom) / 1000:.4f} {left:g} {bottom:g})"
     return CurveChart(
         width=width,
         height=height,
@@ -548,7 +577,8 @@ def curve_chart(
         required_x=px(x_scale.at(1.0)),
         x_ticks=tuple(Tick(px(x_scale.at(tick)), f"{tick:g}") for tick in x_scale.ticks),
         y_ticks=tuple(Tick(px(y_scale.at(tick)), f"{tick:.0%}"[:-1]) for tick in y_scale.ticks),
+        transform=transform,
         curves=tuple(curves),
         description="Share of scenes that keep the whole required clearance: "
-        + ", ".join(f"{one.entry.method} {one.at_required:.1%}" for one in curves),
+        + ", ".join(f"{one.name} {one.at_required:.1%}" for one in curves),
     )

@@ -18,9 +18,16 @@ from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.charts import Curves, curve_chart, effect_lines, scatter_chart
+from exceptiondrive_server.boards.charts import (
+    Curves,
+    best_entries,
+    curve_chart,
+    effect_lines,
+    scatter_chart,
+)
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
 from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
+from exceptiondrive_server.boards.families import Tasks, dot_plot, families_of
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
     ChangeLine,
@@ -78,6 +85,7 @@ def _shown(
     same_board: Same[Board],
     same_protocol: Same[ProtocolDocument],
     same_curves: Same[Curves],
+    same_tasks: Same[Tasks],
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
@@ -108,7 +116,12 @@ def _shown(
         head=macro("boards/table.html", "table_head")(table),
         rows={row.key: set_row(row, table, False) for row in table.rows},
         charts=charts,
-        families=macro("boards/table.html", "heat_map")(table),
+        families=macro("boards/families.html", "families_section")(
+            table=table,
+            shown=families_of(board),
+            plot=dot_plot(board, best_entries(board), digits),
+            tasks=same_tasks.value,
+        ),
         metrics=_metrics(Same(table.builder.challenge), average),
         compared_fields=board_fields(board, is_current),
     )
@@ -248,6 +261,8 @@ class BoardPage:
     has_late_view: bool = False
     curves: Curves = ()
     """Clearance curves of the best entries."""
+    tasks: Tasks = ()
+    """Tasks, hardest first, as far as the sheets of the best entries tell them."""
     facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
     has_reported: bool = False
@@ -262,7 +277,7 @@ class BoardPage:
         """
         if self.board is None:
             return None
-        same = Same(self.board), Same(self.protocol), Same(self.curves)
+        same = Same(self.board), Same(self.protocol), Same(self.curves), Same(self.tasks)
         return _shown(*same, self.query, self.is_current, self.before, Same(self.facts))
 
     @property

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import lru_cache
 from math import inf
+from typing import NamedTuple
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -31,15 +32,15 @@ from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import ClearanceCurve
 from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
+from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tasks
 from exceptiondrive_server.boards.headline import BoardBefore, headline
 from exceptiondrive_server.boards.page import BoardPage, PhaseLink, Same
 from exceptiondrive_server.boards.query import BoardQuery
@@ -61,6 +62,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
     board = own_board(parsed_board(row)) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
+    told = _told_by_sheets(session, phase, board) if board else ToldBySheets((), ())
     return BoardPage(
         query=query,
         phases=links,
@@ -73,7 +75,8 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         now=phase_now(session, phase),
         has_late_view=phase.late_board_id is not None,
         has_reported=phase.shows_reported,
-        curves=_curves_of(session, phase, board) if board else (),
+        curves=told.curves,
+        tasks=told.tasks,
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
@@ -92,7 +95,7 @@ def facts_on(session: Session, board: Board) -> FactsOfBoard:
     phase = session.get_one(Phase, board.phase)
     key = Same(board), newest_edit_at(session, phase.id), is_anonymous(phase)
     if key not in _FACTS:
-        if len(_FACTS) >= MAX_KEPT_CURVES:
+        if len(_FACTS) >= MAX_KEPT:
             _FACTS.clear()
         ids = [entry.submission_id for entry in board.entries]
         _FACTS[key] = facts_of_entries(session, phase.id, ids)
@@ -111,30 +114,47 @@ def _own_board(same: Same[Board]) -> Board:
     return board.model_copy(update={"entries": own}) if len(own) < len(board.entries) else board
 
 
-_CURVES: dict[Same[Board], Curves] = {}
+class ToldBySheets(NamedTuple):
+    """What a board page shows of the score sheets of its best entries."""
+
+    curves: Curves
+    tasks: Tasks
+
+
+_TOLD: dict[Same[Board], ToldBySheets] = {}
 """Of boards that were shown of late: neither they nor their sheets change."""
-MAX_KEPT_CURVES = 64
+MAX_KEPT = 64
 
 
-def _curves_of(session: Session, phase: Phase, board: Board) -> Curves:
-    """The clearance curves of the best entries, as far as their sheets carry them."""
+def _told_by_sheets(session: Session, phase: Phase, board: Board) -> ToldBySheets:
     key = Same(board)
-    if key not in _CURVES:
-        if len(_CURVES) >= MAX_KEPT_CURVES:
-            _CURVES.clear()
-        _CURVES[key] = tuple(_read_curves(session, phase, board))
-    return _CURVES[key]
+    if key not in _TOLD:
+        if len(_TOLD) >= MAX_KEPT:
+            _TOLD.clear()
+        _TOLD[key] = _read_sheets(session, phase, board)
+    return _TOLD[key]
 
 
-def _read_curves(
-    session: Session, phase: Phase, board: Board
-) -> Iterator[tuple[BoardEntry, ClearanceCurve]]:
-    for entry in best_entries(board):
-        key = (entry.submission_id, board.protocol.digest, board.split.revision)
-        row = session.get(ScoreSheetRow, key)
-        curve = shown_sheet(session, phase, row).clearance_curve if row else None
-        if curve is not None:
-            yield entry, curve
+def _read_sheets(session: Session, phase: Phase, board: Board) -> ToldBySheets:
+    """Clearance curves of the first, and the tasks of many more, as far as their sheets tell them."""
+    ranked = [e.submission_id for e in board.entries if e.rank is not None][:MAX_SHEETS]
+    best = best_entries(board)
+    rows = session.scalars(
+        select(ScoreSheetRow).where(
+            ScoreSheetRow.submission_id.in_({*ranked, *(entry.submission_id for entry in best)}),
+            ScoreSheetRow.protocol_digest == board.protocol.digest,
+            ScoreSheetRow.split_revision == board.split.revision,
+        )
+    )
+    sheets = {row.submission_id: shown_sheet(session, phase, row) for row in rows}
+    found = ((entry, sheets.get(entry.submission_id or "")) for entry in best)
+    curves = ((entry, sheet.clearance_curve) for entry, sheet in found if sheet)
+    protocol, metric = find_protocol(session, board.protocol.digest), challenge_of(board).metrics[0]
+    of_ranked = [sheets[name] for name in ranked if name in sheets]
+    return ToldBySheets(
+        tuple((entry, curve) for entry, curve in curves if curve is not None),
+        hardest_tasks(of_ranked, protocol.taxonomy, metric),
+    )
 
 
 _OWN_DRAWINGS: dict[str, ProtocolDrawing] = {}

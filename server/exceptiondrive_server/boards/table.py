@@ -261,7 +261,7 @@ class RowBuilder:
         return FamilyTile(
             n_text=n_text,
             text=text,
-            step=None if value is None else self._heat_step(metric, value),
+            step=None if value is None else self.heat_step(metric, value),
             is_best=entry.may_lead
             and value is not None
             and value == self.best_by_family.get(family),
@@ -270,7 +270,7 @@ class RowBuilder:
             words=f"{title}: not reported" if text is None else f"{title} {text} %, {n_text}",
         )
 
-    def _heat_step(self, metric: Metric, value: float) -> int:
+    def heat_step(self, metric: Metric, value: float) -> int:
         """Return 0 to 9; for a metric of which less is better it is reversed."""
         share = min(max(value / self.heat_top, 0.0), 1.0)
         step = min(int(share * HEAT_STEPS), HEAT_STEPS - 1)

@@ -1,29 +1,35 @@
 """The first page of the organizers: what needs attention, the queue of each lane, the workers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from urllib.parse import quote
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.operations.dashboard import Dashboard, dashboard
+from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.operations.dashboard import SLOW_S, Dashboard, dashboard
+from exceptiondrive_records.operations.site import set_site_links, site_links
 from exceptiondrive_records.rescoring.views import run_view
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES
 from exceptiondrive_records.teams.teams import list_teams
+from exceptiondrive_schemas.form_fields import fields_of, values_of
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
+from exceptiondrive_server.web.forms import filled, made, read, text_of, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     duration_words,
+    go,
     organizer_page,
 )
 
 router = APIRouter(include_in_schema=False)
+SITE_FIELDS = fields_of(SiteLinks)
 LANE_TITLES = {Lane.LIVE: "Fresh submissions", Lane.RESCORE: "Rescoring"}
-SLOW_S = 300.0
-"""A fresh submission that has waited longer than this is worth a look."""
 Task = tuple[str, str, str, str]
 """Words, address and words of the link, and `bad` or `warn`."""
 
@@ -48,6 +54,46 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         lane_titles=LANE_TITLES,
         slow_s=SLOW_S,
         duration=duration_words,
+    )
+
+
+@router.get("/organize/site")
+def show_site(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+    """Show the links of header and footer."""
+    with services.database.read() as session:
+        links = values_of(SITE_FIELDS, site_links(session))
+    texts = {name: text_of(value) for name, value in links.items()}
+    return _site(request, browser, texts)
+
+
+@router.post("/organize/site")
+def post_site(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
+) -> Response:
+    """Set the links of header and footer."""
+    try:
+        links = made(SiteLinks, SITE_FIELDS, read(SITE_FIELDS, form))
+        with services.database.write() as session:
+            set_site_links(session, links, actor=browser.principal.actor)
+    except RecordsError as refusal:
+        return _site(request, browser, typed(form), refusal)
+    services.site_state.forget()
+    return go("/organize/site", "site_changed")
+
+
+def _site(
+    request: Request,
+    browser: SignedIn,
+    texts: Mapping[str, str],
+    refusal: RecordsError | None = None,
+) -> Response:
+    return organizer_page(
+        request,
+        browser,
+        "operations/organizer_site.html",
+        "site",
+        refusal=refusal,
+        fields=filled(SITE_FIELDS, texts),
     )
 
 

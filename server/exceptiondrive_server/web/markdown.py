@@ -1,7 +1,7 @@
 """Markdown of organizers as HTML that can do nothing: parsed without raw HTML, then sanitized.
 
 CommonMark with tables. Either library alone keeps scripts out; both do, since one of them may have a
-fault (docs/decisions/0015-markdown.md).
+fault (docs/decisions/0016-markdown.md).
 """
 
 from functools import lru_cache

@@ -13,6 +13,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
+from exceptiondrive_records.work.heartbeats import MISSED_FOR_S, live_workers
 from exceptiondrive_records.work.tables import (
     OPEN_STATES,
     BoardRequest,
@@ -20,6 +21,7 @@ from exceptiondrive_records.work.tables import (
     WorkerHeartbeat,
     WorkState,
 )
+from exceptiondrive_schemas.jobs import Lane
 
 
 class RequestMetrics:
@@ -64,7 +66,7 @@ class RecordsCollector(Collector):
         with self._database.read() as session:
             yield from _queue(session)
             yield _submissions(session)
-            yield _heartbeats(session)
+            yield from _heartbeats(session)
             yield from _durations(session)
 
 
@@ -106,16 +108,23 @@ def _submissions(session: Session) -> Metric:
     return gauge
 
 
-def _heartbeats(session: Session) -> Metric:
+def _heartbeats(session: Session) -> Iterable[Metric]:
     gauge = GaugeMetricFamily(
         "exceptiondrive_worker_heartbeat_age_seconds",
-        "Since a worker's last sign of life.",
+        "Since a worker's last sign of life; of those that were alive minutes ago.",
         labels=["worker"],
+    )
+    alive = GaugeMetricFamily(
+        "exceptiondrive_live_workers", "Workers that give signs of life.", labels=["lane"]
     )
     now = database_now(session)
     for worker_id, at in session.execute(select(WorkerHeartbeat.worker_id, WorkerHeartbeat.at)):
-        gauge.add_metric([worker_id], (now - at).total_seconds())
-    return gauge
+        age_s = (now - at).total_seconds()
+        if age_s < MISSED_FOR_S:
+            gauge.add_metric([worker_id], age_s)
+    for lane in Lane:
+        alive.add_metric([lane.value], live_workers(session, lane).workers)
+    return gauge, alive
 
 
 def _durations(session: Session) -> Iterable[Metric]:

@@ -20,6 +20,7 @@ TAGS = {
     "documents": "JSON Schema and an example of every file.",
     "access": "Who a token speaks for.",
     "organizers": "For organizers only.",
+    "site": "Whether scoring keeps up, and the links of the site.",
     "health": "For operators; outside the versioned API.",
 }
 _SCHEMA = "#/components/schemas/"

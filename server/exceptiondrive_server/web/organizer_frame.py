@@ -27,6 +27,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "team_refused": "The registration is refused. The team and its tokens are gone.",
         "token_revoked": "The token is revoked. It no longer works.",
         "phase_created": "The phase is created.",
+        "site_changed": "The links are changed: every page shows them from now on.",
         "phase_changed": "The phase is changed; the audit log says from what to what.",
         "submission_retried": "The submission is queued again, with all its attempts.",
         "protocol_added": "The protocol is added. No score changes until you rescore with it.",
@@ -50,6 +51,7 @@ SECTIONS = (
     ("submissions", "Submissions", "/organize/submissions"),
     ("protocols", "Protocols", "/organize/protocols"),
     ("rescoring", "Rescoring", "/organize/rescoring"),
+    ("site", "Site", "/organize/site"),
     ("audit", "Audit log", "/organize/audit"),
 )
 NO_STORE = {"Cache-Control": "no-store"}

@@ -1,12 +1,13 @@
 """HTML answers: the frame of a page, headers, ETag and 304, problems, the theme."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.web.browser_session import Holder, holder_of
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.middleware import HEADERS
@@ -37,6 +38,9 @@ class Site:
     """What people type before the path, for the addresses that other sites follow."""
     is_organizer: bool = False
     """Whether it once signed in as an organizer: only a link depends on it, never a right."""
+    links: SiteLinks = field(default_factory=SiteLinks)
+    delay: str = ""
+    """Why scoring is delayed; empty while it keeps up."""
 
 
 def theme_of(text: str | None) -> Theme:
@@ -54,6 +58,7 @@ def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
     query, holder = request.url.query, holder_of(request)
     here = request.url.path + (f"?{query}" if query else "")
+    links, delay = services_of(request).site_state.now()
     return Site(
         theme_of(request.cookies.get(THEME_COOKIE)),
         here,
@@ -61,6 +66,8 @@ def site_of(request: Request, current: str) -> Site:
         has_session=holder is not Holder.VISITOR,
         origin=origin_of(request),
         is_organizer=holder is Holder.ORGANIZER,
+        links=links,
+        delay=delay,
     )
 
 

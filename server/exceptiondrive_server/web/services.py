@@ -11,6 +11,7 @@ from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.site_state import SiteState
 from exceptiondrive_server.web.upload_places import UploadPlaces
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class Services:
     settings: ServerSettings
     signer: ReceiptSigner
     upload_places: UploadPlaces
+    site_state: SiteState
     provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
@@ -46,6 +48,7 @@ class Services:
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
             upload_places=places,
+            site_state=SiteState(database, settings.heartbeat_ttl_s),
             provider=_provider(settings),
             metrics=metrics,
         )

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -269,6 +270,85 @@ def check_the_chart(page: Node, board: Board, average: str) -> None:
     assert set(re.findall(r"Planner\d+x", left)) == missing
 
 
+def check_what_is_hardest(page: Node, board: Board) -> None:
+    """Columns, the last line and the first sentence follow the mean of all that are ranked."""
+    metric = challenge_of(board).metrics[0]
+    sections = page.all("section", id="families")
+    if not rows_of(page):
+        assert sections == []
+        return
+    (section,) = sections
+    shown = [a["title"].partition(":")[0] for a in section.one("thead").all("a")]
+    if not ranked(board):
+        assert shown == [head.title for head in board.families]
+        assert section.all("tfoot") == []
+        assert "is hardest" not in section.text
+        return
+
+    def value(entry: BoardEntry, family: str) -> float:
+        return entry.families[family].metrics[metric.key] or 0.0
+
+    means = {h.title: fmean(value(e, h.id) for e in ranked(board)) for h in board.families}
+    expected = sorted(means, key=lambda title: means[title], reverse=metric.better == "lower")
+    assert shown == expected
+    foot = section.one("tfoot")
+    assert foot.one("th").text == f"Mean of all {len(ranked(board))} ranked"
+    said = [span.text.split()[0] for span in foot.all("span")]
+    assert [float(text) for text in said] == [
+        pytest.approx(100 * means[title], abs=0.0051) for title in expected
+    ]
+    first, last = expected[0], expected[-1]
+    claim = f"{first} is hardest and {last} easiest, by the mean of all {len(ranked(board))} ranked"
+    assert (claim in section.text) == (means[first] != means[last])
+    check_the_dots(section, board, expected)
+    check_the_tasks(section, board)
+
+
+def check_the_dots(section: Node, board: Board, expected: list[str]) -> None:
+    """The leader and the next four: each says its number and its interval, where they stand."""
+    metric = challenge_of(board).metrics[0]
+    leader = leader_of(board)
+    best = sorted(ranked(board), key=lambda e: (e is not leader, e.rank))[:5]
+    svg = section.one("svg", "dots")
+    true = []
+    for title in expected:
+        head = next(head for head in board.families if head.title == title)
+        for entry in best:
+            cell = entry.families[head.id]
+            words = f"{entry.method} {percent(cell.metrics[metric.key])} %"
+            span = cell.intervals.get(metric.key)
+            if span:
+                words += f" ({percent(span[0])} to {percent(span[1])})"
+            true.append(f"{short_title(title)}: {words}")
+    groups = [group for group in svg.all("g") if group.all("title")]
+    assert [group.one("title").text for group in groups] == true
+    ticks = [line for line in svg.all("line", "gr") if line["x1"] and line["x1"] == line["x2"]]
+    numbers = [float(text.text) for text in svg.all("text", "t-ax")]
+    low, high = float(ticks[0]["x1"]), float(ticks[-1]["x1"])
+    for group, words in zip(groups, true, strict=True):
+        share = float(re.findall(r" (\d+\.\d+) %", words)[0])
+        at = low + (share - numbers[0]) / (numbers[-1] - numbers[0]) * (high - low)
+        for circle in group.all("circle"):
+            assert float(circle["cx"]) == pytest.approx(min(at, high + 60), abs=0.2)
+    names = [key.text for key in section.all("span", "key")]
+    assert names[: len(best)] == [entry.method for entry in best]
+
+
+def check_the_tasks(section: Node, board: Board) -> None:
+    """Where sheets tell tasks: their means over the ranked entries, the least first."""
+    items = section.all("ol", "tasks2")
+    if board.challenge != PLANNING.id:
+        assert items == []
+        return
+    tables = [sheet_of(entry).tasks for entry in ranked(board)]
+    means = {task: fmean(t[task].metrics["hcc"] or 0.0 for t in tables) for task in tables[0]}
+    told = {li.one("code").text: float(li.one("b").text) for li in items[0].all("li")}
+    assert set(told) == set(means)
+    assert list(told.values()) == sorted(told.values())
+    for task, number in told.items():
+        assert number == pytest.approx(100 * means[task], abs=0.0051)
+
+
 def check_ahead_in(text: str, board: Board, pair: PairedComparison | None) -> None:
     """`Ahead in` a family is who is better in the whole paired interval there, and nobody else."""
     said = {
@@ -383,7 +463,9 @@ def check_the_curve(page: Node, entry: BoardEntry) -> None:
     zero, top = (
         float(tick["y1"]) for tick in (svg.all("line", "gr")[0], svg.all("line", "gr")[-1])
     )
-    _, y = (float(at) for at in lines[0]["points"].split()[0].split(","))
+    group = next(group for group in svg.all("g") if group.all("polyline"))
+    scale, _, offset = map(float, re.findall(r"-?[\d.]+", group["transform"])[3:])
+    y = offset + scale * float(lines[0]["points"].split()[0].split(",")[1])
     assert (y - zero) / (top - zero) == pytest.approx(1 - (entry.metrics["ur"] or 0), abs=0.002)
     said = re.search(rf"{entry.method}: (\S+) % keep all of it", page.text)
     assert said is not None
@@ -448,6 +530,7 @@ def test_every_claim_is_true_of_the_board(site: Site, challenge: Challenge, data
         check_who_could_be_first(page, board)
         check_the_average(page, average)
         check_the_chart(page, board, average)
+        check_what_is_hardest(page, board)
     check_the_rows(read(get(site, f"/?phase={phase}&sort={challenge.metrics[1].key}")), board, "")
     for a, b in [*zip(ranked(board), ranked(board)[1:], strict=False)][:2]:
         for one, other in ((a, b), (b, a)):

@@ -1,0 +1,66 @@
+"""The links of every page, which organizers set while the server runs."""
+
+import re
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.db.identifiers import checked_link, checked_text
+from exceptiondrive_records.teams.tables import SiteSetting
+from exceptiondrive_schemas.form_fields import fields_of
+from exceptiondrive_schemas.site import SiteLinks
+
+_NAME = "links"
+_E_MAIL = re.compile(r"[^\s@<>\"'?&:/]+@[^\s@<>\"'?&:/]+\.[^\s@<>\"'?&:/]+")
+
+
+def site_links(session: Session) -> SiteLinks:
+    """Return the links as they are set; all are empty at first."""
+    row = session.get(SiteSetting, _NAME)
+    return SiteLinks() if row is None else SiteLinks.model_validate(row.value)
+
+
+def set_site_links(session: Session, change: SiteLinks, *, actor: str) -> SiteLinks:
+    """Set the links that are set in `change`, and no others.
+
+    Raises:
+        InvalidRecord: A link is no https address, or a text cannot be shown.
+    """
+    before = site_links(session)
+    given = {name: getattr(change, name) for name in change.model_fields_set}
+    after = _checked(before.model_copy(update=given))
+    changed = {
+        name: [getattr(before, name), getattr(after, name)]
+        for name in SiteLinks.model_fields
+        if getattr(before, name) != getattr(after, name)
+    }
+    if changed:
+        now = database_now(session)
+        session.merge(SiteSetting(name=_NAME, value=after.model_dump(), changed_at=now))
+        audit(session, actor, "site links changed", "site", changed)
+    return after
+
+
+def _checked(links: SiteLinks) -> SiteLinks:
+    texts = {
+        field.name: checked_text(
+            field.label.lower(),
+            getattr(links, field.name),
+            max_length=field.max_length,
+            may_be_empty=True,
+            may_have_lines=field.kind == "lines",
+        )
+        for field in fields_of(SiteLinks)
+    }
+    checked_link("paper", texts["paper_url"])
+    checked_link("code", texts["code_url"])
+    contact = texts["contact"]
+    if contact and _E_MAIL.fullmatch(contact) is None:
+        try:
+            checked_link("contact", contact)
+        except InvalidRecord:
+            words = "The contact must be an e-mail address, or an https:// address."
+            raise InvalidRecord(words) from None
+    return SiteLinks(**texts)

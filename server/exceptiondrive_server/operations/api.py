@@ -1,0 +1,25 @@
+"""Whether scoring keeps up, and the links of the site, for everybody."""
+
+from fastapi import APIRouter
+
+from exceptiondrive_records.operations.site import site_links
+from exceptiondrive_records.operations.status import service_status
+from exceptiondrive_schemas.site import ServiceStatus, SiteLinks
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.problems import problem_responses
+
+router = APIRouter(tags=["site"])
+
+
+@router.get("/status", operation_id="showStatus", responses=problem_responses())
+def get_status(services: ServicesOf) -> ServiceStatus:
+    """Tell whether submissions are scored now, what waits, and how the last days went."""
+    with services.database.read() as session:
+        return service_status(session, ttl_s=services.settings.heartbeat_ttl_s)
+
+
+@router.get("/site", operation_id="showSiteLinks", responses=problem_responses())
+def get_site(services: ServicesOf) -> SiteLinks:
+    """Give the links to paper, code, citation and contact, as organizers set them."""
+    with services.database.read() as session:
+        return site_links(session)

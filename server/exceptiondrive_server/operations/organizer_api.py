@@ -1,0 +1,18 @@
+"""The links of the site, as organizers set them."""
+
+from fastapi import APIRouter
+
+from exceptiondrive_records.operations.site import set_site_links
+from exceptiondrive_schemas.site import SiteLinks
+from exceptiondrive_server.web.auth import Organizer, ServicesOf
+
+router = APIRouter()
+
+
+@router.patch("/site", operation_id="changeSiteLinks")
+def patch_site(services: ServicesOf, organizer: Organizer, change: SiteLinks) -> SiteLinks:
+    """Set links of header and footer; what is left out stays, an empty one is not shown."""
+    with services.database.write() as session:
+        links = set_site_links(session, change, actor=organizer.actor)
+    services.site_state.forget()
+    return links
