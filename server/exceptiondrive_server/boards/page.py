@@ -26,7 +26,7 @@ from exceptiondrive_server.boards.charts import (
     scatter_chart,
 )
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
-from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
+from exceptiondrive_server.boards.entry_facts import board_fields, board_name
 from exceptiondrive_server.boards.families import Tasks, dot_plot, families_of
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
