@@ -19,6 +19,12 @@ class AlikeSubmission(Document):
     """Mean over samples, each at most 2; metres where trajectories are compared."""
     n_different: int
     """Samples that differ at all."""
+    n_changed: int = 0
+    """Samples that are answered otherwise, beyond the tolerance and what scaling explains."""
+    scale: float | None = None
+    """By what it is scaled, where it is alike only once it is scaled and shifted as a whole."""
+    is_probe: bool = False
+    """Whether it differs in a few samples only: it may ask about them."""
 
 
 ALIKE_SUBMISSIONS = TypeAdapter(tuple[AlikeSubmission, ...])
@@ -30,6 +36,7 @@ class AlikeKind(StrEnum):
     EQUAL_FILES = "equal_files"
     EQUAL_ANSWERS = "equal_answers"
     NEAR = "near"
+    SCALED = "scaled"
 
 
 class SubmissionOfTeam(Document):
@@ -50,14 +57,19 @@ class AlikePair(Document):
     equal_share: float
     mean_distance: float | None = None
     n_different: int
+    scale: float | None = None
+    """Of a scaled pair: by what the one is the other, as a whole."""
 
 
 class Probing(Document):
-    """A team that changes a few samples at a time: it may be asking about them."""
+    """Submissions that change a few samples at a time: somebody may be asking about them."""
 
-    team: str
+    teams: tuple[str, ...]
     n_submissions: Annotated[int, Field(ge=1)]
-    """Submissions that differ from another one of the team in at most 1 % of samples."""
+    """Submissions that share most of their samples with an earlier one."""
+    fewest_changed: int
+    most_changed: int
+    """Samples that each of them answers otherwise than the one that it is most like."""
     first_at: datetime
     last_at: datetime
     submissions: tuple[str, ...]

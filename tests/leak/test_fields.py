@@ -8,8 +8,17 @@ from typing import Any
 
 import pytest
 from pydantic import BaseModel
+from tests.leak.channels import CHANNELS
 
-from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell
+from exceptiondrive_schemas.board import (
+    Board,
+    BoardEntry,
+    FamilyCell,
+    FamilyHead,
+    PairedComparison,
+    PairedDifference,
+    ReminderEffect,
+)
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.score_sheet import (
@@ -62,6 +71,19 @@ WEIGHED: dict[type[BaseModel], dict[str, str]] = {
         **dict.fromkeys(("flags", "unranked_flags"), CELLS),
     },
     FamilyCell: {"n": LABELS, "intervals": CELLS},
+    FamilyHead: {"id": RECORDS, "title": RECORDS, "n": LABELS},
+    PairedComparison: {
+        **dict.fromkeys(("a", "b"), RECORDS),
+        **dict.fromkeys(("overall", "families", "tasks"), CELLS),
+    },
+    PairedDifference: {
+        "discordant": PUBLIC,
+        **dict.fromkeys(("difference", "interval", "verdict"), REGIONS),
+    },
+    ReminderEffect: {
+        **dict.fromkeys(("without", "without_method"), RECORDS),
+        "differences": CELLS,
+    },
     BreakdownRow: {"n": LABELS},
     ScoreSheet: {
         **dict.fromkeys(("challenge", "protocol", "split", "scorer_version"), RECORDS),
@@ -80,6 +102,47 @@ WEIGHED: dict[type[BaseModel], dict[str, str]] = {
         "recorded": "recorded paths, where the split says that they are public",
     },
 }
+
+
+COUNTED_IN: dict[type[BaseModel], dict[str, str]] = {
+    Board: {"entries": "means of the totals", "comparisons": "pair intervals"},
+    BoardEntry: {
+        **dict.fromkeys(("metrics", "micro", "macro_family"), "means of the totals"),
+        "families": "means of families and tasks",
+        "intervals": "intervals",
+        **dict.fromkeys(("rank", "unranked_because"), "means of the totals"),
+        "rank_interval": "rank intervals",
+        "reminder_effect": "pair intervals",
+        **dict.fromkeys(("flags", "unranked_flags"), "progress, CTS, Source L2, flags"),
+    },
+    FamilyCell: {"intervals": "intervals"},
+    PairedComparison: dict.fromkeys(("overall", "families", "tasks"), "pair intervals"),
+    PairedDifference: {
+        "difference": "means of the totals",
+        **dict.fromkeys(("interval", "verdict"), "pair intervals"),
+        "discordant": "discordant shares",
+    },
+    ReminderEffect: {"differences": "pair intervals"},
+    ScoreSheet: {
+        **dict.fromkeys(("micro", "macro_family"), "means of the totals"),
+        **dict.fromkeys(("families", "tasks"), "means of families and tasks"),
+        "extra": "sensitivities",
+        "clearance_curve": "clearance curve",
+        **dict.fromkeys(("coverage", "plausibility"), "progress, CTS, Source L2, flags"),
+    },
+    Plausibility: {"flags": "progress, CTS, Source L2, flags"},
+    ClearanceCurve: dict.fromkeys(("step", "micro", "macro_family"), "clearance curve"),
+}
+"""The channel of the audit that counts what a field tells of regions; equal ones are one reading."""
+
+
+@pytest.mark.parametrize("document", WEIGHED, ids=lambda document: document.__name__)
+def test_what_is_made_of_regions_is_counted_by_the_audit(document: type[Any]) -> None:
+    of_regions = {REGIONS, TOTALS, PUBLIC, CELLS}
+    fields = {name for name, made_of in WEIGHED[document].items() if made_of in of_regions}
+    counted = COUNTED_IN.get(document, {})
+    assert fields == set(counted), "count the field in a channel of tests/leak/channels.py"
+    assert set(counted.values()) <= set(CHANNELS)
 
 
 @pytest.mark.parametrize("document", WEIGHED, ids=lambda document: document.__name__)

@@ -56,6 +56,14 @@ def _held_by_nobody(claim: Any) -> Callable[..., Any]:
     )
 
 
+def _one_in_a_hundred(_: Any) -> Callable[..., Any]:
+    return lambda rule, found, slack=0.0: found.equal_share >= 0.99 - slack
+
+
+def _as_sent(_: Any) -> Any:
+    return property(lambda found: found.equal_share)
+
+
 def _open_to_all(_: Any) -> Callable[..., Any]:
     return lambda request, proceed: proceed(request)
 
@@ -246,6 +254,18 @@ PROTECTIONS = (
         "exceptiondrive_scoring.similarity:AlikeRule.is_probe",
         _always(False),
         "tests/worker/test_similarity_run.py::test_a_team_that_changes_one_sample_30_times_is_found_and_audited",
+    ),
+    Protection(
+        "probing-share",
+        "exceptiondrive_scoring.similarity:AlikeRule.is_probe",
+        _one_in_a_hundred,
+        "tests/worker/test_similarity_run.py::test_probes_of_many_cells_at_once_are_seen",
+    ),
+    Protection(
+        "scaled-copies",
+        "exceptiondrive_scoring.similarity:Alikeness.best_share",
+        _as_sent,
+        "tests/worker/test_similarity_run.py::test_a_copy_made_a_little_slower_is_seen_across_teams",
     ),
     Protection(
         "receipt-signature",

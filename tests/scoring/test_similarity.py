@@ -1,9 +1,14 @@
 """How alike submissions are: laws, tolerance, and fingerprints that nobody can aim at."""
 
+import gzip
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tests.support import realdata
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
 from exceptiondrive_scoring.challenge import SCORING
@@ -58,9 +63,7 @@ def test_a_copy_with_small_changes_is_still_alike(change: object, is_alike: bool
     found, _ = compare_pair(ways(1), changed, PLANNING)
     assert PLANNING.is_alike(found) == is_alike
     chosen = fingerprinted_samples(3181, "seed")
-    (by_fingerprint,) = alikeness(
-        distances(ways(1)[chosen], changed[chosen])[None], PLANNING.tolerance
-    )
+    (by_fingerprint,) = alikeness(ways(1)[chosen], changed[chosen][None], PLANNING)
     assert PLANNING.is_alike(by_fingerprint, SLACK) == is_alike
 
 
@@ -102,3 +105,38 @@ def test_which_samples_are_fingerprinted_follows_from_the_seed_alone() -> None:
     assert one.tolist() == fingerprinted_samples(3181, "one").tolist()
     assert len(np.intersect1d(one, two)) < FINGERPRINT_SAMPLES / 2
     assert fingerprinted_samples(5, "one").tolist() == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("split", realdata.PLANNERS)
+def test_an_honest_season_of_real_planners_raises_no_alarm(split: str) -> None:
+    """Ten revisions of each: trained anew, tuned in speed, another rule for a part of the scenes."""
+    realdata.require()
+    chance = np.random.default_rng(11)
+    seasons = []
+    for method in realdata.PLANNERS[split]:
+        first = real_ways(split, method)
+        for revision in range(10):
+            ways = first + chance.normal(0, 0.02 * revision, first.shape)
+            if revision % 3 == 1:
+                ways *= chance.uniform(0.9, 1.1)
+            if revision % 3 == 2:
+                ways[chance.random(len(ways)) < chance.uniform(0.15, 0.4)] *= 0.8
+            seasons.append(ways)
+    chosen = fingerprinted_samples(len(seasons[0]), "seed")
+    prints = np.stack([ways[chosen] for ways in seasons])
+    n_alarms = {"own": 0, "others": 0}
+    for later in range(1, len(prints)):
+        for earlier, found in enumerate(alikeness(prints[later], prints[:later], PLANNING)):
+            is_own = earlier // 10 == later // 10
+            if is_own:
+                n_alarms["own"] += PLANNING.is_probe(found)
+            else:
+                n_alarms["others"] += PLANNING.is_alike(found)
+    assert n_alarms == {"own": 0, "others": 0}
+
+
+def real_ways(split: str, method: str) -> NDArray[np.float64]:
+    document = json.loads(gzip.decompress(realdata.file_path(split, method).read_bytes()))
+    answers = sorted(document["predictions"], key=lambda each: each["sample_id"])
+    missing = [[np.nan, np.nan]] * 6
+    return np.array([each["edited"] or missing for each in answers], dtype=np.float64)

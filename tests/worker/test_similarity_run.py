@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import select
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.audit.log import audit_page
+from exceptiondrive_records.operations.dashboard import dashboard
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.tables import SimilarityRow
@@ -35,13 +35,19 @@ def crowd(world: World, make_split: Callable[..., Split]) -> World:
     return world
 
 
-def upload(seed: int, *, noise_m: float = 0.0, changed: dict[int, float] | None = None) -> bytes:
-    """A planner's file: way by seed, some noise, some samples moved along x."""
+def upload(
+    seed: int,
+    *,
+    noise_m: float = 0.0,
+    changed: dict[int, float] | None = None,
+    scale: float = 1.0,
+) -> bytes:
+    """A planner's file: way by seed, some noise, some samples moved along x, all of it scaled."""
     steps, noise = random.Random(seed), random.Random(seed + 1000)
     answers = []
     for number in range(N_SAMPLES):
         pace = steps.uniform(0.5, 4.0) + (changed or {}).get(number, 0.0)
-        way = [[pace * t + noise.gauss(0, noise_m), 0.0] for t in range(1, 7)]
+        way = [[scale * pace * t + noise.gauss(0, noise_m), 0.0] for t in range(1, 7)]
         answers.append({"sample_id": f"s{number:03d}", "source": way, "edited": way})
     head = {"schema": "exceptiondrive.planning/1", "split": "crowd"}
     return json.dumps({**head, "predictions": answers}).encode()
@@ -114,15 +120,74 @@ def test_a_team_that_changes_one_sample_30_times_is_found_and_audited(crowd: Wor
     crowd.score(upload(2), team="beta")
     found = report(crowd)
     (probing,) = found.probing
-    assert (probing.team, probing.n_submissions) == ("Alpha", 29)
+    assert (probing.teams, probing.n_submissions) == (("Alpha",), 29)
+    assert (probing.fewest_changed, probing.most_changed) == (1, 1)
     assert found.pairs == ()
     with crowd.database.read() as session:
-        alarms = [
-            line
-            for line in audit_page(session, before=None, limit=500)
-            if line.action == "probing suspected"
-        ]
-    assert [alarm.detail["team"] for alarm in alarms] == ["alpha"]
+        alarms = dashboard(session).probing
+    assert [alarm.detail["submissions_at_least"] for alarm in alarms] == [20, 10, 5]
+    assert {(alarm.subject, *alarm.detail["teams"]) for alarm in alarms} == {("dev", "Alpha")}
+    assert "share most of their samples" in alarms[0].detail["seen"]
+
+
+def probes(number: int, base: int = 1, scale: float = 1.0) -> bytes:
+    """One sample of each of six cells is asked about, all others stay as they are."""
+    asked = {20 * cell + number % 20: 0.3 + 0.1 * number for cell in range(6)}
+    return upload(base, changed=asked, scale=scale)
+
+
+def test_probes_of_many_cells_at_once_are_seen(crowd: World) -> None:
+    """One in twenty samples moves with each of 22 uploads, and tells of a region in each cell."""
+    crowd.score(upload(1), team="alpha")
+    for number in range(22):
+        crowd.score(probes(number), team="alpha", method=f"m{number}")
+    (probing,) = report(crowd).probing
+    assert (probing.teams, probing.n_submissions) == (("Alpha",), 22)
+    assert (probing.fewest_changed, probing.most_changed) == (6, 6)
+
+
+def test_probes_of_several_teams_are_seen_together(crowd: World) -> None:
+    for number in range(9):
+        crowd.score(
+            probes(number), team=("alpha", "beta", "gamma")[number % 3], method=f"m{number}"
+        )
+    (probing,) = report(crowd).probing
+    assert (probing.teams, probing.n_submissions) == (("Alpha", "Beta", "Gamma"), 8)
+
+
+def test_probes_whose_base_is_scaled_each_time_are_seen(crowd: World) -> None:
+    for number in range(8):
+        data = probes(number, scale=1 - 0.02 * number)
+        crowd.score(data, team="alpha", method=f"m{number}")
+    (probing,) = report(crowd).probing
+    assert (probing.teams, probing.n_submissions) == (("Alpha",), 7)
+
+
+def test_a_copy_made_a_little_slower_is_seen_across_teams(crowd: World) -> None:
+    crowd.score(upload(1), team="alpha")
+    crowd.score(upload(1, scale=0.9), team="beta")
+    crowd.score(upload(2), team="gamma")
+    (pair,) = report(crowd).pairs
+    assert (pair.kind, pair.first.team, pair.second.team) == (AlikeKind.SCALED, "Alpha", "Beta")
+    assert pair.scale == pytest.approx(1 / 0.9, abs=0.001)
+
+
+def test_an_honest_season_raises_no_alarm(crowd: World) -> None:
+    """Trained anew, tuned in speed, another rule for a part of the scenes: ten revisions of each."""
+    chance = random.Random(7)
+    for planner in range(4):
+        for revision in range(10):
+            scale, rule = 1.0, {}
+            if revision % 3 == 1:
+                scale = 1 + chance.uniform(-0.1, 0.1)
+            if revision % 3 == 2:
+                part = chance.sample(range(N_SAMPLES), chance.randrange(15, 50))
+                rule = dict.fromkeys(part, -0.4)
+            data = upload(planner, noise_m=0.02 * revision, changed=rule, scale=scale)
+            crowd.score(data, team=f"team-{planner}", method=f"m{revision}")
+    found = report(crowd)
+    assert found.n_compared == 40
+    assert (found.pairs, found.probing) == ((), ())
 
 
 def test_a_copy_with_one_sample_changed_is_found_across_teams(crowd: World) -> None:

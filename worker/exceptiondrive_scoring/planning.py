@@ -37,7 +37,9 @@ class PlanningScoring:
     """Trajectory pairs against hazard regions."""
 
     challenge = PLANNING
-    alike = AlikeRule(_edited, tolerance=0.05, equal_share=0.9, mean_distance=0.25)
+    alike = AlikeRule(
+        _edited, tolerance=0.05, equal_share=0.9, mean_distance=0.25, may_be_scaled=True
+    )
 
     def columns(
         self, document: CheckedDocument, sample_ids: Sequence[str]

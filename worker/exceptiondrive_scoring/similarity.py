@@ -21,6 +21,10 @@ SLACK = 0.1
 """What a fingerprint may be off by: candidates are those that might be alike."""
 
 
+LEAST_SCALE, FARTHEST_SHIFT = 0.8, 1.0
+"""A copy scaled by more, or shifted by more metres, is a driver of its own."""
+
+
 @dataclass(frozen=True)
 class Alikeness:
     """How far apart the answers of two submissions are.
@@ -28,10 +32,19 @@ class Alikeness:
     Attributes:
         equal_share: Share of samples answered alike, to within the challenge's tolerance.
         mean_distance: Mean over samples, each at most `FARTHEST`; metres for trajectories.
+        aligned_share: `equal_share` once one of the two is scaled and shifted as a whole.
+        scale: By what it is scaled then; 1: as sent.
     """
 
     equal_share: float
     mean_distance: float
+    aligned_share: float = 0.0
+    scale: float = 1.0
+
+    @property
+    def best_share(self) -> float:
+        """Share of samples answered alike, scaled and shifted or as sent."""
+        return max(self.equal_share, self.aligned_share)
 
 
 @dataclass(frozen=True)
@@ -43,25 +56,32 @@ class AlikeRule:
         tolerance: Samples no farther apart than this are answered alike.
         equal_share: Submissions with so many samples alike are reported.
         mean_distance: So are submissions no farther apart; None: not judged by distance.
-        probe_share: Two submissions of one team with so many samples alike ask about the rest.
+        probe_share: Of submissions with so many samples alike, the later asks about the rest.
+        may_be_scaled: Whether a copy may hide by being scaled or shifted as a whole.
     """
 
     ways: Callable[[Columns], FloatArray]
     tolerance: float
     equal_share: float
     mean_distance: float | None
-    probe_share: float = 0.99
+    probe_share: float = 0.9
+    may_be_scaled: bool = False
 
     def is_alike(self, found: Alikeness, slack: float = 0.0) -> bool:
         """Whether submissions of two teams are to be reported."""
         is_near = self.mean_distance is not None and (
             found.mean_distance <= self.mean_distance + slack
         )
-        return is_near or found.equal_share >= self.equal_share - slack
+        return is_near or found.best_share >= self.equal_share - slack
 
     def is_probe(self, found: Alikeness, slack: float = 0.0) -> bool:
-        """Whether a submission differs from another of its team in a few samples only."""
-        return found.equal_share >= self.probe_share - slack
+        """Whether a submission differs from another in a few samples only.
+
+        One that is another as a whole, scaled or shifted, asks about no sample in particular.
+        """
+        if found.equal_share >= self.probe_share - slack:
+            return True
+        return self.probe_share - slack <= found.aligned_share < 1
 
 
 def fingerprinted_samples(n_samples: int, seed: str) -> NDArray[np.intp]:
@@ -85,14 +105,47 @@ def distances(a: NDArray[np.floating], b: NDArray[np.floating]) -> FloatArray:
     return np.minimum(apart, FARTHEST)
 
 
-def alikeness(apart: FloatArray, tolerance: float) -> list[Alikeness]:
-    """Sum up distances (K, N) of one submission to K others."""
-    shares = (apart <= tolerance + 1e-9).mean(axis=-1)
-    means = apart.mean(axis=-1)
-    return [Alikeness(float(s), float(m)) for s, m in zip(shares, means, strict=True)]
+def alikeness(
+    a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule
+) -> list[Alikeness]:
+    """Compare one submission (N, P, C) with K others (K, N, P, C)."""
+    apart = distances(a[None], others)
+    shares, means = _share(apart, rule), apart.mean(axis=-1)
+    aligned, scales = np.zeros(len(others)), np.ones(len(others))
+    if rule.may_be_scaled:
+        scales, moved = _aligned(a, others)
+        aligned = _share(distances(moved, others), rule)
+    columns = (shares, means, aligned, scales)
+    return [Alikeness(*map(float, row)) for row in zip(*columns, strict=True)]
+
+
+def _share(apart: FloatArray, rule: AlikeRule) -> FloatArray:
+    return np.asarray((apart <= rule.tolerance + 1e-9).mean(axis=-1))
+
+
+def _aligned(
+    a: NDArray[np.floating], others: NDArray[np.floating]
+) -> tuple[FloatArray, NDArray[np.floating]]:
+    """Scale and shift a submission as a whole onto each of K others.
+
+    By medians, so that a few moved samples do not count. Beyond what still is a copy it is left as
+    it is.
+    """
+    ends, of_others = (np.linalg.norm(ways[..., -1, :], axis=-1) for ways in (a, others))
+    moves = (ends[None] > 1) & (of_others > 1)
+    ratio = np.where(moves, of_others / np.where(moves, ends[None], 1), np.nan)
+    scales = np.array([np.median(row[~np.isnan(row)]) if moves_.any() else 1.0
+                       for row, moves_ in zip(ratio, moves, strict=True)])  # fmt: skip
+    scales = np.where((scales >= LEAST_SCALE) & (scales <= 1 / LEAST_SCALE), scales, 1.0)
+    scaled = a[None] * scales[:, None, None, None]
+    gaps = (others - scaled).reshape(len(others), -1, a.shape[-1])
+    shifts = np.array([np.median(row[~np.isnan(row).any(axis=-1)], axis=0)
+                       if not np.isnan(row).all() else np.zeros(a.shape[-1])
+                       for row in gaps])  # fmt: skip
+    shifts = np.where(np.linalg.norm(shifts, axis=-1, keepdims=True) <= FARTHEST_SHIFT, shifts, 0.0)
+    return scales, scaled + shifts[:, None, None, :]
 
 
 def compare_pair(a: FloatArray, b: FloatArray, rule: AlikeRule) -> tuple[Alikeness, int]:
     """Compare two submissions exactly; return also how many samples differ at all."""
-    apart = distances(a, b)
-    return alikeness(apart[None], rule.tolerance)[0], int((apart > 0).sum())
+    return alikeness(a, b[None], rule)[0], int((distances(a, b) > 0).sum())

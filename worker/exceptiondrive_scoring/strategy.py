@@ -200,7 +200,9 @@ class StrategyScoring:
     """Answers A to E against acceptable sets."""
 
     challenge = STRATEGY
-    alike = AlikeRule(_letters, tolerance=0.0, equal_share=0.995, mean_distance=None)
+    alike = AlikeRule(
+        _letters, tolerance=0.0, equal_share=0.995, mean_distance=None, probe_share=0.99
+    )
 
     def columns(
         self, document: CheckedDocument, sample_ids: Sequence[str]

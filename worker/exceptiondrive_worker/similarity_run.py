@@ -22,7 +22,6 @@ from exceptiondrive_scoring.similarity import (
     AlikeRule,
     alikeness,
     compare_pair,
-    distances,
     fingerprinted_samples,
 )
 from exceptiondrive_worker.context import WorkerContext
@@ -140,8 +139,23 @@ class _Comparing:
             found, n_different = compare_pair(ways, other, self._rule)
             is_own = candidate.file.team_id == file.team_id
             if (self._rule.is_probe if is_own else self._rule.is_alike)(found):
-                (own if is_own else others).append(_recorded(candidate.file, found, n_different))
+                recorded = self._recorded(candidate.file, found, n_different, len(ways))
+                (own if is_own else others).append(recorded)
         return [*sorted(others, key=_nearest)[:NEAREST_KEPT], *sorted(own, key=_nearest)[:1]]
+
+    def _recorded(
+        self, file: ScoredFile, found: Alikeness, n_different: int, n_samples: int
+    ) -> AlikeSubmission:
+        is_scaled = not self._rule.is_alike(replace(found, aligned_share=0.0))
+        return AlikeSubmission(
+            submission_id=file.submission_id,
+            equal_share=round(found.equal_share, 4),
+            mean_distance=round(found.mean_distance, 2),
+            n_different=n_different,
+            n_changed=round((1 - found.best_share) * n_samples),
+            scale=round(found.scale, 3) if is_scaled else None,
+            is_probe=n_different > 0 and self._rule.is_probe(found),
+        )
 
     def _candidates(
         self, file: ScoredFile, fingerprint: Fingerprint, crowd: _Crowd
@@ -150,7 +164,7 @@ class _Comparing:
         others: list[_Candidate] = []
         for start in range(0, len(crowd.files), AT_ONCE):
             some = np.stack(crowd.fingerprints[start : start + AT_ONCE])
-            found = alikeness(distances(fingerprint[None], some), self._rule.tolerance)
+            found = alikeness(fingerprint, some, self._rule)
             for each, by_fingerprint in zip(
                 crowd.files[start : start + AT_ONCE], found, strict=True
             ):
@@ -172,18 +186,9 @@ class _Comparing:
             return None
 
 
-def _recorded(file: ScoredFile, found: Alikeness, n_different: int) -> AlikeSubmission:
-    return AlikeSubmission(
-        submission_id=file.submission_id,
-        equal_share=round(found.equal_share, 4),
-        mean_distance=round(found.mean_distance, 2),
-        n_different=n_different,
-    )
-
-
 def _likeliest(candidate: _Candidate) -> tuple[float, float]:
-    return -candidate.by_fingerprint.equal_share, candidate.by_fingerprint.mean_distance
+    return -candidate.by_fingerprint.best_share, candidate.by_fingerprint.mean_distance
 
 
-def _nearest(found: AlikeSubmission) -> tuple[int, float, float]:
-    return found.n_different, -found.equal_share, found.mean_distance
+def _nearest(found: AlikeSubmission) -> tuple[int, int, float]:
+    return found.n_changed, found.n_different, found.mean_distance

@@ -67,8 +67,9 @@ def similar(
         for pair in report["pairs"]
     ]
     probing = (
-        f"{found['team']}: {found['n_submissions']} submissions that change at most 1 % of the "
-        f"samples of another, {found['first_at']} to {found['last_at']}"
+        f"{', '.join(found['teams'])}: {found['n_submissions']} submissions that share most samples "
+        f"with an earlier one and change {found['fewest_changed']} to {found['most_changed']}, "
+        f"{found['first_at']} to {found['last_at']}"
         for found in report["probing"]
     )
     show_result(

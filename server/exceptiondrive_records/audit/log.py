@@ -18,6 +18,8 @@ from exceptiondrive_schemas.base import canonical_json
 
 GENESIS = "0" * 64
 _PENDING = "exceptiondrive_pending_audit"
+PROBING_SUSPECTED = "probing suspected"
+"""Workers saw submissions that change a few samples at a time; the subject is the phase."""
 SPLIT_FLOOR_HELD = "split floor held"
 """A worker refused what was asked of a withheld split; the subject is the split."""
 _CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on PostgreSQL

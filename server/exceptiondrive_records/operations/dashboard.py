@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD
+from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.scoring_keys import OPEN
@@ -64,6 +64,8 @@ class Dashboard:
     """In the last 24 hours."""
     floors_held: tuple[AuditLine, ...]
     """What workers refused of withheld splits in the last 30 days, newest first."""
+    probing: tuple[AuditLine, ...]
+    """Where workers suspected probing in the last 30 days, newest first."""
 
 
 def dashboard(session: Session) -> Dashboard:
@@ -84,13 +86,14 @@ def dashboard(session: Session) -> Dashboard:
         queue=tuple(lane_queue(session, lane) for lane in Lane),
         workers=tuple(worker_signs(session)),
         n_received_today=session.scalar(received) or 0,
-        floors_held=tuple(session.scalars(_floors_held(session))),
+        floors_held=tuple(session.scalars(_of_workers(session, SPLIT_FLOOR_HELD))),
+        probing=tuple(session.scalars(_of_workers(session, PROBING_SUSPECTED))),
     )
 
 
-def _floors_held(session: Session) -> Select[AuditLine]:
+def _of_workers(session: Session, action: str) -> Select[AuditLine]:
     since = database_now(session) - _A_MONTH
-    query = select(AuditLine).where(AuditLine.action == SPLIT_FLOOR_HELD, AuditLine.at >= since)
+    query = select(AuditLine).where(AuditLine.action == action, AuditLine.at >= since)
     return query.order_by(AuditLine.id.desc()).limit(NEWEST)
 
 

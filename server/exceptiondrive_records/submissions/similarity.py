@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.audit.log import PROBING_SUSPECTED, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.tables import SimilarityRow, Submission
@@ -24,7 +24,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 
 MOST_PAIRS = 500
 PROBES_BEFORE_ALARM = 5
-"""So many submissions of a team that change a few samples leave a line in the audit log."""
+"""So many submissions that change a few samples of another stand in the report and the audit log."""
 
 
 @dataclass(frozen=True)
@@ -64,22 +64,22 @@ def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmis
     )
     session.add(row)
     session.flush()
-    submission = session.get_one(Submission, submission_id)
-    found = {each.submission_id for each in alike}
-    own = select(Submission.id).where(
-        Submission.id.in_(found), Submission.team_id == submission.team_id
-    )
-    if session.scalar(own) is not None:
-        _alarm(session, submission)
+    if any(each.is_probe for each in alike):
+        _alarm(session, session.get_one(Submission, submission_id))
 
 
 def _alarm(session: Session, submission: Submission) -> None:
-    team = session.get_one(Team, submission.team_id)
-    probing = [p for p in similarity_report(session, submission.phase_id).probing]
-    n_probes = next((p.n_submissions for p in probing if p.team == team.name), 0)
-    if n_probes == PROBES_BEFORE_ALARM:
-        detail = {"team": team.slug, "n_submissions": n_probes}
-        audit(session, "worker", "probing suspected", submission.phase_id, detail)
+    """Say in the audit log what is seen: at five submissions, and each time that they double."""
+    for found in similarity_report(session, submission.phase_id).probing:
+        if submission.id in found.submissions:
+            doublings = (found.n_submissions // PROBES_BEFORE_ALARM).bit_length() - 1
+            detail = {
+                "teams": list(found.teams),
+                "submissions_at_least": PROBES_BEFORE_ALARM << doublings,
+                "seen": "submissions that share most of their samples with an earlier one and "
+                "change a few at a time",
+            }
+            audit_once(session, "worker", PROBING_SUSPECTED, submission.phase_id, detail)
 
 
 def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
@@ -160,34 +160,64 @@ def _alike_pairs(known: dict[str, _Known]) -> Iterator[AlikePair]:
             if other is None or other.team.id == each.team.id:
                 continue
             first, second = sorted((each, other), key=lambda one: order[one.submission.id])
-            is_equal = found.n_different == 0
             yield AlikePair(
-                kind=AlikeKind.EQUAL_ANSWERS if is_equal else AlikeKind.NEAR,
+                kind=_kind(found),
                 first=first.shown,
                 second=second.shown,
                 equal_share=found.equal_share,
                 mean_distance=found.mean_distance,
                 n_different=found.n_different,
+                scale=found.scale,
             )
 
 
+def _kind(found: AlikeSubmission) -> AlikeKind:
+    if found.n_different == 0:
+        return AlikeKind.EQUAL_ANSWERS
+    return AlikeKind.NEAR if found.scale is None else AlikeKind.SCALED
+
+
 def _probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
-    by_team: dict[int, list[_Known]] = {}
-    for each in known.values():
-        others = [known.get(found.submission_id) for found in each.alike_ones]
-        if any(other is not None and other.team.id == each.team.id for other in others):
-            by_team.setdefault(each.team.id, []).append(each)
-    found = [
-        Probing(
-            team=ones[0].team.name,
-            n_submissions=len(ones),
-            first_at=ones[0].submission.received_at,
-            last_at=ones[-1].submission.received_at,
-            submissions=tuple(one.submission.id for one in ones[:MOST_PAIRS]),
+    """Gather what is like one another but for a few samples, whichever teams sent it."""
+    first_of = {name: name for name in known}
+
+    def root(name: str) -> str:
+        while first_of[name] != name:
+            name = first_of[name]
+        return name
+
+    asking: dict[str, int] = {}
+    for name, each in known.items():
+        probed = [it for it in each.alike_ones if it.is_probe and it.submission_id in known]
+        for found in probed:
+            first_of[root(name)] = root(found.submission_id)
+        if probed:
+            asking[name] = min(found.n_changed for found in probed)
+    groups: dict[str, list[str]] = {}
+    for name in known:
+        groups.setdefault(root(name), []).append(name)
+    found_groups = [
+        _probing_of(
+            [known[name] for name in names], [name for name in names if name in asking], asking
         )
-        for ones in by_team.values()
+        for names in groups.values()
+        if sum(name in asking for name in names) >= PROBES_BEFORE_ALARM
     ]
-    return tuple(sorted(found, key=lambda each: -each.n_submissions))
+    return tuple(sorted(found_groups, key=lambda each: -each.n_submissions))
+
+
+def _probing_of(members: list[_Known], names: list[str], asking: dict[str, int]) -> Probing:
+    by_id = {each.submission.id: each for each in members}
+    changed = [asking[name] for name in names]
+    return Probing(
+        teams=tuple(sorted({each.team.name for each in members})),
+        n_submissions=len(names),
+        fewest_changed=min(changed),
+        most_changed=max(changed),
+        first_at=by_id[names[0]].submission.received_at,
+        last_at=by_id[names[-1]].submission.received_at,
+        submissions=tuple(names[:MOST_PAIRS]),
+    )
 
 
 def _nearest_first(pair: AlikePair) -> tuple[int, float, float]:
