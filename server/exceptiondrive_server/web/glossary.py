@@ -86,7 +86,7 @@ _WORDS = {
     "paired": Term(
         "Compared scene by scene",
         "Both planners drove the same scenes, so chance that hits both alike drops out. That settles "
-        "more than two intervals side by side.",
+        "more than a look at two intervals.",
     ),
     "coverage": Term(
         "Answered scenes",

@@ -56,6 +56,7 @@ from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_server.web.site_state import SiteState
 from exceptiondrive_server.web.static_files import mount_static
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
@@ -73,6 +74,7 @@ class Services:
         self.database = database
         self.settings = ServerSettings()
         self.provider = None
+        self.site_state = SiteState(database, self.settings.heartbeat_ttl_s)
 
 
 class Site:
