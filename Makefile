@@ -11,8 +11,17 @@ PORT   ?= 8000
 DATA   ?= ./data
 SECONDS_OF_FUZZ ?= 600
 UPGRADE ?= --upgrade
+LOCKS  ?= bootstrap dev
 # A hundred processes start in the tests: each would compile every module anew where images forbid bytecode.
 export PYTHONDONTWRITEBYTECODE :=
+# WHEELHOUSE=folder: every target installs from a folder that `make wheelhouse` filled, and asks no network.
+ifdef WHEELHOUSE
+export PIP_NO_INDEX := 1
+export PIP_FIND_LINKS := $(abspath $(WHEELHOUSE))
+export UV_OFFLINE := 1
+export UV_NO_INDEX := 1
+export UV_FIND_LINKS := $(abspath $(WHEELHOUSE))
+endif
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -50,6 +59,9 @@ $(VENV)/.system: $(STAMP) tests/install-system-parts
 test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some, N=2 says how many processes
 	$(BIN)/python -m pytest -n $(N) --dist loadfile --no-loadscope-reorder $(T)
 
+pythons: $(STAMP)  ## the tests of client, scoring and worker on every other Python found, 3.10 to 3.14; T=path picks some
+	$(BIN)/python -m tests.on_every_python $(filter-out tests,$(T))
+
 bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.upload_to_rank
@@ -69,6 +81,16 @@ load: $(STAMP)  ## a deadline rush: hundreds of uploads within minutes, while th
 
 pictures: $(STAMP) $(VENV)/.system  ## take the pictures of the README anew, of the sample board, in light and dark
 	$(BIN)/python docs/pictures/take.py
+
+# Another PYTHON, or the same on another machine, adds what it needs to the same folder.
+wheelhouse:  ## download every hashed wheel of LOCKS="bootstrap dev" (or client), and build our own, into ./wheelhouse
+	$(PYTHON) -m venv $(VENV)-wheelhouse
+	for lock in $(LOCKS); do \
+	  $(VENV)-wheelhouse/bin/python -m pip download --quiet --disable-pip-version-check --no-deps --require-hashes \
+	    -r requirements/$$lock.txt -d wheelhouse || exit 1; done
+	$(VENV)-wheelhouse/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w wheelhouse . ./server ./worker
+	rm -r $(VENV)-wheelhouse
+	@du -sh wheelhouse; ls wheelhouse | wc -l
 
 lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/ruff format --check .
@@ -94,4 +116,4 @@ lock: $(STAMP)  ## renew the hashed locks (UPGRADE= keeps the versions); they ca
 	$(LOCK) $(UPGRADE) --python-version 3.10 --all-extras -o requirements/client.txt pyproject.toml
 	! grep -nE '://|--(extra-)?index-url|--find-links' requirements/*.txt
 
-.PHONY: help setup run test chaos fuzz protections load bench pictures lint format lock
+.PHONY: help setup run wheelhouse test pythons chaos fuzz protections load bench pictures lint format lock

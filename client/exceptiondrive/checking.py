@@ -69,13 +69,13 @@ def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
     return Manifest.of(whole, protocol.geometry, revision=split.revision)
 
 
-def write_file(path: Path, text: str) -> int:
+def write_file(path: Path, content: str | bytes) -> int:
     """Write in one step, compressed if the name ends in `.gz`; return the size in bytes.
 
     Raises:
         InvalidArgumentError: It cannot be written.
     """
-    data = text.encode()
+    data = content.encode() if isinstance(content, str) else content
     part = path.with_name(f".{path.name}.part")
     try:
         part.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
@@ -97,3 +97,24 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
         [spreadsheet_text(each) if isinstance(each, str) else each for each in row] for row in rows
     )
     return text.getvalue()
+
+
+def parquet_bytes(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+    """Return a Parquet file; what is undefined is null.
+
+    Raises:
+        InvalidArgumentError: The extra `parquet` is missing.
+    """
+    try:
+        from pyarrow import BufferOutputStream, table
+        from pyarrow.parquet import write_table
+    except ModuleNotFoundError:
+        raise InvalidArgumentError(
+            "extra_missing",
+            "Parquet files need pyarrow.",
+            'Run: pip install "exceptiondrive[parquet]"',
+        ) from None
+    cells = list(zip(*rows, strict=True)) or [()] * len(columns)
+    stream = BufferOutputStream()
+    write_table(table(dict(zip(columns, map(list, cells), strict=True))), stream)
+    return bytes(stream.getvalue())

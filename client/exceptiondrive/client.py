@@ -1,11 +1,12 @@
 """The SDK: what speaks for a team to one server, its submissions and its tokens."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date, datetime
 from difflib import get_close_matches
+from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 from uuid import uuid4
 
@@ -30,8 +31,10 @@ from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
+from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_schemas.submission import (
     Me,
@@ -52,6 +55,7 @@ MAX_OUTAGES = 5
 OnChange = Callable[[SubmissionView], None]
 AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
+NOTICES = TypeAdapter(tuple[NotificationView, ...])
 EDITS = TypeAdapter(tuple[SubmissionEditView, ...])
 PAGE_SIZE = 100
 MAX_NAMES = 12
@@ -190,12 +194,21 @@ class Outlook:
     Attributes:
         report: Of the check, with what the file looks like and why it would not be ranked.
         replaces: The team's entry that it takes the place of; None where there is none.
+        rule: Which run of a method stands, in a sentence.
     """
 
     report: CheckReport
     replaces: SubmissionView | None
+    rule: str = ""
 
 
+RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
+    {
+        "newest": "Of each method the newest run stands, also where it is worse.",
+        "best": "Of this method the best run stands, as your team said.",
+        "this": "Of this method the run stands that your team chose: this one will not take its place.",
+    }
+)
 BeforeUpload = Callable[[Outlook], None]
 
 
@@ -320,14 +333,29 @@ class Client(Connection):
 
     def _outlook(self, file: SubmissionLike, phase: PhaseView, method: str) -> Outlook:
         report = self._check(file, phase)
-        return Outlook(report, self._replaced(phase, method, report.digest))
-
-    def _replaced(self, phase: PhaseView, method: str, file_digest: str) -> SubmissionView | None:
-        """Return the team's entry that a file takes the place of, as far as the token may know."""
         try:
             scored = self.submissions(phase=phase.id, status=SubmissionStatus.SCORED)
         except NotAllowedError:
-            return None
+            scored = ()
+        replaces = self._replaced(phase, method, report.digest, scored)
+        if phase.policy.entries_shown == "chosen":
+            return Outlook(
+                report, replaces, "Of each team the entry stands that it chose, else its newest."
+            )
+        rules: list[RunRule] = [each.run_rule for each in scored if each.method == method]
+        said = rules[0] if rules else "newest"
+        may_say = " Your team may say otherwise: exceptiondrive choose."
+        rule = RUN_RULES[said] + (may_say if phase.policy.run_choice == "team" else "")
+        return Outlook(report, None if said == "best" else replaces, rule)
+
+    def _replaced(
+        self,
+        phase: PhaseView,
+        method: str,
+        file_digest: str,
+        scored: tuple[SubmissionView, ...],
+    ) -> SubmissionView | None:
+        """Return the team's entry that a file takes the place of, as far as the token may know."""
         if phase.policy.entries_private or any(each.file_digest == file_digest for each in scored):
             return None
         shows_one = phase.policy.entries_shown == "chosen" and phase.is_open
@@ -336,7 +364,8 @@ class Client(Connection):
             for each in scored
             if each.replaced_by is None
             and each.is_late != phase.is_open
-            and (each.method == method or (shows_one and not each.is_chosen))
+            and (each.method == method or shows_one)
+            and not each.is_chosen
         )
         return next(standing, None)
 
@@ -519,13 +548,58 @@ class Client(Connection):
             raise ServerError("damaged", "The file that came has another digest than the upload.")
         return data
 
+    def notices(self, *, unread: bool = False, limit: int = 100) -> tuple[NotificationView, ...]:
+        """Return what the team was told, newest first.
+
+        Args:
+            unread: Only what was not read yet.
+            limit: At most so many.
+        """
+        query: dict[str, str | int | None] = {"unread": str(unread).lower(), "limit": limit}
+        answer = self._transport.get("/notifications", query)
+        return read_answer(lambda data: NOTICES.validate_json(data, extra="allow"), answer)
+
+    def mark_read(self, notice_id: str) -> NotificationView:
+        """Mark a message as read."""
+        answer = self._transport.post(f"/notifications/{quoted(notice_id)}/read", dict)
+        return read_answer(NotificationView.read, answer)
+
+    def contacts(self) -> list[Record]:
+        """Return the addresses at which the team is told besides its inbox."""
+        return self._transport.records("/contacts")
+
+    def add_contact(self, address: str, wishes: Sequence[str] = ("updates",)) -> Record:
+        """Be told at an address; the secret of a webhook is under `secret`, shown this once.
+
+        Args:
+            address: E-mail address, which has to be confirmed by who reads there, or https address.
+            wishes: What it is told of: `updates`, `scored`, `failed`, `overtaken`, `phase_ends`.
+        """
+        channel = "webhook" if "://" in address else "email"
+        wanted = {"channel": channel, "address": address, "wishes": list(wishes)}
+        return self._transport.post_once("/contacts", wanted)
+
+    def set_wishes(self, contact_id: str, wishes: Sequence[str]) -> Record:
+        """Set what an address is told of."""
+        return self._transport.patch(f"/contacts/{quoted(contact_id)}", {"wishes": list(wishes)})
+
+    def remove_contact(self, contact_id: str) -> Record:
+        """Be told no longer at an address."""
+        return self._transport.post_once(f"/contacts/{quoted(contact_id)}/remove", {})
+
     def withdraw(self, submission_id: str) -> SubmissionView:
         """Take a submission off the board; it keeps its place in the team's own list."""
         return self._say(submission_id, "withdraw")
 
-    def choose(self, submission_id: str) -> SubmissionView:
-        """Let a submission stand for the team, in a phase that shows one entry of each."""
-        return self._say(submission_id, "choose")
+    def choose(self, submission_id: str, rule: RunRule = "this") -> SubmissionView:
+        """Say which run stands on the board; the last word before the deadline counts.
+
+        Args:
+            submission_id: What stands for the team, in a phase that shows one entry of each; a run of
+                the method, in one that lets teams choose the run of a method.
+            rule: This run, or the method's best or newest one.
+        """
+        return self._say(submission_id, "choose" if rule == "this" else f"choose?rule={rule}")
 
     def publish(self, submission_id: str) -> SubmissionView:
         """Put an entry on the board of a phase that keeps entries private."""

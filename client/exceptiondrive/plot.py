@@ -7,10 +7,11 @@ regions and numpy (the extra `plot`, which also writes PNG).
 import os
 from collections.abc import Sequence
 from html import escape
+from itertools import zip_longest
 from pathlib import Path
 
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive.evaluation import sound_file
+from exceptiondrive.evaluation import sample_results, sound_file
 from exceptiondrive.inputs import (
     ProtocolLike,
     SplitLike,
@@ -76,11 +77,17 @@ class Scenes:
         arrays = split_arrays(split.samples, protocol.taxonomy)
         pairs = TrajectoryPairs.from_columns(document_columns(document, self.sample_ids))
         measured = measure(pairs, arrays.prepared_regions, protocol.geometry)
+        self._results = sample_results(document, split, protocol)
         self._drawer = Drawer(self.sample_ids, pairs, measured, arrays, protocol)
 
     def worst(self, count: int) -> list[str]:
-        """Return the samples with the least HCC, then the least clearance, of those answered."""
-        return [self.sample_ids[i] for i in self._drawer.from_worst_to_best()[:count]]
+        """Return the worst samples of those answered, in turn of each family, the deepest first."""
+        families: dict[str, list[str]] = {}
+        for result in self._results:
+            if result.clearance_m is not None:
+                families.setdefault(result.family, []).append(result.sample_id)
+        turns = zip_longest(*families.values())
+        return [each for turn in turns for each in turn if each is not None][:count]
 
     def scene(self, sample_id: str) -> SampleDrawing:
         """Return what a picture of one sample shows.

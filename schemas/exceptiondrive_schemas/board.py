@@ -108,7 +108,18 @@ class BoardEntry(Document):
     @property
     def may_lead(self) -> bool:
         """Whether it may be named as the best where it is: ranked, without a flag that bars that."""
-        return self.rank is not None and not bars_leading(flag.code for flag in self.flags)
+        if self.rank is None or not self.flags:
+            return self.rank is not None
+        return not bars_leading(flag.code for flag in self.flags)
+
+
+class BoardLeader(Document):
+    """Who led a board, and the value of the metric that ranks first."""
+
+    submission_id: str
+    method: str
+    team: str
+    value: float
 
 
 class FamilyHead(Document):

@@ -192,7 +192,7 @@ class SubmissionEditView(EditChanges):
 
     edited_at: datetime
     by: str
-    """Who: an actor of the audit log."""
+    """Who: a member, a token and its team, or the team."""
 
 
 class EntryFacts(Document):

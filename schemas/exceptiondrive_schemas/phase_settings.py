@@ -21,6 +21,9 @@ RevealedPart = Literal["private", "whole"]
 LateEntries = Literal["refused", "own_view"]
 FrozenScores = Literal["shown", "hidden"]
 EntriesShown = Literal["all", "chosen"]
+RunChoice = Literal["newest", "team"]
+RunRule = Literal["newest", "best", "this"]
+"""What a team says of the runs of a method: which one of them stands."""
 BoardView = Literal["main", "late"]
 Visibility = Literal["shown", "archived", "hidden"]
 Title = Annotated[str, Field(min_length=1, max_length=120)]
@@ -110,6 +113,12 @@ class PhasePolicy(Document):
         default="all",
         title="Entries on the board",
         description="All methods, or one entry of each team: its choice, else its latest.",
+    )
+    run_choice: RunChoice = Field(
+        default="newest",
+        title="Run of a method",
+        description="Which run of a method stands where all methods are shown: always its newest, or "
+        "as its team says until the deadline: newest, best or one that it chooses.",
     )
     anonymous: bool = Field(
         default=False,
@@ -207,7 +216,11 @@ class PhaseChange(PhaseSettings):
 class NewPhase(PhaseSettings):
     """A phase to be made: its settings, and what it is made of for good."""
 
-    id: str = Field(max_length=64, description="Stands in addresses.")
+    id: str = Field(
+        max_length=64,
+        description="Stands in addresses.",
+        json_schema_extra={"pattern": "^[a-z0-9][a-z0-9-]{0,63}$"},
+    )
     challenge: KnownChallenge
     split: str = Field(max_length=64, description="Name of a registered split.")
     split_revision: str | None = Field(

@@ -318,7 +318,24 @@ class ChangedEntry(Document):
     new: Standing | None
 
 
-NotificationKind = Literal["protocol_applied", "protocol_rolled_back"]
+NotificationKind = Literal[
+    "protocol_applied",
+    "protocol_rolled_back",
+    "scored",
+    "failed",
+    "overtaken",
+    "phase_ends",
+    "confirm_address",
+]
+Wish = Literal["updates", "scored", "failed", "overtaken", "phase_ends"]
+"""What an address may be told of: protocol updates, and what goes on between them."""
+WISHES: dict[Wish, str] = {
+    "updates": "a protocol or split update changed your published numbers",
+    "scored": "a submission of yours was scored",
+    "failed": "a submission of yours was rejected or failed",
+    "overtaken": "another entry passed one of yours (at most once an hour and phase)",
+    "phase_ends": "a phase ends within a day",
+}
 
 
 class NotificationView(Document):
@@ -331,9 +348,10 @@ class NotificationView(Document):
     created_at: datetime
     read_at: datetime | None = None
     title: str
-    from_protocol: ProtocolRef
-    to_protocol: ProtocolRef
+    from_protocol: ProtocolRef | None = None
+    to_protocol: ProtocolRef | None = None
+    """Of protocol updates alone."""
     what_changed: tuple[str, ...]
-    entries: tuple[ChangedEntry, ...]
+    entries: tuple[ChangedEntry, ...] = ()
     comparison: str
-    """Address of the public comparison, below the server's own."""
+    """Where there is more, below the server's own address: of an update the public comparison."""

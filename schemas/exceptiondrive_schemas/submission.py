@@ -7,7 +7,7 @@ from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import MethodFacts
-from exceptiondrive_schemas.phase_settings import PhaseNow, PhaseSettings
+from exceptiondrive_schemas.phase_settings import PhaseNow, PhaseSettings, RunRule
 from exceptiondrive_schemas.python310 import StrEnum
 from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
 
@@ -98,6 +98,9 @@ class SubmissionView(Document):
     one of the team in a phase that shows one of each."""
     is_chosen: bool = False
     """The team chose it for the board."""
+    run_rule: RunRule = "newest"
+    """Which run of its method stands, as the team said last; of the team, in a phase that shows one
+    entry of each."""
     is_published: bool = True
     """False: the phase keeps entries private, and the team has not published this one."""
     score_kept_back_since: datetime | None = None

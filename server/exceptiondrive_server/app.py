@@ -10,6 +10,7 @@ from exceptiondrive_server.boards.reader import BoardReader
 from exceptiondrive_server.routes import ROUTES
 from exceptiondrive_server.web.body_limit import RequestLimits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
+from exceptiondrive_server.web.compression import PublicCompression
 from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe
@@ -43,6 +44,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
         services.provider.keep_flows(app)
     app.add_middleware(RequestLimits, upload_limit_bytes=limit_bytes)
     app.add_middleware(RequestContext, metrics=services.metrics)
+    app.add_middleware(PublicCompression)  # outside of what says who may keep an answer
     app.add_middleware(HeadRequests)  # added last: the outermost
     install_problem_handlers(app)
     app.router.routes.extend(ROUTES.routes)

@@ -18,6 +18,7 @@ from exceptiondrive_server.entries import pages as entry_pages
 from exceptiondrive_server.guide import api as guide
 from exceptiondrive_server.guide import pages as guide_pages
 from exceptiondrive_server.notifications import api as notifications
+from exceptiondrive_server.notifications import pages as notice_pages
 from exceptiondrive_server.operations import api as operations
 from exceptiondrive_server.operations import organizer_api as organizer_operations
 from exceptiondrive_server.operations import organizer_pages as overview_pages
@@ -106,6 +107,7 @@ for _part in (
     pictures.router,
     responses.router,
     account_pages.router,
+    notice_pages.router,
     edit_pages.router,
     submission_pages.router,
     team_pages.router,

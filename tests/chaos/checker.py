@@ -4,7 +4,7 @@ It knows nothing of which fault was injected, and reads no process and no broker
 """
 
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 
 from sqlalchemy import select
@@ -13,7 +13,7 @@ from tests.chaos.checker_told import boards_seen, endings_stay, scores_stay
 from tests.chaos.history import History
 from tests.chaos.topology import MAX_ATTEMPTS
 
-from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations.invariants import damaged_uploads, unfinished, violations
@@ -46,6 +46,10 @@ def check(
         teams = {team.id: team.slug for team in session.scalars(select(Team))}
         phases = {phase.id: phase for phase in session.scalars(select(Phase))}
         boards = {row.body for row in session.scalars(select(BoardRow))}
+        flips = select(BoardFlip.phase_id, BoardRow.number).order_by(BoardFlip.id)
+        shown = defaultdict[str, list[int]](list)
+        for phase_id, number in session.execute(flips.join(BoardRow)):
+            shown[phase_id].append(number)
         sheets = {
             (row.submission_id, row.protocol_digest, row.split_revision): json.loads(
                 row.sheet.model_dump_json(by_alias=True)
@@ -62,7 +66,7 @@ def check(
     found += _attempts(jobs)
     found += endings_stay(history, rows)
     found += scores_stay(history, sheets)
-    found += boards_seen(history.boards, boards)
+    found += boards_seen(history.boards, boards, shown)
     return sorted(set(found))
 
 

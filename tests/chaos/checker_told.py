@@ -48,9 +48,14 @@ def scores_stay(history: History, sheets: dict[SheetKey, dict[str, Any]]) -> Ite
             yield Violation("score changed", seen.submission_id, f"told other {', '.join(names)}")
 
 
-def boards_seen(seen: list[BoardSeen], kept: set[str]) -> Iterator[Violation]:
-    """Every board that was shown is one of the records, byte for byte, and never went back."""
-    last: dict[str, int] = {}
+def boards_seen(
+    seen: list[BoardSeen], kept: set[str], shown: dict[str, list[int]]
+) -> Iterator[Violation]:
+    """Every board that was shown is one of the records, byte for byte, and they came in its order.
+
+    That is the order in which the pointer moved (`shown`, by phase): a rollback shows an earlier board again.
+    """
+    places: dict[str, int] = {}
     bodies: dict[str, bytes] = {}
     for board in sorted(seen, key=lambda board: board.at_s):
         document = json.loads(board.body)
@@ -59,6 +64,8 @@ def boards_seen(seen: list[BoardSeen], kept: set[str]) -> Iterator[Violation]:
             yield Violation("board not on the records", phase, f"number {number} was shown")
         if bodies.setdefault(board.etag, board.body) != board.body:
             yield Violation("one tag, two boards", phase, board.etag)
-        if number < last.get(phase, 0):
-            yield Violation("board went back", phase, f"{last[phase]}, then {number}")
-        last[phase] = number
+        place = places.get(phase, 0)
+        if number in shown[phase][place:]:
+            places[phase] = shown[phase].index(number, place)
+        else:
+            yield Violation("board went back", phase, f"{number} after {shown[phase][: place + 1]}")

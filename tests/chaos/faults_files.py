@@ -19,7 +19,10 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 def full_disk(run: Run) -> str:
     """The disk of the records fills up, then there is room again."""
     ballast = run.topology.data / "ballast"
+    run.clients.stream(3)
+    run.settle()
     before = run.sheets()
+    assert before, "nothing was scored before"
     _fill_up(ballast)
     told = [run.clients.submit(run.clients.new_file(), "alpha", patient=False) for _ in range(4)]
     ballast.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from sqlalchemy import func, select, text
 from tests.chaos.history import Call
 from tests.chaos.processes import state_of
 from tests.chaos.run import OPEN, Run
-from tests.chaos.topology import HEARTBEAT_TTL_S
+from tests.chaos.topology import HEARTBEAT_TTL_S, PATIENT
 
 from exceptiondrive.receipts import verify_receipt
 from exceptiondrive_records.submissions.tables import Submission
@@ -153,7 +153,9 @@ def wrong_clock(run: Run) -> str:
     assert [round(_ahead_s(clock) / 3600) for clock in clocks] == [1, -1], "the clocks are right"
     skewed = [run.topology.add_worker(environment=clock) for clock in clocks]
     run.topology.worker.hold_down()
-    run.topology.wait_until(lambda: run.topology.readiness()["live_workers"] >= 4, "two more")
+    run.topology.wait_until(
+        lambda: run.topology.readiness().get("live_workers", 0) >= 4, "two more"
+    )
     lost, start_s = run.n_lost_leases(), run.history.now_s()
     run.slowly(2.0)  # several passes of the reconciler, less than a lease
     run.clients.stream(8)
@@ -175,6 +177,7 @@ def _clock(library: Path, shift: str) -> dict[str, str]:
         "LD_PRELOAD": str(library),
         "FAKETIME": shift,
         "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+        **PATIENT,
     }
 
 

@@ -58,6 +58,13 @@ SHORT = {
     "LEADER_LEASE_S": "2",
 }
 
+PATIENT = {
+    "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S": "14",
+    "EXCEPTIONDRIVE_TIME_LIMIT_S": "15",
+    "EXCEPTIONDRIVE_LEASE_S": "16",
+}
+"""For a worker whose scoring runs take seconds, which on a busy machine last longer."""
+
 
 class Broker:
     """A private broker that keeps nothing on disk."""

@@ -9,17 +9,35 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-import structlog
-from tests.support.serving import served
 
 from exceptiondrive import Client
 
 if TYPE_CHECKING:
     from exceptiondrive_worker.context import WorkerContext
+
+IS_ALONE = find_spec("exceptiondrive_server") is None
+"""The client by itself, as on Python 3.10: see tests/on_every_python.py."""
+collect_ignore = (
+    [
+        *("test_newer_server.py", "test_organizer_commands.py", "test_phase_commands.py"),
+        *("test_third_challenge.py", "test_wheel.py"),
+    ]
+    if IS_ALONE
+    else []
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what needs the server, where there is none."""
+    for item in items if IS_ALONE else ():
+        if {"running", "working", "sqlite_url"} & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.skip(reason="needs the server"))
+
 
 STRAIGHT = [[4.0 * step, 0.0] for step in range(1, 7)]
 SPLIT = {
@@ -167,6 +185,9 @@ def running(
     tmp_path: Path, sqlite_url: str, broker_url: str, split_file: Path
 ) -> Iterator[Running]:
     """Start the application, without a worker."""
+    import structlog
+    from tests.support.serving import served
+
     from exceptiondrive_server.app import create_app
     from exceptiondrive_server.web.settings import ServerSettings
     from exceptiondrive_worker.context import open_context

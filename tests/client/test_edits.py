@@ -101,3 +101,18 @@ def test_a_file_of_facts_that_cannot_be_read_is_named(tmp_path: Path) -> None:
             facts_of(file)
     with pytest.raises(InvalidArgumentError):
         facts_of(tmp_path / "nowhere.json")
+
+
+def test_notices_and_contacts_have_their_commands(working: "Running") -> None:
+    assert ok(run(working, "notices")) == "no notices\n"
+    assert "inbox alone" in ok(run(working, "contacts", "list"))
+    told = ("--tell", "scored", "--tell", "failed", "--json")
+    made = json.loads(ok(run(working, "contacts", "add", "a@example.org", *told)))
+    assert (made["is_confirmed"], made["wishes"]) == (False, ["scored", "failed"])
+    assert "a@example.org" in ok(run(working, "contacts", "list"))
+    assert "told of: phase_ends" in ok(run(working, "contacts", "tell", made["id"], "phase_ends"))
+    assert "told of: nothing" in ok(run(working, "contacts", "tell", made["id"], "none"))
+    wrong = run(working, "contacts", "tell", made["id"], "everything")
+    assert (wrong.exit_code, "is none of updates, scored" in wrong.stderr) == (2, True)
+    assert "nothing more" in ok(run(working, "contacts", "remove", made["id"]))
+    assert json.loads(ok(run(working, "contacts", "list", "--json"))) == []

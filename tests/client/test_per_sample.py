@@ -7,12 +7,14 @@ from pathlib import Path
 from statistics import fmean
 
 import pytest
+from pyarrow.parquet import read_table
 from tests.support.extract import make_extract
 from typer.testing import CliRunner
 
 from exceptiondrive import InvalidArgumentError, evaluate_file, evaluate_samples, to_dataframe
 from exceptiondrive.cli import app
-from exceptiondrive.evaluation import SampleResult
+from exceptiondrive.evaluation import SampleResult, sound_file
+from exceptiondrive.plot import Scenes
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 
@@ -73,6 +75,30 @@ def test_the_command_writes_them_as_csv(folder: Path, tmp_path: Path) -> None:
     missing = [row for row in rows if row["clearance_m"] == ""]
     assert missing
     assert {row["ur"] for row in missing} == {"1.0"}
+
+
+def test_the_command_writes_them_as_parquet(folder: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.parquet"
+    file = make_extract().path(folder, "forgetful")
+    command = ["evaluate", str(file), "--split", str(folder / "split.json.gz")]
+    done = CliRunner().invoke(app, [*command, "--per-sample", str(output)])
+    assert done.exit_code == 0, done.stderr
+    rows = read_table(output).to_pylist()
+    assert [SampleResult(**row) for row in rows] == list(results(folder, "forgetful"))
+
+
+def test_the_worst_pictures_are_spread_over_the_families(folder: Path) -> None:
+    sound = sound_file(make_extract().path(folder, "wild"), folder / "split.json.gz", None)
+    found = {each.sample_id: each for each in results(folder, "wild")}
+    families = {each.family for each in found.values()}
+    shown = Scenes(*sound[:3]).worst(len(families))
+    assert {found[each].family for each in shown} == families
+    for sample_id in shown:
+        one = found[sample_id]
+        rivals = [each for each in found.values() if each.family == one.family]
+        answered = [each for each in rivals if each.clearance_m is not None]
+        assert one.ur == max(each.ur for each in answered)
+        assert (one.depth_m or 0.0) == max(each.depth_m or 0.0 for each in answered)
 
 
 def test_they_become_a_data_frame(folder: Path) -> None:

@@ -147,7 +147,7 @@ def test_a_team_chooses_its_entry(working: "Running", planning_file: MakeFile) -
     second = scored(working, other_bytes(planning_file("two.json")), "Second")
     board_shows(working, second)
     chosen = run(working, "choose", first)
-    assert (chosen.exit_code, chosen.stdout) == (0, f"{first} stands for the team\n")
+    assert (chosen.exit_code, chosen.stdout) == (0, f"{first} stands\n")
     board_shows(working, first)
     assert json.loads(run(working, "choose", second, "--json").stdout)["is_chosen"] is True
     board_shows(working, second)

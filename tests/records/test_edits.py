@@ -60,7 +60,7 @@ def test_an_edit_changes_what_it_names_and_keeps_before_and_after(world: World) 
     assert (now.method, now.description, now.code_url) == ("Planner", "", None)
     assert now.facts == VLA
     assert now.edited_at == history[0].edited_at
-    assert history[0].by == "team:1"
+    assert history[0].by == "Alpha"
     assert history[0].changed == {
         "method": ("Planer", "Planner"),
         "paper": (None, "https://example.org/paper"),

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from aiosmtpd.controller import Controller
-from sqlalchemy import select
+from sqlalchemy import delete, select
 from tests.support.work import let_time_pass
 
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -29,6 +29,7 @@ from exceptiondrive_records.notifications.channels import (
 from exceptiondrive_records.notifications.contacts import (
     _require_webhook,
     add_contact,
+    confirm_contact,
     remove_contact,
 )
 from exceptiondrive_records.notifications.outbox import send_next
@@ -116,6 +117,9 @@ def told(stage: Stage, make_protocol: Callable[..., str], channel: Channel, addr
             actor="test",
             may_be_private=True,
         )
+        if channel is Channel.EMAIL:
+            confirm_contact(session, contact.id, contact.secret or "")
+            session.execute(delete(Delivery))  # it asked already
     stage.apply(stage.ready(make_protocol("1.1", *D_SAFE)))
     return contact.secret or ""
 
@@ -322,6 +326,8 @@ def test_an_e_mail_says_old_and_new_numbers(
     assert "required clearance of task SE1" in text
     assert "before: rank" in text
     assert "https://board.example/api/v1/rescoring/" in text
+    assert "List-Unsubscribe: <https://board.example/contacts/" in text.replace("\r\n ", " ")
+    assert "List-Unsubscribe-Post: List-Unsubscribe=One-Click" in text
 
 
 def test_without_a_mail_server_the_message_waits(

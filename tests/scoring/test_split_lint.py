@@ -13,7 +13,6 @@ from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
-from exceptiondrive_worker.sample.scenes import sample_split
 
 Region = Sequence[Sequence[float]]
 Breaks = Callable[[int, SplitSample], dict[str, Any]]
@@ -23,6 +22,9 @@ N_BAD = 60
 @pytest.fixture(scope="module")
 def sound() -> Split:
     """The synthetic split without its controls: nothing else is wrong with it."""
+    pytest.importorskip("exceptiondrive_worker", reason="the client by itself")
+    from exceptiondrive_worker.sample.scenes import sample_split
+
     split = sample_split()
     return split.model_copy(update={"samples": split.counted})
 

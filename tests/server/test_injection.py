@@ -262,10 +262,11 @@ REFERENCE = {"version": "1.0", "digest": "sha256:0"}
 def test_an_email_gets_no_header_and_no_line_from_a_name(text: str) -> None:
     from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 
-    message = message_of(NoticeSettings(), "to@example.org", notice(text, REFERENCE))
+    message = message_of(NoticeSettings(), "to@example.org", notice(text, REFERENCE), "/leave")
     raw = message.as_bytes()
     sent = {"Subject", "From", "To", "Message-ID", "MIME-Version"}
     sent |= {"Content-Type", "Content-Transfer-Encoding"}
+    sent |= {"List-Unsubscribe", "List-Unsubscribe-Post"}
     assert set(message.keys()) == sent
     assert b"\nBcc:" not in raw
     body = text_of(notice(text, REFERENCE), "https://board.example")

@@ -34,7 +34,7 @@ def test_another_method_is_405_and_names_those_that_are_taken(
 ) -> None:
     response = api.request(method, "/phases")
     as_problem(response, 405, "method_not_allowed")
-    assert response.headers["allow"] == "GET"
+    assert response.headers["allow"] == "GET, HEAD"
     assert method not in response.json()["detail"]
 
 

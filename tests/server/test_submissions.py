@@ -1,10 +1,13 @@
 """GET /submissions, GET /submissions/{id}, POST /submissions/{id}/withdraw."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from exceptiondrive_records.submissions.submissions import KEYS_ARE_KEPT
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionView
 
 if TYPE_CHECKING:
@@ -189,6 +192,75 @@ def test_the_same_bytes_under_another_name_change_nothing(api: "Api", as_problem
     problem = as_problem(api.submit("a", method="Planner"), 409, "conflict")
     assert f"exceptiondrive edit {one}" in problem["detail"]
     assert api.get(f"/submissions/{one}", "alpha").json()["method"] == "Planer"
+
+
+def test_an_upload_that_is_sent_again_with_its_key_is_answered_as_the_first_time(
+    api_on_both: "Api", as_problem: Problem
+) -> None:
+    api = api_on_both
+    first = send(api, "a", "k1")
+    again = send(api, "a", "k1")
+    assert (first.status_code, again.status_code) == (202, 202)
+    assert again.json() == first.json()
+    assert again.headers["ratelimit-remaining"] == first.headers["ratelimit-remaining"]
+    as_problem(send(api, "other bytes", "k1"), 409, "conflict")
+    api.phase("second")
+    as_problem(send(api, "a", "k1", phase="second"), 409, "conflict")
+    assert send(api, "a", "k2").status_code == 200, "the same bytes under another key"
+    assert ids(api.get("/submissions", "alpha")) == [first.json()["id"]]
+    assert send(api, "other bytes", "k1", who="beta").status_code == 202, "keys are a team's own"
+
+
+def test_the_key_finds_what_was_withdrawn_meanwhile_and_is_forgotten_after_a_day(
+    api_on_both: "Api",
+) -> None:
+    api = api_on_both
+    own = send(api, "a", "k1").json()["id"]
+    api.post(f"/submissions/{own}/withdraw", "alpha")
+    again = send(api, "a", "k1")
+    assert (again.status_code, again.json()["id"]) == (202, own)
+    assert again.json()["status"] == "withdrawn"
+    with api.database.write() as session:
+        row = session.get_one(Submission, own)
+        row.received_at -= KEYS_ARE_KEPT
+    assert send(api, "b", "k1").json()["id"] != own
+
+
+def test_two_at_once_with_one_key_are_one(api_on_both: "Api") -> None:
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(lambda _: send(api_on_both, "a", "k1"), range(4)))
+    assert {answer.status_code for answer in answers} == {202}
+    assert len({answer.json()["id"] for answer in answers}) == 1
+
+
+@pytest.mark.parametrize("key", ["", "two words", "k" * 256, "\x7f"])
+def test_a_key_is_short_and_printable(api: "Api", as_problem: Problem, key: str) -> None:
+    assert (
+        "idempotency-key" in as_problem(send(api, "a", key), 400, "bad_request")["detail"].lower()
+    )
+
+
+def send(api: "Api", content: str, key: str, who: str = "alpha", phase: str = "dev") -> Any:
+    return api.post(
+        "/submissions",
+        who,
+        data={"phase": phase, "method": "Planner"},
+        files={"file": ("planner.json", content.encode())},
+        headers={"Idempotency-Key": key},
+    )
+
+
+def test_what_may_still_be_submitted_stands_in_the_headers_of_every_answer_of_a_phase(
+    api: "Api",
+) -> None:
+    own = api.submit("a")
+    told = {name: own.headers[name] for name in ("ratelimit-limit", "ratelimit-remaining")}
+    for path in ("/phases/dev", f"/submissions/{own.json()['id']}", "/submissions?phase=dev"):
+        answer = api.get(path, "alpha")
+        assert {name: answer.headers[name] for name in told} == told, path
+        assert int(answer.headers["ratelimit-reset"]) <= 86_400
+    assert "ratelimit-limit" not in api.get("/phases/dev").headers
+    assert "ratelimit-limit" not in api.get("/submissions?phase=nowhere", "alpha").headers
 
 
 def test_facts_are_joined_to_a_board_when_it_is_read(

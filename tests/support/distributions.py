@@ -44,7 +44,16 @@ def bare_environment(folder: Path, python: Path, wheel: Path, *extras: str) -> P
     subprocess.run([uv, "venv", "-q", "--python", python, folder], check=True)
     wanted = f"exceptiondrive[{','.join(extras)}] @ {wheel.as_uri()}"
     lock = ROOT / "requirements/client.txt"
-    install = [uv, "pip", "install", "--python", folder / "bin/python", "-c", lock, wanted]
+    install: list[str | Path] = [
+        uv,
+        "pip",
+        "install",
+        "--python",
+        folder / "bin/python",
+        "-c",
+        lock,
+        wanted,
+    ]
     for way in ("--offline", "--no-progress"):
         done = subprocess.run([*install, way], capture_output=True, text=True, check=False)
         if done.returncode == 0:

@@ -51,11 +51,16 @@ COMMANDS = {
     "withdraw": (".submission_commands", "Take a submission off the board."),
     "choose": (
         ".submission_commands",
-        "Let a submission stand for the team, in a phase that shows one entry of each.",
+        "Say which run stands, in a phase that lets teams choose.",
     ),
     "publish": (
         ".submission_commands",
         "Put an entry on the board of a phase that keeps entries private.",
+    ),
+    "notices": (".notice_commands", "Show what the team was told, newest first."),
+    "contacts": (
+        ".notice_commands",
+        "Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
     ),
     "leaderboard": (".board_commands", "Show a ranked board."),
     "phases": (".board_commands", "List the phases."),

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.checking import check_file, csv_text, write_file
+from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.session import open_client
@@ -90,7 +90,9 @@ def evaluate(
     per_sample: Annotated[
         Path | None,
         typer.Option(
-            "--per-sample", metavar="CSV", help="Write the result of every sample, the worst first."
+            "--per-sample",
+            metavar="FILE",
+            help="Write the result of every sample, the worst first: .csv or .parquet.",
         ),
     ] = None,
     protocol: options.ProtocolOption = None,
@@ -106,7 +108,8 @@ def evaluate(
     sheet = score(sound.document, sound.split, sound.protocol)
     if per_sample is not None:
         rows = sample_results(sound.document, sound.split, sound.protocol)
-        write_file(per_sample, csv_text(SampleResult._fields, rows))
+        form = parquet_bytes if per_sample.suffix == ".parquet" else csv_text
+        write_file(per_sample, form(SampleResult._fields, rows))
         say(f"{counted(len(rows), 'sample')} in {per_sample}")
     show_result(sheet, json, *sheet_view(sheet, sound.protocol), *outlook_view(sound.report))
 

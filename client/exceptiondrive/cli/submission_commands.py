@@ -29,6 +29,7 @@ from exceptiondrive.client import Outlook
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.settings import default_phase
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 
@@ -92,7 +93,7 @@ def submit(
     told = facts_of_pairs(fact or (), facts)
 
     def consent(outlook: Outlook) -> None:
-        say_view(*outlook_view(outlook.report))
+        say_view(*outlook_view(outlook.report), outlook.rule)
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
     phase, given = default_phase(phase), options.given(file)
@@ -277,16 +278,27 @@ def withdraw(
 
 def choose(
     submission_id: options.SubmissionId,
+    best: Annotated[
+        bool, typer.Option("--best", help="Let the best run of its method stand, not this one.")
+    ] = False,
+    newest: Annotated[
+        bool, typer.Option("--newest", help="Let the newest run of its method stand again.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Let a submission stand for the team, in a phase that shows one entry of each.
+    """Say which run stands, in a phase that lets teams choose.
 
-    The last choice before the deadline counts; without one it is the latest scored submission.
+    The last word before the deadline counts; until then it is the newest scored one. In a phase that
+    shows one entry of each team it stands for the team, else for its method.
     """
+    if best and newest:
+        raise InvalidArgumentError("wrong_option", "Choose one of --best and --newest.")
+    rule: RunRule = "best" if best else "newest" if newest else "this"
     with open_client(server) as client:
-        view = client.choose(submission_id)
-    show_result(view, json, f"{view.id} stands for the team")
+        view = client.choose(submission_id, rule)
+    stands = f"{view.id} stands" if rule == "this" else f"the {rule} run of {view.method} stands"
+    show_result(view, json, stands)
 
 
 def publish(

@@ -16,6 +16,7 @@ from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
+from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 
@@ -409,6 +410,18 @@ def _told_words(value: Told) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(value) or "-"
     return f"{value:.15g}" if isinstance(value, float) else value or "-"
+
+
+def notices_view(notices: Iterable[NotificationView]) -> Iterator[RenderableType]:
+    """Yield what to print for messages to the team."""
+    for notice in notices:
+        mark = "" if notice.read_at else "  new"
+        yield Text.assemble((notice.title, "bold"), (mark, "green"))
+        yield Text(f"{utc_text(notice.created_at)} · {notice.kind}", style="dim")
+        yield from (Text(f"  {sentence}") for sentence in notice.what_changed)
+        for entry in notice.entries:
+            places = (each.place if each else "not on the board" for each in (entry.old, entry.new))
+            yield Text(f"  {entry.method}: {' -> '.join(places)}")
 
 
 def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from datetime import datetime
-from functools import lru_cache
+from typing import NamedTuple
 
 from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
@@ -11,6 +11,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.redaction import shown_board
@@ -20,7 +21,8 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.phase_settings import BoardView
 
 
@@ -140,14 +142,16 @@ def public_protocols(session: Session, phase_id: str) -> list[str]:
     return list(session.scalars(query.distinct()))
 
 
+_PARSED: Memory[str, Board] = Memory(8 * 2**20)
+"""By bytes of the documents; a board in memory takes ten times as many."""
+
+
 def parsed_board(row: BoardRow) -> Board:
-    """Return the document of a board; boards never change, so it is read once."""
-    return _parsed(row.body_digest, row.body)
-
-
-@lru_cache(maxsize=32)
-def _parsed(body_digest: str, body: str) -> Board:
-    return Board.model_validate_json(body)
+    """Return the document of a board; boards never change, so it is read once while there is room."""
+    kept = _PARSED.get(row.body_digest)
+    if kept is not None:
+        return kept
+    return _PARSED.keep(row.body_digest, Board.model_validate_json(row.body), len(row.body))
 
 
 def boards_with(
@@ -238,6 +242,37 @@ def _newest_first(
     return query.order_by(BoardRow.number.desc()).limit(1)
 
 
+def _leader_of(board: Board) -> BoardLeader | None:
+    entry, metric = board.leader, CHALLENGES[board.challenge].metrics[0]
+    value = entry.metrics.get(metric.key) if entry else None
+    if entry is None or entry.submission_id is None or value is None:
+        return None
+    return BoardLeader(
+        submission_id=entry.submission_id, method=entry.method, team=entry.team, value=value
+    )
+
+
+class Lead(NamedTuple):
+    """From when a board was shown, under which protocol it stands and who leads it."""
+
+    at: datetime
+    number: int
+    protocol: str
+    leader: BoardLeader | None
+
+
+def leads(session: Session, phase_id: str) -> list[Lead]:
+    """Return who led a phase since when, oldest first; no board is read for that."""
+    query = (
+        select(BoardFlip.at, BoardRow.number, ProtocolRow.version, BoardRow.leader)
+        .join(BoardRow, BoardRow.id == BoardFlip.board_id)
+        .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .where(BoardFlip.phase_id == phase_id)
+        .order_by(BoardFlip.at, BoardFlip.id)
+    )
+    return [Lead(*row) for row in session.execute(query)]
+
+
 def was_shown() -> ColumnElement[bool]:
     """Condition on `BoardRow`: a phase pointed at it once. Drafts are for organizers alone."""
     return exists().where(BoardFlip.board_id == BoardRow.id)
@@ -275,6 +310,7 @@ def _append(
         body=body.decode("utf-8"),
         published_at=now,
         view=view,
+        leader=_leader_of(board),
     )
     session.add(row)
     session.flush()

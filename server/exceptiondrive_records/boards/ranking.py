@@ -1,12 +1,13 @@
 """Which scored submissions stand on a board, and what the board may say of each."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from sqlalchemy import ColumnElement, exists, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards.best_run import best_run
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
@@ -67,6 +68,9 @@ class _Scored:
     measurement_key: str
 
 
+_Picker = Callable[[Sequence[_Scored]], _Scored]
+
+
 def entries_for_board(
     session: Session,
     phase_id: str,
@@ -77,7 +81,7 @@ def entries_for_board(
     """Return the entries of a board, in order of submission.
 
     That is the latest scored submission of each (team, method) that came in time and is public, or
-    one of each team where the phase says so. The late view holds the latest late ones besides. A
+    the one that its team said where the phase lets it, or one of each team where the phase says so. The late view holds the latest late ones besides. A
     method whose latest submission was withdrawn falls back to the one before it, until the deadline:
     withdrawn later, it leaves no entry, so that nobody picks after seeing the outcome.
 
@@ -96,7 +100,7 @@ def entries_for_board(
         raise NotFound("phase", phase_id)
     key = (protocol_digest, split_revision or phase.split_revision)
     scored = _scored_under(session, phase, *key)
-    due = _due(session, phase, scored, view)
+    due = _due(session, phase, scored, view, *key)
     public = {each.submission.id: each for each in scored if _is_public(phase, each.submission)}
     linked = [public.get(each.submission.linked_to or "") for each in due]
     told = [*due, *(each for each in linked if each is not None)]
@@ -113,7 +117,7 @@ def entry_ids_for_board(
     """Return the submissions of `entries_for_board`, without reading a sheet."""
     phase = session.get_one(Phase, phase_id)
     scored = _scored_under(session, phase, protocol_digest, split_revision)
-    due = _due(session, phase, scored, "main")
+    due = _due(session, phase, scored, "main", protocol_digest, split_revision)
     return {each.submission.id for each in due}
 
 
@@ -163,7 +167,8 @@ def replaced_by(session: Session, submission: Submission) -> str | None:
         for each in session.scalars(query)
         if _is_public(phase, each) and is_late(phase, each) == is_late_one
     ]
-    due = _of_teams(stood) if shows_one else _of_methods(stood)
+    key = phase.protocol_digest, phase.split_revision
+    due = _of_teams(stood) if shows_one else _of_methods(stood, _picker(session, phase, *key))
     standing = [each.submission for each in due]
     return next((each.id for each in standing if each is not submission and _is_scored(each)), None)
 
@@ -217,11 +222,20 @@ def stood_at_deadline(phase: Phase) -> ColumnElement[bool]:
     )
 
 
-def _due(session: Session, phase: Phase, scored: list[_Scored], view: BoardView) -> list[_Scored]:
+def _due(
+    session: Session,
+    phase: Phase,
+    scored: list[_Scored],
+    view: BoardView,
+    protocol_digest: str,
+    split_revision: str,
+) -> list[_Scored]:
     public = [each for each in scored if _is_public(phase, each.submission)]
     stood = sorted([*public, *_withdrawn_since(session, phase)], key=_by_arrival)
     in_time = [each for each in stood if not is_late(phase, each.submission)]
-    due = _of_teams(in_time) if phase.policy.entries_shown == "chosen" else _of_methods(in_time)
+    shows_one = phase.policy.entries_shown == "chosen"
+    pick = _picker(session, phase, protocol_digest, split_revision)
+    due = _of_teams(in_time) if shows_one else _of_methods(in_time, pick)
     if view == "late" and not is_split_revealed(session, phase):
         due += _of_methods(each for each in public if is_late(phase, each.submission))
     is_there = SubmissionStatus.SCORED
@@ -251,10 +265,35 @@ def _is_public(phase: Phase, submission: Submission) -> bool:
     return not phase.policy.entries_private or submission.published_at is not None
 
 
-def _of_methods(scored: Iterable[_Scored]) -> list[_Scored]:
-    """The latest of each method of each team."""
-    latest = {(each.team.id, each.submission.method): each for each in scored}
-    return list(latest.values())
+def _newest(runs: Sequence[_Scored]) -> _Scored:
+    return runs[-1]
+
+
+def _of_methods(scored: Iterable[_Scored], pick: _Picker = _newest) -> list[_Scored]:
+    """One run of each method of each team, picked of all its runs in the order of submission."""
+    methods: dict[tuple[int, str], list[_Scored]] = {}
+    for each in scored:
+        methods.setdefault((each.team.id, each.submission.method), []).append(each)
+    return [pick(runs) for runs in methods.values()]
+
+
+def _picker(session: Session, phase: Phase, protocol_digest: str, split_revision: str) -> _Picker:
+    """Return what picks the run of a method that stands: the newest, or as its team said last."""
+    if phase.policy.run_choice == "newest":
+        return _newest
+
+    def pick(runs: Sequence[_Scored]) -> _Scored:
+        said = max(runs, key=lambda run: (_chosen_at(run), *_by_arrival(run)))
+        rule = said.submission.chosen_rule if said.submission.chosen_at else "newest"
+        if rule == "this":
+            return said
+        if rule == "newest" or len(runs) == 1:
+            return runs[-1]
+        ids = [run.submission.id for run in runs]
+        best = best_run(session, phase, ids, protocol_digest, split_revision)
+        return next((run for run in runs if run.submission.id == best), runs[-1])
+
+    return pick
 
 
 def _of_teams(scored: list[_Scored]) -> list[_Scored]:

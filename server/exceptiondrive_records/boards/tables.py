@@ -6,6 +6,8 @@ from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_schemas.board import BoardLeader
 
 
 class BoardRow(Base):
@@ -26,6 +28,8 @@ class BoardRow(Base):
     published_at: Mapped[datetime]
     view: Mapped[str] = mapped_column(default="main")
     """`main`, or `late`: the board with late entries among the others."""
+    leader: Mapped[BoardLeader | None] = mapped_column(DocumentText(BoardLeader), default=None)
+    """Who leads it, for the history: so that no board need be read for that."""
 
 
 class BoardEntryRow(Base):

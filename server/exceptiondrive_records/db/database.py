@@ -4,8 +4,9 @@ SQLite: WAL, synchronous=FULL, and `BEGIN IMMEDIATE` for every write, because th
 not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the-queue.md).
 """
 
+import threading
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,10 @@ __all__ = ["Database", "database_now"]
 
 _WRITES = "exceptiondrive_writes"
 BUSY_TIMEOUT_MS = 15_000
+_AUTOCOMMIT = "AUTOCOMMIT"
+_STATE = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snapshot()"}
+"""What changes with every commit: SQLite counts those of other connections; the snapshot of PostgreSQL
+names the transactions whose work can be seen, and is the same only where the same can be seen."""
 _INSUFFICIENT_PRIVILEGE = "42501"
 _UNDEFINED_TABLE = "42P01"
 _NO_TABLE = "no such table"  # SQLite has no code of its own for it
@@ -37,6 +42,14 @@ class Database:
         self._reads = sessionmaker(self.engine, expire_on_commit=False)
         writes = self.engine.execution_options(**{_WRITES: True})
         self._writes = sessionmaker(writes, expire_on_commit=False)
+        self._watcher = _Watcher(self.engine)
+
+    def state(self) -> str:
+        """Return what stands for all that is committed: the same words as long as nothing is added.
+
+        Compare it with words of the same process alone. Ask for it before what is to be kept is read.
+        """
+        return self._watcher.state()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -54,7 +67,43 @@ class Database:
 
     def dispose(self) -> None:
         """Close all connections."""
+        self._watcher.close()
         self.engine.dispose()
+
+
+class _Watcher:
+    """A connection of its own that is never in a transaction, and so sees every commit of others."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._query = _STATE[engine.dialect.name]
+        self._lock = threading.Lock()
+        self._connection: Connection | None = None
+
+    def state(self) -> str:
+        with self._lock:
+            if self._connection is not None:
+                try:
+                    return self._ask(self._connection)
+                except DBAPIError:  # the database was started anew: ask it on a new connection
+                    self._forget()
+            connection = self._engine.connect().execution_options(isolation_level=_AUTOCOMMIT)
+            connection.detach()  # from the pool
+            self._connection = connection
+            return self._ask(connection)
+
+    def _ask(self, connection: Connection) -> str:
+        return str(connection.exec_driver_sql(self._query).scalar())
+
+    def close(self) -> None:
+        with self._lock:
+            self._forget()
+
+    def _forget(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with suppress(DBAPIError):
+                connection.close()
 
 
 def sentence_of(error: DBAPIError) -> str:
@@ -110,6 +159,8 @@ def _prepare_sqlite(connection: DBAPIConnection, record: Any) -> None:
 
 
 def _begin_sqlite(connection: Connection) -> None:
+    if connection.get_execution_options().get("isolation_level") == _AUTOCOMMIT:
+        return
     writes = connection.get_execution_options().get(_WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 

@@ -1,6 +1,6 @@
 """What a team says of its entries: which one stands for it, and which are public."""
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -11,48 +11,74 @@ from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.policy import has_closed, hid_scores, is_late
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
-def choose(session: Session, submission_id: str, *, actor: str) -> Submission:
-    """Let a submission stand for its team on the board; the last choice counts.
+def choose(
+    session: Session, submission_id: str, *, actor: str, rule: RunRule = "this"
+) -> Submission:
+    """Say which run stands on the board; the last word before the deadline counts.
+
+    In a phase that shows one entry of each team, this submission stands for the team. In one that
+    lets teams choose the run of a method, this run stands for its method, or the best or newest one.
 
     Raises:
         NotFound: No such submission.
-        Conflict: The phase shows all entries, its deadline has passed, or there is no score yet.
+        Conflict: The phase lets teams choose nothing of that kind, its deadline has passed, or there
+            is no score yet.
     """
     submission, phase = _scored(session, submission_id)
     now = database_now(session)
-    if phase.policy.entries_shown != "chosen":
-        raise Conflict("This phase shows all methods of a team: there is nothing to choose.")
+    if phase.policy.entries_shown == "chosen":
+        if rule != "this":
+            raise Conflict("This phase shows one entry of each team: choose a submission itself.")
+    elif phase.policy.run_choice == "newest":
+        raise Conflict(
+            "This phase shows all methods of a team, each by its newest run: there is nothing to "
+            "choose. Withdraw a run, and the one before it stands again."
+        )
     if has_closed(phase, now):
         raise Conflict(
             f"The deadline was {phase.closes_at:%Y-%m-%d %H:%M} UTC: the choice stands as it is."
         )
     if is_late(phase, submission):
         raise Conflict("This entry came after the deadline; it stands on the late view alone.")
-    submission.chosen_at = now
+    submission.chosen_at, submission.chosen_rule = now, rule
     want_boards(session, phase)
-    audit(session, actor, "entry chosen", submission_id, {"phase": phase.id})
+    audit(session, actor, "entry chosen", submission_id, {"phase": phase.id, "rule": rule})
     return submission
 
 
-def is_chosen(session: Session, submission: Submission) -> bool:
-    """Whether this is the last choice of its team among its scored submissions."""
-    if submission.chosen_at is None:
-        return False
+def rule_of(session: Session, submission: Submission) -> tuple[RunRule, bool]:
+    """Return which run stands, as the team said last, and whether it named this very submission.
+
+    Of the method, or of the team where the phase shows one entry of each; newest where nothing was
+    said.
+    """
     phase = session.get_one(Phase, submission.phase_id)
+    of_method = [] if phase.policy.entries_shown == "chosen" else [_is_run_of(submission)]
+    if of_method and phase.policy.run_choice == "newest":
+        return "newest", False
     query = (
-        select(Submission.id)
+        select(Submission.id, Submission.chosen_rule)
         .where(
             Submission.team_id == submission.team_id,
             Submission.phase_id == submission.phase_id,
             stood_at_deadline(phase),
             Submission.chosen_at.is_not(None),
+            *of_method,
         )
         .order_by(Submission.chosen_at.desc(), Submission.received_at.desc(), Submission.id.desc())
     )
-    return session.scalars(query.limit(1)).first() == submission.id
+    said = session.execute(query.limit(1)).first()
+    if said is None:
+        return "newest", False
+    return said.chosen_rule, said.chosen_rule == "this" and said.id == submission.id
+
+
+def _is_run_of(submission: Submission) -> ColumnElement[bool]:
+    return Submission.method == submission.method
 
 
 def publish(session: Session, submission_id: str, *, actor: str) -> Submission:

@@ -8,6 +8,7 @@ import smtplib
 import socket
 import ssl
 from email.message import EmailMessage
+from email.policy import default
 from typing import Annotated, Literal
 from urllib.parse import urlsplit, urlunsplit
 
@@ -192,17 +193,27 @@ def _may_help(error: Exception) -> bool:
 
 
 _MAIL_TIMEOUT_S = 10.0
+_LONG_LINES = default.clone(max_line_length=900)
+"""Below the 998 of RFC 5322: a folded address in a header would be written in code words."""
 
 
-def send_email(settings: NoticeSettings, to: str, notice: NotificationView) -> None:
+def send_email(
+    settings: NoticeSettings, to: str, notice: NotificationView, unsubscribe: str
+) -> None:
     """Send a notification as plain text.
+
+    Args:
+        settings: Server and sender.
+        to: E-mail address.
+        notice: What is told.
+        unsubscribe: Address, below the server's own, that ends all mail to `to` with one click.
 
     Raises:
         NotDelivered: No server is set, or it did not take the message.
     """
     if settings.smtp_host is None:
         raise NotDelivered("no SMTP server is set (EXCEPTIONDRIVE_SMTP_HOST)")
-    message = message_of(settings, to, notice)
+    message = message_of(settings, to, notice, unsubscribe)
     try:
         with _server(settings) as server:
             if settings.smtp_user is not None:
@@ -212,19 +223,31 @@ def send_email(settings: NoticeSettings, to: str, notice: NotificationView) -> N
         raise NotDelivered(f"the mail server did not take it ({type(error).__name__})") from None
 
 
-def message_of(settings: NoticeSettings, to: str, notice: NotificationView) -> EmailMessage:
-    """Return the message; no name of a team or phase can add a header or a line to it."""
-    message = EmailMessage()
+def message_of(
+    settings: NoticeSettings, to: str, notice: NotificationView, unsubscribe: str
+) -> EmailMessage:
+    """Return the message; no name of a team or phase can add a header or a line to it.
+
+    Mail programs offer to unsubscribe by its headers (RFC 2369, and with one click RFC 8058).
+    """
+    leave = f"{settings.public_url.rstrip('/')}{unsubscribe}"
+    message = EmailMessage(policy=_LONG_LINES)
     message["Subject"] = one_line(notice.title)
     message["From"] = settings.mail_from
     message["To"] = to
     message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
-    message.set_content(text_of(notice, settings.public_url))
+    message["List-Unsubscribe"] = f"<{leave}>"
+    message["List-Unsubscribe-Post"] = "List-Unsubscribe=One-Click"
+    message.set_content(
+        f"{text_of(notice, settings.public_url)}\nNo more mail to this address: {leave}\n"
+    )
     return message
 
 
 def text_of(notice: NotificationView, site_url: str) -> str:
     """Return the words of the message."""
+    if notice.from_protocol is None or notice.to_protocol is None:
+        return _plain_text(notice, site_url)
     changes = [f"- {one_line(sentence)}" for sentence in notice.what_changed]
     is_new = notice.from_protocol != notice.to_protocol
     before = f" (before: {notice.from_protocol.version})" if is_new else ""
@@ -241,6 +264,13 @@ def text_of(notice: NotificationView, site_url: str) -> str:
         "",
         f"The whole comparison: {address}",
     ]
+    return "\n".join(lines) + "\n"
+
+
+def _plain_text(notice: NotificationView, site_url: str) -> str:
+    told = [one_line(sentence) for sentence in notice.what_changed]
+    address = f"{site_url.rstrip('/')}{notice.comparison}"
+    lines = [f"To team {one_line(notice.team)}:", "", one_line(notice.title), *told, "", address]
     return "\n".join(lines) + "\n"
 
 

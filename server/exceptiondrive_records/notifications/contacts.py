@@ -2,9 +2,12 @@
 
 import re
 import secrets
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Literal
 from urllib.parse import urlsplit
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -12,14 +15,18 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.channels import is_known_private
+from exceptiondrive_records.notifications.inbox import send_to
 from exceptiondrive_records.notifications.tables import (
     Channel,
     ContactPoint,
     Delivery,
     Notification,
 )
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.rescoring import NotificationView, Wish
 
 MAX_CONTACTS = 5
+MAX_ADDED_A_DAY = 20
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
@@ -31,21 +38,25 @@ def add_contact(
     address: str,
     *,
     actor: str,
+    wishes: Sequence[Wish] = ("updates",),
     may_be_private: bool = False,
 ) -> ContactPoint:
     """Let a team be told at an address; a webhook gets a secret that signs what is sent.
+
+    An e-mail address is written to once, and told nothing more until whoever reads there confirms it.
 
     Args:
         session: Of a write transaction.
         team_id: The team.
         channel: Webhook or e-mail.
         address: https address, or e-mail address.
+        wishes: What it is told of.
         actor: Who.
         may_be_private: Whether http to this very machine is let through, for tests.
 
     Raises:
         InvalidRecord: The address cannot be used.
-        Conflict: The team has it already, or has enough.
+        Conflict: The team has it already, has enough, or added enough today.
     """
     if channel is Channel.WEBHOOK:
         _require_webhook(address, may_be_private)
@@ -56,18 +67,119 @@ def add_contact(
         raise Conflict("The team is told at this address already.")
     if len(held) >= MAX_CONTACTS:
         raise Conflict(f"A team may be told at {MAX_CONTACTS} addresses; remove one first.")
+    now = database_now(session)
+    _require_additions_left(session, team_id, now)
     contact = ContactPoint(
         id=random_id(),
         team_id=team_id,
         channel=channel,
         address=address,
-        secret=f"edw_{secrets.token_urlsafe(32)}" if channel is Channel.WEBHOOK else None,
-        created_at=database_now(session),
+        secret=f"edw_{secrets.token_urlsafe(32)}",
+        wishes=" ".join(dict.fromkeys(wishes)),
+        confirmed_at=now if channel is Channel.WEBHOOK else None,
+        created_at=now,
     )
     session.add(contact)
     session.flush()
+    if channel is Channel.EMAIL:
+        send_to(session, contact, _question(session, contact, now))
     detail = {"team_id": team_id, "channel": channel.value}
     audit(session, actor, "contact added", contact.id, detail)
+    return contact
+
+
+def set_wishes(
+    session: Session, team_id: int, contact_id: str, wishes: Sequence[Wish], *, actor: str
+) -> ContactPoint:
+    """Set what an address is told of.
+
+    Raises:
+        NotFound: There is none, or it is another team's.
+    """
+    contact = _find(session, team_id, contact_id)
+    contact.wishes = " ".join(dict.fromkeys(wishes))
+    audit(session, actor, "contact changed", contact.id, {"wishes": contact.wishes})
+    return contact
+
+
+def find_by_key(session: Session, contact_id: str, key: str) -> ContactPoint:
+    """Return the e-mail address that a link in a mail speaks for.
+
+    Raises:
+        NotFound: There is none, it was removed, or the key is wrong: the answer is the same.
+    """
+    contact = session.get(ContactPoint, contact_id)
+    is_right = contact is not None and secrets.compare_digest(contact.secret or "", key)
+    if (
+        contact is None
+        or not is_right
+        or contact.channel is not Channel.EMAIL
+        or contact.removed_at is not None
+    ):
+        raise NotFound("address", contact_id)
+    return contact
+
+
+def confirm_contact(session: Session, contact_id: str, key: str) -> ContactPoint:
+    """Note that whoever reads at an address said yes; twice is once.
+
+    Raises:
+        NotFound: As `find_by_key`.
+    """
+    contact = find_by_key(session, contact_id, key)
+    if contact.confirmed_at is None:
+        contact.confirmed_at = database_now(session)
+        audit(session, f"contact:{contact.id}", "contact confirmed", contact.id)
+    return contact
+
+
+def unsubscribe_contact(session: Session, contact_id: str, key: str) -> ContactPoint:
+    """Tell an address nothing more, as whoever reads there wishes.
+
+    Raises:
+        NotFound: As `find_by_key`.
+    """
+    contact = find_by_key(session, contact_id, key)
+    contact.removed_at = database_now(session)
+    audit(session, f"contact:{contact.id}", "contact unsubscribed", contact.id)
+    return contact
+
+
+def contact_link(contact: ContactPoint, what: Literal["confirm", "unsubscribe"]) -> str:
+    """Return the address, below the server's own, of a link in a mail."""
+    return f"/contacts/{contact.id}/{what}?key={contact.secret}"
+
+
+def _question(session: Session, contact: ContactPoint, now: datetime) -> NotificationView:
+    team = session.get_one(Team, contact.team_id).name
+    return NotificationView(
+        id=random_id(),
+        kind="confirm_address",
+        team=team,
+        phase="",
+        created_at=now,
+        title="Confirm that ExceptionDrive may write to this address",
+        what_changed=(
+            f"The team {team} asked to be told here about its submissions.",
+            "If you did not ask for that, do nothing: nothing more will be sent.",
+        ),
+        comparison=contact_link(contact, "confirm"),
+    )
+
+
+def _require_additions_left(session: Session, team_id: int, now: datetime) -> None:
+    """Each addition writes one mail to somebody who may not want it."""
+    query = select(func.count()).where(
+        ContactPoint.team_id == team_id, ContactPoint.created_at > now - timedelta(days=1)
+    )
+    if (session.scalar(query) or 0) >= MAX_ADDED_A_DAY:
+        raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
+
+
+def _find(session: Session, team_id: int, contact_id: str) -> ContactPoint:
+    contact = session.get(ContactPoint, contact_id)
+    if contact is None or contact.team_id != team_id or contact.removed_at is not None:
+        raise NotFound("contact", contact_id)
     return contact
 
 
@@ -97,9 +209,7 @@ def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: st
     Raises:
         NotFound: There is none, or it is another team's.
     """
-    contact = session.get(ContactPoint, contact_id)
-    if contact is None or contact.team_id != team_id or contact.removed_at is not None:
-        raise NotFound("contact", contact_id)
+    contact = _find(session, team_id, contact_id)
     contact.removed_at = database_now(session)
     audit(session, actor, "contact removed", contact.id, {"team_id": team_id})
     return contact

@@ -1,6 +1,6 @@
 """The inbox of a team, filled in the very transaction that changes its published numbers."""
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -18,6 +18,7 @@ from exceptiondrive_schemas.rescoring import (
     EntryChange,
     NotificationKind,
     NotificationView,
+    Wish,
 )
 
 _VERBS: dict[NotificationKind, str] = {
@@ -73,7 +74,7 @@ def notify_teams(
             ),
             comparison=f"/api/v1/rescoring/{run_id}",
         )
-        rows.append(_put(session, team_id, run_id, view))
+        rows.append(put_notice(session, team_id, view, "updates", run_id=run_id))
     return rows
 
 
@@ -90,28 +91,71 @@ def _changed(comparison: Comparison) -> list[EntryChange]:
     return [entry for entry in comparison.entries if entry.change != "none"]
 
 
-def _put(session: Session, team_id: int, run_id: str, view: NotificationView) -> Notification:
-    """Put a notification into an inbox, and a delivery for each address into the outbox."""
-    row = Notification(
+def put_notice(
+    session: Session,
+    team_id: int,
+    view: NotificationView,
+    wish: Wish,
+    *,
+    run_id: str | None = None,
+    subject: str | None = None,
+) -> Notification:
+    """Put a notification into an inbox, and a delivery for each address that wants it into the outbox.
+
+    Args:
+        session: Of a write transaction.
+        team_id: Whose inbox.
+        view: What is told.
+        wish: Only addresses with this wish are told.
+        run_id: The rescoring run behind it.
+        subject: What it is about, where nothing of its kind is told twice.
+    """
+    row = _row(team_id, view, run_id, subject)
+    session.add(row)
+    session.flush()
+    for contact in listening(session, team_id, wish):
+        _deliver(session, row, contact)
+    return row
+
+
+def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
+    """Send a message to one address alone; it stands in no inbox."""
+    row = _row(contact.team_id, view, None, contact.id)
+    session.add(row)
+    session.flush()
+    _deliver(session, row, contact)
+
+
+def listening(session: Session, team_id: int, wish: Wish) -> list[ContactPoint]:
+    """Return the confirmed addresses of a team that want to be told of something."""
+    query = select(ContactPoint).where(
+        ContactPoint.team_id == team_id,
+        ContactPoint.removed_at.is_(None),
+        ContactPoint.confirmed_at.is_not(None),
+    )
+    return [each for each in session.scalars(query) if wish in each.wishes.split()]
+
+
+def _row(
+    team_id: int, view: NotificationView, run_id: str | None, subject: str | None
+) -> Notification:
+    return Notification(
         id=view.id,
         team_id=team_id,
         run_id=run_id,
         kind=view.kind,
+        subject=subject,
         body=canonical_json(view).decode("utf-8"),
         created_at=view.created_at,
     )
-    session.add(row)
-    session.flush()
-    contacts = select(ContactPoint).where(
-        ContactPoint.team_id == team_id, ContactPoint.removed_at.is_(None)
+
+
+def _deliver(session: Session, row: Notification, contact: ContactPoint) -> None:
+    key = f"{row.id}/{contact.id}"
+    delivery = new_item(
+        Delivery, key, row.created_at, notification_id=row.id, contact_id=contact.id
     )
-    for contact in session.scalars(contacts):
-        key = f"{row.id}/{contact.id}"
-        delivery = new_item(
-            Delivery, key, view.created_at, notification_id=row.id, contact_id=contact.id
-        )
-        session.add(delivery)
-    return row
+    session.add(delivery)
 
 
 def list_notifications(
@@ -120,13 +164,23 @@ def list_notifications(
     """Return the inbox of a team, newest first."""
     query = (
         select(Notification)
-        .where(Notification.team_id == team_id)
+        .where(Notification.team_id == team_id, Notification.kind != "confirm_address")
         .order_by(Notification.created_at.desc(), Notification.id)
         .limit(limit)
     )
     if only_unread:
         query = query.where(Notification.read_at.is_(None))
     return [_view(row) for row in session.scalars(query)]
+
+
+def count_unread(session: Session, team_id: int) -> int:
+    """Return how many messages of a team were not read yet."""
+    query = select(func.count()).where(
+        Notification.team_id == team_id,
+        Notification.kind != "confirm_address",
+        Notification.read_at.is_(None),
+    )
+    return session.scalar(query) or 0
 
 
 def mark_read(session: Session, team_id: int, notification_id: str) -> NotificationView:

@@ -15,6 +15,7 @@ from exceptiondrive_records.notifications.channels import (
     send_email,
     send_webhook,
 )
+from exceptiondrive_records.notifications.contacts import contact_link
 from exceptiondrive_records.notifications.tables import (
     Channel,
     ContactPoint,
@@ -86,7 +87,7 @@ def _due(session: Session) -> Select[str]:
 def _send(delivery: Delivery, contact: ContactPoint, body: str, settings: NoticeSettings) -> None:
     if contact.channel is Channel.EMAIL:
         notice = NotificationView.model_validate_json(body)
-        send_email(settings, contact.address, notice)
+        send_email(settings, contact.address, notice, contact_link(contact, "unsubscribe"))
         return
     assert delivery.leased_at is not None
     send_webhook(

@@ -35,7 +35,12 @@ class ContactPoint(Base):
     channel: Mapped[Channel] = mapped_column(enum_text(Channel))
     address: Mapped[str]
     secret: Mapped[str | None]
-    """Signs the webhooks of this address; shown to the team once."""
+    """Signs the webhooks of this address, shown to the team once; of an e-mail address the key in
+    the links that confirm it and unsubscribe it."""
+    wishes: Mapped[str] = mapped_column(default="updates")
+    """What it is told of: `Wish`es, apart by blanks."""
+    confirmed_at: Mapped[datetime | None]
+    """When whoever reads there said yes; a webhook needs no word."""
     created_at: Mapped[datetime]
     removed_at: Mapped[datetime | None]
 
@@ -47,11 +52,14 @@ class Notification(Base):
     __table_args__ = (
         Index("ix_notifications_team", "team_id", "created_at"),
         UniqueConstraint("team_id", "run_id", "kind"),
+        UniqueConstraint("team_id", "kind", "subject"),
     )
     id: Mapped[str] = mapped_column(primary_key=True)
     team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"))
     run_id: Mapped[str | None] = mapped_column(ForeignKey("rescoring_runs.id"))
     kind: Mapped[str]
+    subject: Mapped[str | None]
+    """What it is about, where nothing of the kind is told twice: a submission, a phase, an hour."""
     body: Mapped[str] = mapped_column(Text)
     """The document that is shown and sent, as canonical JSON."""
     created_at: Mapped[datetime]

@@ -4,9 +4,11 @@ One leader at a time wakes the lanes that have something to do, gives up jobs wi
 left, and brings rescoring runs on. It decides nothing that a claim does not check again.
 """
 
+import math
 import os
 import socket
 import threading
+import time
 from dataclasses import dataclass
 
 import structlog
@@ -16,6 +18,7 @@ from exceptiondrive_records.boards.requests import tend_phases
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.notifications.events import LOOK_EVERY_S, tell_teams
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
 from exceptiondrive_records.work.jobs import give_up_exhausted
@@ -53,6 +56,7 @@ def run_reconciler(
     database: Database, dispatcher: Dispatcher, settings: RecordsSettings, stop: threading.Event
 ) -> None:
     """Make passes while leading, until `stop` is set; a database that is away is waited for."""
+    looked_at_s = -math.inf
     holder = f"{socket.gethostname()}:{os.getpid()}:{random_id(6)}"
     while not stop.is_set():
         try:
@@ -60,6 +64,9 @@ def run_reconciler(
                 leads = take_lead(session, LEADERSHIP, holder, settings.leader_lease_s)
             if leads:
                 done = reconcile_once(database, dispatcher, settings)
+                if time.monotonic() - looked_at_s >= LOOK_EVERY_S:
+                    looked_at_s = time.monotonic()
+                    tell_teams(database)
                 if done != Pass():
                     _log.info("reconciled", **vars(done))
         except OperationalError as error:

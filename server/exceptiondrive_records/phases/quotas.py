@@ -1,7 +1,5 @@
 """What a team may still submit: submissions per UTC day and in total; rejected ones are capped."""
 
-from datetime import datetime
-
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
@@ -24,9 +22,18 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
     """Return what the team has used and may still use."""
     now = database_now(session)
     today = start_of_day(now)
-    used_today = _count(session, team_id, phase, since=today)
-    rejected_today = _count(session, team_id, phase, since=today, is_rejected=True)
-    used_total = _count(session, team_id, phase)
+    is_counted = Submission.status.not_in(COSTS_NOTHING)
+    is_of_today = Submission.received_at >= today
+    counts = (
+        is_counted,
+        is_counted & is_of_today,
+        (Submission.status == SubmissionStatus.REJECTED) & is_of_today,
+        Submission.status.in_(WAITING),
+    )
+    query = select(*(func.count().filter(which) for which in counts)).where(
+        Submission.team_id == team_id, Submission.phase_id == phase.id
+    )
+    used_total, used_today, rejected_today, waiting = session.execute(query).one()
     remaining = max(0, phase.quota_per_day - used_today)
     if phase.quota_total is not None:
         remaining = min(remaining, max(0, phase.quota_total - used_total))
@@ -40,7 +47,7 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
         rejected_per_day=phase.rejected_per_day,
         rejected_today=rejected_today,
         concurrent=phase.quota_concurrent,
-        waiting=_waiting(session, team_id, phase),
+        waiting=waiting,
     )
 
 
@@ -61,32 +68,3 @@ def require_quota(session: Session, team_id: int, phase: Phase) -> None:
         raise RejectedCapExceeded(quota.rejected_per_day, resets_at=quota.resets_at)
     if quota.concurrent is not None and quota.waiting >= quota.concurrent:
         raise ConcurrentQuotaExceeded(quota.concurrent)
-
-
-def _waiting(session: Session, team_id: int, phase: Phase) -> int:
-    query = select(func.count()).where(
-        Submission.team_id == team_id,
-        Submission.phase_id == phase.id,
-        Submission.status.in_(WAITING),
-    )
-    return session.scalar(query) or 0
-
-
-def _count(
-    session: Session,
-    team_id: int,
-    phase: Phase,
-    *,
-    since: datetime | None = None,
-    is_rejected: bool = False,
-) -> int:
-    query = select(func.count()).where(
-        Submission.team_id == team_id, Submission.phase_id == phase.id
-    )
-    if since is not None:
-        query = query.where(Submission.received_at >= since)
-    if is_rejected:
-        query = query.where(Submission.status == SubmissionStatus.REJECTED)
-    else:
-        query = query.where(Submission.status.not_in(COSTS_NOTHING))
-    return session.scalar(query) or 0

@@ -210,7 +210,7 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
     runs = _runs_by_flip(session, phase_id)
     digests = {flip.protocol_digest for flip in flips}
     protocols = {digest: _protocol_ref(session, digest) for digest in digests}
-    ends = [*(flip.at for flip in flips[1:]), None]
+    ends = [*(flip.at for flip in flips[1:]), None][: len(flips)]
     lines = []
     for flip, end in zip(flips, ends, strict=True):
         run = runs.get(flip.id)

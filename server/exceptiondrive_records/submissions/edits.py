@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
@@ -152,9 +153,15 @@ def _require_edits_left(session: Session, team_id: int, now: datetime) -> None:
 def edits_of(session: Session, submission_id: str) -> tuple[SubmissionEditView, ...]:
     """Return what was changed of a submission, newest first: for its team and the organizers."""
     query = select(SubmissionEdit).where(SubmissionEdit.submission_id == submission_id)
+    rows = session.scalars(query.order_by(SubmissionEdit.id.desc())).all()
+    names = names_of_actors(session, (row.actor for row in rows))
     return tuple(
-        SubmissionEditView(changed=row.changes.changed, edited_at=row.edited_at, by=row.actor)
-        for row in session.scalars(query.order_by(SubmissionEdit.id.desc()))
+        SubmissionEditView(
+            changed=row.changes.changed,
+            edited_at=row.edited_at,
+            by=names.get(row.actor, row.actor),
+        )
+        for row in rows
     )
 
 

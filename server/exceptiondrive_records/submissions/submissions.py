@@ -139,13 +139,18 @@ def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
 
 _SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 """After these the same bytes are a new submission."""
+KEYS_ARE_KEPT = timedelta(hours=24)
+"""So long an upload that is sent again is known by its `Idempotency-Key`."""
 LONGEST_UPLOAD = timedelta(minutes=15)
 """An upload that takes longer is judged by its end: nobody holds a connection past the deadline."""
 
 
 @dataclass(frozen=True)
 class Accepted:
-    """The outcome of `accept`; `job_id` is None for a duplicate."""
+    """The outcome of `accept`; `job_id` is None for what was accepted before.
+
+    The same upload, sent again with its key, is no duplicate: it gets the answer of the first time.
+    """
 
     submission: Submission
     is_duplicate: bool
@@ -165,6 +170,7 @@ def accept(
     file_digest: str,
     size_bytes: int,
     arrived_at: datetime | None = None,
+    idempotency_key: str | None = None,
 ) -> Accepted:
     """Accept an upload: submission, first job and audit line, or none of them.
 
@@ -183,11 +189,14 @@ def accept(
         size_bytes: Of the stored file.
         arrived_at: When its first byte came, by the database's clock: the deadline is judged by it,
             unless the rest took longer than `LONGEST_UPLOAD`.
+        idempotency_key: What the sender names this upload: sent again it is the same submission,
+            whatever became of that meanwhile.
 
     Raises:
         NotFound: No such phase or team, or the team has no submission to link to.
         InvalidRecord: A text or link cannot be used.
-        Conflict: The counterpart has no score, or the same bytes are there with other words.
+        Conflict: The counterpart has no score, the same bytes are there with other words, or the
+            key names another upload.
         NotAllowed: The team registered itself and waits for approval.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
@@ -204,11 +213,18 @@ def accept(
         "facts": None if facts is None else checked_facts(facts),
     }
     first = require_acceptable(
-        session, team_id, phase, file_digest, linked_to=linked_to, arrived_at=arrived_at
+        session,
+        team_id,
+        phase,
+        file_digest,
+        linked_to=linked_to,
+        arrived_at=arrived_at,
+        idempotency_key=idempotency_key,
     )
     if first is not None:
         require_same_words(first, told)
-        return Accepted(first, is_duplicate=True, job_id=None)
+        is_same_upload = idempotency_key is not None and first.idempotency_key == idempotency_key
+        return Accepted(first, is_duplicate=not is_same_upload, job_id=None)
     now = database_now(session)
     told["facts"] = told["facts"] or _last_facts(session, team_id, phase.id, told["method"])
     submission = Submission(
@@ -223,6 +239,7 @@ def accept(
         received_at=now,
         status_at=now,
         arrived_at=arrival(arrived_at, now),
+        idempotency_key=idempotency_key,
     )
     job = new_job(submission, phase.protocol_digest, phase.split_revision, Lane.LIVE, True, now)
     session.add(submission)
@@ -257,6 +274,7 @@ def require_acceptable(
     *,
     linked_to: str | None,
     arrived_at: datetime | None,
+    idempotency_key: str | None = None,
 ) -> Submission | None:
     """Refuse what cannot be accepted; return the team's first submission of the same bytes, if any.
 
@@ -270,11 +288,13 @@ def require_acceptable(
     if team is None:
         raise NotFound("team", str(team_id))
     require_approved(team)
-    first = _same_bytes(session, team_id, phase, file_digest)
+    now = database_now(session)
+    first = _same_upload(session, team_id, phase, file_digest, idempotency_key, now)
+    first = first or _same_bytes(session, team_id, phase, file_digest)
     if first is not None:
         require_same_link(first, linked_to)
         return first
-    _require_open(session, phase, arrival(arrived_at, database_now(session)))
+    _require_open(session, phase, arrival(arrived_at, now))
     require_quota(session, team_id, phase)
     require_counterpart(session, team_id, phase, linked_to)
     return None
@@ -388,6 +408,39 @@ def lock_team(session: Session, team_id: int) -> Team:
     if team is None:
         raise NotFound("team", str(team_id))
     return team
+
+
+def _same_upload(
+    session: Session,
+    team_id: int,
+    phase: Phase,
+    file_digest: str,
+    idempotency_key: str | None,
+    now: datetime,
+) -> Submission | None:
+    """Return the team's submission that was sent under this key, if any.
+
+    Raises:
+        Conflict: The key names another upload.
+    """
+    if idempotency_key is None:
+        return None
+    first = session.scalars(
+        select(Submission)
+        .where(
+            Submission.team_id == team_id,
+            Submission.idempotency_key == idempotency_key,
+            Submission.received_at > now - KEYS_ARE_KEPT,
+        )
+        .order_by(Submission.received_at.desc())
+        .limit(1)
+    ).first()
+    if first is not None and (first.phase_id, first.file_digest) != (phase.id, file_digest):
+        raise Conflict(
+            f"The Idempotency-Key names another upload of the last 24 hours, {first.id!r} in phase "
+            f"{first.phase_id!r}. Give each upload a key of its own; nothing was taken."
+        )
+    return first
 
 
 def _same_bytes(

@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKey, Index, Text
+from sqlalchemy import ForeignKey, Index, String, Text
 from sqlalchemy import text as sql_text
 from sqlalchemy.orm import Mapped, mapped_column
 
@@ -10,6 +10,7 @@ from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import EditChanges, MethodFacts
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -58,7 +59,11 @@ class Submission(Base):
     arrived_at: Mapped[datetime | None]
     """When its first byte came, where that was noted: the deadline is judged by it."""
     chosen_at: Mapped[datetime | None]
-    """When the team chose it for the board; the latest choice counts."""
+    """When the team chose it for the board, or a rule for its method; the latest choice counts."""
+    chosen_rule: Mapped[RunRule] = mapped_column(String, default="this")
+    """What was chosen then: this run, or the best or newest one of its method."""
+    idempotency_key: Mapped[str | None]
+    """What the team named the upload, so that one that is sent again is known."""
     published_at: Mapped[datetime | None]
     """When the team made it public, in a phase that keeps entries private."""
     facts: Mapped[MethodFacts | None] = mapped_column(DocumentText(MethodFacts))

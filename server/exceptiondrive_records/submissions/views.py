@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import entries_on, entry_ids
 from exceptiondrive_records.boards.ranking import replaced_by
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.entries.selection import is_chosen
+from exceptiondrive_records.entries.selection import rule_of
 from exceptiondrive_records.phases.policy import (
     frozen_since,
     is_anonymous,
@@ -58,6 +58,7 @@ def view(
     shows_sheet = is_scored and hidden_since is None
     shown = entries_on(session, phase.current_board_id).get(submission.id) if is_scored else None
     replaced = replaced_by(session, submission)
+    run_rule, is_chosen = rule_of(session, submission)
     is_published = not phase.policy.entries_private or submission.published_at is not None
     return SubmissionView(
         id=submission.id,
@@ -91,7 +92,8 @@ def view(
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
         replaced_by=replaced,
-        is_chosen=is_chosen(session, submission),
+        is_chosen=is_chosen,
+        run_rule=run_rule,
         is_published=is_published,
         score_kept_back_since=hidden_since,
         known_as=pseudonym_of_team(phase, team.id)

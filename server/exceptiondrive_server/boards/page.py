@@ -3,15 +3,16 @@
 What follows from a board and a query alone is made once: boards never change.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
 from markupsafe import Markup
 
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
@@ -80,7 +81,17 @@ class ShownBoard(NamedTuple):
     compared_fields: tuple[tuple[str, str], ...]
 
 
-@lru_cache(maxsize=64)
+_MADE: Memory[Hashable, Any] = Memory(12_000)
+"""What was made of the boards that were shown last; it weighs what it keeps alive: entries."""
+
+
+def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
+    """Return what follows from a board that is read, made once while there is room."""
+    key = Same(board), what
+    found: T | None = _MADE.get(key)
+    return found if found is not None else _MADE.keep(key, make(), 1 + len(board.entries))
+
+
 def _shown(
     same_board: Same[Board],
     same_protocol: Same[ProtocolDocument],
@@ -145,7 +156,7 @@ def _scene(
 
 def forget_shown_boards() -> None:
     """Forget what was made of boards, as after a start of the server."""
-    _shown.cache_clear()
+    _MADE.clear()
     _metrics.cache_clear()
     _scene.cache_clear()
 
@@ -245,12 +256,15 @@ class BoardPage:
 
     The board holds no reported rows. `current_protocol` is the version in force; `is_current` says whether the phase shows this board
     now, or its late view; `before` is the board that was shown before it.
+
+    Two are equal if their pages are: what is large and compared by a field of its own (`board_digest`,
+    `facts_at`) is left out of that, and of the outline.
     """
 
     query: BoardQuery
     phases: tuple[PhaseLink, ...]
     phase: PhaseLink | None
-    board: Board | None
+    board: Board | None = field(compare=False)
     protocol: ProtocolDocument
     protocol_versions: tuple[str, ...]
     current_protocol: str
@@ -263,10 +277,18 @@ class BoardPage:
     """Clearance curves of the best entries."""
     tasks: Tasks = ()
     """Tasks, hardest first, as far as the sheets of the best entries tell them."""
-    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS)
+    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS, compare=False)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
+    board_digest: str = ""
+    facts_at: datetime | None = None
+    """When a team of the phase changed its facts last."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
+
+    @property
+    def outline(self) -> "BoardPage":
+        """What it is compared by, without the board itself: it keeps no large document alive."""
+        return replace(self, board=None, facts={})
 
     @cached_property
     def shown(self) -> ShownBoard | None:
@@ -278,7 +300,8 @@ class BoardPage:
         if self.board is None:
             return None
         same = Same(self.board), Same(self.protocol), Same(self.curves), Same(self.tasks)
-        return _shown(*same, self.query, self.is_current, self.before, Same(self.facts))
+        key = *same, self.query, self.is_current, self.before, Same(self.facts)
+        return of_board(self.board, key, lambda: _shown(*key))
 
     @property
     def challenge(self) -> Challenge:

@@ -5,8 +5,10 @@ from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal, Scope
-from exceptiondrive_records.boards.boards import late_board, parsed_board
+from exceptiondrive_records.boards.boards import late_board, leads, parsed_board
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import ids_of_team
@@ -15,7 +17,8 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.reported import reported_paper
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
 from exceptiondrive_server.boards.headline import own_entries
-from exceptiondrive_server.boards.page import PhaseLink
+from exceptiondrive_server.boards.lead_chart import lead_chart
+from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
 from exceptiondrive_server.boards.queries import (
     chosen_board,
     facts_on,
@@ -23,20 +26,55 @@ from exceptiondrive_server.boards.queries import (
     read_history,
     read_phases,
 )
-from exceptiondrive_server.boards.query import AskedBoard
+from exceptiondrive_server.boards.query import AskedBoard, asked_board
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import principal_of_browser
-from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
+from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
+from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.responses import (
+    SECURITY_HEADERS,
+    kept_page,
+    looks_of,
+    origin_of,
+    page,
+    site_of,
+)
+from exceptiondrive_server.web.services import Services, services_of
+from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
 MAX_HISTORY = 100
 
 
 @router.get("/")
-def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
-    """Show the board that the address asks for; a team that signed in finds its rows marked."""
-    if "apply" in request.query_params or "order" in request.query_params:
+def show_board(request: Request) -> Response:
+    """Show the board that the address asks for; a team that signed in finds its rows marked.
+
+    What visitors see is kept until the records say otherwise.
+    """
+    services = services_of(request)
+    if holder_of(request) is not Holder.VISITOR:
+        return _signed_in_board(request, services)
+    looks, state = looks_of(request), services.database.state()
+    kept = services.kept_pages.unchanged(looks, state)
+    if kept is None:
+        if _is_sent_by_form(request):
+            return RedirectResponse(asked_board(request).url(), status_code=303)
+        with services.database.read() as session:
+            board = read_board(session, asked_board(request))
+        site = site_of(request, "board")
+        kept = services.kept_pages.made(
+            looks,
+            state,
+            (site, board.outline),
+            lambda: render("boards/board.html", site=site, page=board, own=None),
+        )
+    return kept_page(request, kept)
+
+
+def _signed_in_board(request: Request, services: Services) -> Response:
+    query = asked_board(request)
+    if _is_sent_by_form(request):
         return RedirectResponse(query.url(), status_code=303)
     with services.database.read() as session:
         who = principal_of_browser(session, request)
@@ -44,6 +82,11 @@ def show_board(request: Request, services: ServicesOf, query: AskedBoard) -> Res
         ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
     return page(request, "boards/board.html", "board", page=board, own=own)
+
+
+def _is_sent_by_form(request: Request) -> bool:
+    """Whether the address is one of the filter form, which leads to a short one."""
+    return "apply" in request.query_params or "order" in request.query_params
 
 
 def _own_submissions(
@@ -64,6 +107,10 @@ def show_history(request: Request, services: ServicesOf, query: AskedBoard) -> R
             raise NotFound("phase of the challenge", "any")
         lines = board_history(session, phase.id)
         has_late_view = late_board(session, phase.id) is not None
+        who, now = leads(session, phase.id), database_now(session)
+        row = shown_phase(session, phase.id)
+        digits = Digits.of(find_protocol(session, row.protocol_digest).publication)
+    metric = phase.challenge.metrics[0]
     return page(
         request,
         "boards/history.html",
@@ -73,6 +120,11 @@ def show_history(request: Request, services: ServicesOf, query: AskedBoard) -> R
         lines=lines[:MAX_HISTORY],
         n_more=max(0, len(lines) - MAX_HISTORY),
         has_late_view=has_late_view,
+        chart=lead_chart(who, now, metric, digits),
+        narrow_chart=lead_chart(who, now, metric, digits, width=NARROW_PX[0]),
+        leaders={lead.number: lead.leader for lead in who},
+        metric=metric,
+        digits=digits,
     )
 
 

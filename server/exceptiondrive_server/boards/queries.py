@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from functools import lru_cache
 from math import inf
 from typing import NamedTuple
 
@@ -42,7 +41,7 @@ from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
 from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tasks
 from exceptiondrive_server.boards.headline import BoardBefore, headline
-from exceptiondrive_server.boards.page import BoardPage, PhaseLink, Same
+from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.numbers import Digits, minute
 
@@ -80,11 +79,9 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
+        board_digest=row.body_digest if row else "",
+        facts_at=newest_edit_at(session, phase.id),
     )
-
-
-_FACTS: dict[tuple[Same[Board], datetime | None, bool], FactsOfBoard] = {}
-"""Of boards that were shown of late, as of the newest edit in their phase."""
 
 
 def facts_on(session: Session, board: Board) -> FactsOfBoard:
@@ -93,23 +90,17 @@ def facts_on(session: Session, board: Board) -> FactsOfBoard:
     The same object until a team edits something in the phase.
     """
     phase = session.get_one(Phase, board.phase)
-    key = Same(board), newest_edit_at(session, phase.id), is_anonymous(phase)
-    if key not in _FACTS:
-        if len(_FACTS) >= MAX_KEPT:
-            _FACTS.clear()
-        ids = [entry.submission_id for entry in board.entries]
-        _FACTS[key] = facts_of_entries(session, phase.id, ids)
-    return _FACTS[key]
+    what = "facts", newest_edit_at(session, phase.id), is_anonymous(phase)
+    ids = [entry.submission_id for entry in board.entries]
+    return of_board(board, what, lambda: facts_of_entries(session, phase.id, ids))
 
 
 def own_board(board: Board) -> Board:
     """Return a board without what papers report, which is of other samples; made once per board."""
-    return _own_board(Same(board))
+    return of_board(board, "own", lambda: _own_board(board))
 
 
-@lru_cache(maxsize=32)
-def _own_board(same: Same[Board]) -> Board:
-    board = same.value
+def _own_board(board: Board) -> Board:
     own = tuple([entry for entry in board.entries if entry.source != "reported"])
     return board.model_copy(update={"entries": own}) if len(own) < len(board.entries) else board
 
@@ -121,18 +112,8 @@ class ToldBySheets(NamedTuple):
     tasks: Tasks
 
 
-_TOLD: dict[Same[Board], ToldBySheets] = {}
-"""Of boards that were shown of late: neither they nor their sheets change."""
-MAX_KEPT = 64
-
-
 def _told_by_sheets(session: Session, phase: Phase, board: Board) -> ToldBySheets:
-    key = Same(board)
-    if key not in _TOLD:
-        if len(_TOLD) >= MAX_KEPT:
-            _TOLD.clear()
-        _TOLD[key] = _read_sheets(session, phase, board)
-    return _TOLD[key]
+    return of_board(board, "sheets", lambda: _read_sheets(session, phase, board))
 
 
 def _read_sheets(session: Session, phase: Phase, board: Board) -> ToldBySheets:

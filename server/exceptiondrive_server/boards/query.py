@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
 from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.datetimes import Moment
@@ -118,7 +118,8 @@ class BoardQuery(BaseModel):
         """Read an address.
 
         Raises:
-            InvalidRecord: A value is not understood, or two of them contradict each other.
+            InvalidRecord: A value is not understood.
+            NoSuchBoard: Two of them contradict each other.
         """
         many: dict[str, list[str]] = {}
         for key, value in pairs:
@@ -184,11 +185,16 @@ class BoardQuery(BaseModel):
         return f"{path}{'?' + query if query else ''}{'#' + anchor if anchor else ''}"
 
 
-def _asked(request: Request) -> BoardQuery:
+def asked_board(request: Request) -> BoardQuery:
+    """Read the address of a request.
+
+    Raises:
+        InvalidRecord: A value is not understood, or two of them contradict each other.
+    """
     return BoardQuery.parse(request.query_params.multi_items())
 
 
-AskedBoard = Annotated[BoardQuery, Depends(_asked)]
+AskedBoard = Annotated[BoardQuery, Depends(asked_board)]
 """The board that the address of a request asks for."""
 
 
@@ -220,7 +226,14 @@ def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     return {**described, "description": schema["description"], "schema": plain}
 
 
-def _refused(error: ValidationError) -> InvalidRecord:
+class NoSuchBoard(NotFound):
+    """Each part of an address is understood, and no board can be all of them."""
+
+    def __init__(self, sentence: str) -> None:
+        RecordsError.__init__(self, sentence)
+
+
+def _refused(error: ValidationError) -> RecordsError:
     """Name what is wrong and say why; never repeat what was sent."""
     fields: dict[str, str] = {}
     whole: list[str] = []
@@ -230,9 +243,10 @@ def _refused(error: ValidationError) -> InvalidRecord:
             fields.setdefault(str(found["loc"][0]), words)
         else:
             whole.append(words)
-    detail = " ".join(whole)
+    if whole:
+        return NoSuchBoard(" ".join(whole))
     return InvalidRecord(
-        detail or f"These parts of the request are missing or wrong: {', '.join(fields)}.", fields
+        f"These parts of the request are missing or wrong: {', '.join(fields)}.", fields
     )
 
 

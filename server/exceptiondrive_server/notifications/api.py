@@ -12,11 +12,12 @@ from exceptiondrive_records.notifications.contacts import (
     list_contacts,
     newest_delivery,
     remove_contact,
+    set_wishes,
 )
 from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, DeliveryState
 from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.rescoring import NotificationView
+from exceptiondrive_schemas.rescoring import WISHES, NotificationView, Wish
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
 from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problems import problem_responses
@@ -37,6 +38,14 @@ class NewContact(Form):
 
     channel: Channel
     address: Annotated[str, Field(min_length=3, max_length=500)]
+    wishes: tuple[Wish, ...] = ("updates",)
+    """What it is told of."""
+
+
+class Wishes(Form):
+    """What an address is told of from now on."""
+
+    wishes: tuple[Wish, ...]
 
 
 class LastMessage(BaseModel):
@@ -54,6 +63,9 @@ class ContactView(BaseModel):
     channel: Channel
     address: str
     created_at: datetime
+    wishes: tuple[Wish, ...]
+    is_confirmed: bool
+    """Whether whoever reads there said yes; an e-mail address is told nothing before."""
     secret: str | None = None
     last_message: LastMessage | None = None
 
@@ -89,7 +101,10 @@ def get_contacts(services: ServicesOf, reader: Reader) -> list[ContactView]:
 
 @router.post("/contacts", operation_id="addContact", status_code=201)
 def post_contact(services: ServicesOf, submitter: Submitter, wanted: NewContact) -> ContactView:
-    """Be told at a webhook or e-mail address; a webhook's secret is shown this once."""
+    """Be told at a webhook or e-mail address; a webhook's secret is shown this once.
+
+    An e-mail address gets one message that asks for a yes, and nothing more until it is given.
+    """
     with services.database.write() as session:
         contact = add_contact(
             session,
@@ -97,9 +112,24 @@ def post_contact(services: ServicesOf, submitter: Submitter, wanted: NewContact)
             wanted.channel,
             wanted.address,
             actor=submitter.actor,
+            wishes=wanted.wishes,
             may_be_private=services.settings.webhooks_may_be_private,
         )
-        return _view(contact).model_copy(update={"secret": contact.secret})
+        secret = contact.secret if contact.channel is Channel.WEBHOOK else None
+        return _view(contact).model_copy(update={"secret": secret})
+
+
+@router.patch("/contacts/{contact_id}", operation_id="setWishes")
+def patch_contact(
+    services: ServicesOf,
+    submitter: Submitter,
+    contact_id: Annotated[str, Path(max_length=64)],
+    wanted: Wishes,
+) -> ContactView:
+    """Set what an address is told of: protocol updates, scored, failed, overtaken, a phase that ends."""
+    with services.database.write() as session:
+        team_id, actor = team_of(submitter), submitter.actor
+        return _view(set_wishes(session, team_id, contact_id, wanted.wishes, actor=actor))
 
 
 @router.post("/contacts/{contact_id}/remove", operation_id="removeContact")
@@ -126,4 +156,6 @@ def _view(contact: ContactPoint) -> ContactView:
         channel=contact.channel,
         address=contact.address,
         created_at=contact.created_at,
+        wishes=tuple(wish for wish in WISHES if wish in contact.wishes.split()),
+        is_confirmed=contact.confirmed_at is not None,
     )

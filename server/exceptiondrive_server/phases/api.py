@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Response
 
 from exceptiondrive_records.phases.phases import list_phases, phase_view, shown_phase
 from exceptiondrive_records.splits.splits import manifest_of
@@ -16,7 +16,7 @@ from exceptiondrive_server.web.auth import (
     ServicesOf,
     sees_hidden,
 )
-from exceptiondrive_server.web.problems import problem_responses
+from exceptiondrive_server.web.problems import problem_responses, quota_headers
 
 router = APIRouter(prefix="/phases", tags=["phases"])
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
@@ -50,15 +50,20 @@ def get_phases(
     openapi_extra=TOKEN_IS_OPTIONAL,
     responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
 )
-def get_phase(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId) -> PhaseView:
-    """Show one phase."""
+def get_phase(
+    response: Response, services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
+) -> PhaseView:
+    """Show one phase; with a team's token the headers say what it may still submit."""
     with services.database.read() as session:
-        return phase_view(
+        view = phase_view(
             session,
             shown_phase(session, phase_id, with_hidden=sees_hidden(principal)),
             max_upload_bytes=services.settings.max_upload_bytes,
             team_id=principal.team_id if principal else None,
         )
+    if view.quota is not None:
+        response.headers.update(quota_headers(view.quota))
+    return view
 
 
 @router.get(

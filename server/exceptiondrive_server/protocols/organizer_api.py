@@ -14,7 +14,10 @@ from exceptiondrive_server.web.auth import Organizer, ServicesOf
 router = APIRouter()
 MAX_PROTOCOL_CHARACTERS = 200_000
 PhaseQuery = Annotated[str | None, Query(max_length=64, description="only of this phase")]
-Toml = Annotated[str, Body(media_type="application/toml", max_length=MAX_PROTOCOL_CHARACTERS)]
+Toml = Annotated[
+    str,
+    Body(media_type="application/toml", min_length=1, max_length=MAX_PROTOCOL_CHARACTERS),
+]
 
 
 @router.post("/protocols/check", operation_id="checkProtocol")

@@ -2,15 +2,20 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Header, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
+from exceptiondrive_records.phases.phases import find_phase, shown_phase
+from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.edits import edit_submission, edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
@@ -20,16 +25,26 @@ from exceptiondrive_records.submissions.submissions import (
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.method_facts import SubmissionChange, SubmissionEditView
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.upload import received_upload, take_upload, upload_body
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
-from exceptiondrive_server.web.problems import problem_responses, rate_limit_headers
+from exceptiondrive_server.web.problems import problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
 SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        min_length=1,
+        max_length=255,
+        pattern="^[!-~]+$",
+        description="what you name this upload, such as a UUID: sent again it is the same one",
+    ),
+]
 _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
 
 
@@ -55,26 +70,34 @@ _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
     },
 )
 async def submit(
-    request: Request, response: Response, services: ServicesOf, principal: Submitter
+    request: Request,
+    response: Response,
+    services: ServicesOf,
+    principal: Submitter,
+    idempotency_key: IdempotencyKey = None,
 ) -> SubmissionView:
     """Take an upload. It is kept before the answer is sent; workers read and score it later.
 
-    The same bytes again give the first submission (200) and cost no quota.
+    The same bytes again give the first submission (200) and cost no quota. With an
+    `Idempotency-Key` the same upload, sent again within 24 hours, is answered as the first time
+    (202), even where the submission was withdrawn meanwhile; the key with other bytes is refused
+    (409).
     """
     team_id = team_of(principal)
     began_s = time.monotonic()
     async with received_upload(request, services, team_id) as upload:
-        taken, quota = await run_in_threadpool(take_upload, services, team_id, upload, began_s)
+        taken, quota = await run_in_threadpool(
+            take_upload, services, team_id, upload, began_s, idempotency_key
+        )
     response.status_code = 200 if taken.is_duplicate else 202
     response.headers["Location"] = f"/api/v1/submissions/{taken.id}"
-    response.headers.update(
-        rate_limit_headers(quota.per_day, quota.remaining_today, quota.resets_at)
-    )
+    response.headers.update(quota_headers(quota))
     return taken
 
 
 @router.get("", operation_id="listSubmissions", responses=problem_responses(*_SIGNED_IN))
 def get_submissions(
+    response: Response,
     services: ServicesOf,
     principal: Reader,
     phase: Annotated[str | None, Query(max_length=64)] = None,
@@ -82,8 +105,15 @@ def get_submissions(
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
     after: Annotated[str | None, Query(max_length=64, description="`next` of a page")] = None,
 ) -> SubmissionPage:
-    """List the team's submissions, newest first; organizers see every team's."""
+    """List the team's submissions, newest first; organizers see every team's.
+
+    Of one phase the headers say what the team may still submit in it.
+    """
     with services.database.read() as session:
+        if phase is not None and principal.team_id is not None:
+            with suppress(NotFound):  # then the list is empty
+                quota = quota_of(session, principal.team_id, shown_phase(session, phase))
+                response.headers.update(quota_headers(quota))
         found = list_submissions(
             session,
             team_id=own_team(principal),
@@ -102,11 +132,16 @@ def get_submissions(
     responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
 )
 def get_submission(
-    services: ServicesOf, principal: Reader, submission_id: SubmissionId
+    response: Response, services: ServicesOf, principal: Reader, submission_id: SubmissionId
 ) -> SubmissionView:
-    """Show where a submission stands; another team's is not found."""
+    """Show where a submission stands; another team's is not found.
+
+    The headers say what its team may still submit in the phase.
+    """
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
+        quota = quota_of(session, found.team_id, find_phase(session, found.phase_id))
+        response.headers.update(quota_headers(quota))
         return view(session, found)
 
 
@@ -182,10 +217,17 @@ def withdraw_submission(
     responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
 )
 def choose_submission(
-    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+    services: ServicesOf,
+    principal: Submitter,
+    submission_id: SubmissionId,
+    rule: Annotated[RunRule, Query(description="which run of the method stands")] = "this",
 ) -> SubmissionView:
-    """Let a submission stand for its team, in a phase that shows one of each; the last counts."""
-    return _decide(services, principal, submission_id, choose)
+    """Say which run stands on the board; the last word before the deadline counts.
+
+    In a phase that shows one entry of each team this submission stands for it. In one that lets teams
+    choose the run of a method, this run stands, or the method's best or newest one.
+    """
+    return _decide(services, principal, submission_id, partial(choose, rule=rule))
 
 
 @router.post(

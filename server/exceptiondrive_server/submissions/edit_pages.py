@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
-from exceptiondrive_records.accounts.tokens import Scope, names_of_actors
+from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.edits import edit_submission, edits_of
@@ -94,7 +94,6 @@ def _page(
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
         edits = edits_of(session, seen.id)
-        names = names_of_actors(session, (edit.by for edit in edits))
     now = {
         "method": seen.method,
         "description": seen.description,
@@ -114,7 +113,6 @@ def _page(
         texts=now,
         facts=filled(FACT_FIELDS, now),
         edits=edits,
-        names=names,
         refusal=refusal,
         form_token=browser.form_token,
     )

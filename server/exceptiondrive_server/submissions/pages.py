@@ -5,6 +5,7 @@ All of it works without script. Another team's submission is not found.
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
@@ -14,11 +15,12 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tokens import Principal, Scope, names_of_actors
+from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
+from exceptiondrive_records.notifications.inbox import count_unread
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import has_closed
 from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
@@ -30,6 +32,7 @@ from exceptiondrive_records.submissions.submissions import (
 )
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.boards.page import PhaseLink
@@ -71,7 +74,7 @@ MAX_FOLLOWED = 3
 """Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
 SubmissionId = Annotated[str, Path(max_length=64)]
 NOTHING_TYPED: Mapping[str, str] = MappingProxyType({})
-_DECISIONS = {"choose": choose, "publish": publish, "unpublish": unpublish}
+_DECISIONS = {"publish": publish, "unpublish": unpublish}
 
 
 @router.get("/submit")
@@ -231,6 +234,7 @@ def show_my_submissions(
             )
             for phase in list_phases(session, with_hidden=True)
         }
+        n_unread = count_unread(session, who.team_id) if who.team_id is not None else 0
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
     lines = run_lines(seen, rules, can_decide=can_decide)
@@ -241,6 +245,7 @@ def show_my_submissions(
         "my",
         who=who,
         lines=lines,
+        n_unread=n_unread,
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,
         is_spent=is_spent,
@@ -270,7 +275,6 @@ def show_submission(
         ended = has_closed(phase, database_now(session))
         entry = entries_on(session, phase.current_board_id).get(seen.id)
         edits = edits_of(session, seen.id)
-        names = names_of_actors(session, (edit.by for edit in edits))
     headline = protocol.grading.headline
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
     return private_page(
@@ -281,12 +285,11 @@ def show_submission(
         phase_title=phase.title,
         progress=status_of(seen),
         steps=steps_of(seen),
-        sentences=list(policy_sentences(seen)),
+        sentences=list(policy_sentences(seen, phase.policy)),
         scores=scores_of(seen, protocol),
         families=families_of(seen, protocol, entry),
         columns=CHALLENGES[seen.challenge].columns,
         edits=edits,
-        names=names,
         headline_title=AVERAGE_TITLES[headline],
         other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
         n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
@@ -320,9 +323,11 @@ def decide(
     form: PostedForm,
     submission_id: SubmissionId,
     what: Literal["choose", "publish", "unpublish"],
+    rule: RunRule = "this",
 ) -> Response:
     """Choose a submission for the board, publish it, or make it private again; then go back."""
-    _decide(services, browser, submission_id, _DECISIONS[what])
+    decision = partial(choose, rule=rule) if what == "choose" else _DECISIONS[what]
+    _decide(services, browser, submission_id, decision)
     back = "/my" if form.get("back") == "my" else f"/submissions/{submission_id}"
     return RedirectResponse(back, status_code=303)
 

@@ -180,7 +180,11 @@ def _shape_faults(form: FormData) -> list[dict[str, Any]]:
 
 
 def take_upload(
-    services: Services, team_id: int, upload: Upload, began_s: float
+    services: Services,
+    team_id: int,
+    upload: Upload,
+    began_s: float,
+    idempotency_key: str | None = None,
 ) -> tuple[SubmissionView, Quota]:
     """Store the file, then accept it in one transaction, then call a worker.
 
@@ -189,6 +193,7 @@ def take_upload(
         team_id: Who submits.
         upload: What was sent.
         began_s: When it began to come, by `time.monotonic`: deadlines are judged by that moment.
+        idempotency_key: What the sender names this upload.
 
     Raises:
         RecordsError: It is refused, and nothing of it is kept.
@@ -203,10 +208,11 @@ def take_upload(
             digest,
             linked_to=fields.linked_to or None,
             arrived_at=_arrived_at(session, began_s),
+            idempotency_key=idempotency_key,
         )
     size_bytes = _store(services, upload.file)
     try:
-        accepted = _accept(services, team_id, upload, began_s, digest, size_bytes)
+        accepted = _accept(services, team_id, upload, began_s, digest, size_bytes, idempotency_key)
     except RecordsError:
         with suppress(StoreError):  # then it is swept when it is old
             remove_orphan(services.database, services.files, digest)
@@ -217,7 +223,7 @@ def take_upload(
         job=accepted.job_id,
         is_duplicate=accepted.is_duplicate,
     )
-    if not accepted.is_duplicate:
+    if accepted.job_id is not None:
         _wake(services)
     with services.database.read() as session:
         submission = find_submission(session, accepted.submission.id)
@@ -232,6 +238,7 @@ def _accept(
     began_s: float,
     file_digest: str,
     size_bytes: int,
+    idempotency_key: str | None,
 ) -> Accepted:
     """Accept in one transaction, which proves that the file is there."""
     fields = upload.fields
@@ -250,6 +257,7 @@ def _accept(
             file_digest=file_digest,
             size_bytes=size_bytes,
             arrived_at=_arrived_at(session, began_s),
+            idempotency_key=idempotency_key,
         )
 
 

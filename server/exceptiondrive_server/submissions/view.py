@@ -1,12 +1,13 @@
 """Where a submission stands, in words: its way, its score, what its team may do, what quota is left."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
-from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.phase_settings import PhasePolicy, RunRule
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -112,7 +113,7 @@ class FamilyLine:
     cells: tuple[tuple[str, str], ...]
 
 
-def policy_sentences(seen: SubmissionView) -> Iterator[str]:
+def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]:
     """Yield how it stands in the policy of its phase."""
     if seen.known_as is not None:
         yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
@@ -136,7 +137,9 @@ def policy_sentences(seen: SubmissionView) -> Iterator[str]:
     if seen.unranked_because is not None:
         yield f"It stands on the board without a rank: {seen.unranked_because}."
     if seen.is_chosen:
-        yield "The team chose it: it stands for the team on the board."
+        yield "The team chose it: it stands on the board."
+    elif policy.run_choice == "team" and policy.entries_shown == "all":
+        yield RUN_RULES[seen.run_rule]
     if not seen.is_published:
         yield "It is private: the team alone sees it, and it does not rank."
 
@@ -152,11 +155,31 @@ def actions_of(
 def _actions(
     seen: SubmissionView, policy: PhasePolicy, has_closed: bool
 ) -> Iterator[tuple[str, str]]:
-    can_choose = policy.entries_shown == "chosen" and not has_closed
-    if can_choose and not seen.is_chosen and not seen.is_late:
-        yield "choose", "Choose it for the board"
+    if not has_closed and not seen.is_late:
+        yield from _choices(seen, policy)
     if policy.entries_private:
         yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
+
+
+def _choices(seen: SubmissionView, policy: PhasePolicy) -> Iterator[tuple[str, str]]:
+    if policy.entries_shown == "chosen":
+        if not seen.is_chosen:
+            yield "choose", "Choose it for the board"
+    elif policy.run_choice == "team":
+        if not seen.is_chosen:
+            yield "choose", "Let this run stand"
+        for rule in ("best", "newest"):
+            if seen.run_rule != rule:
+                yield f"choose?rule={rule}", f"Let the {rule} run stand"
+
+
+RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
+    {
+        "newest": "Of this method the newest run stands.",
+        "best": "Of this method the best run stands, by the samples that counted before the deadline.",
+        "this": "Of this method the run stands that the team chose.",
+    }
+)
 
 
 def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
@@ -164,7 +187,7 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
     if seen.status is not SubmissionStatus.SCORED:
         return ""
     words = (
-        "chosen" if seen.is_chosen and policy.entries_shown == "chosen" else "",
+        "chosen" if seen.is_chosen else "",
         ("published" if seen.is_published else "private") if policy.entries_private else "",
         "late" if seen.is_late else "",
     )

@@ -33,7 +33,9 @@ Slug = Annotated[str, Path(max_length=64, description="id of a team")]
 class NewTeam(Form):
     """A team to be made."""
 
-    id: Annotated[str, Field(max_length=64)]
+    id: Annotated[
+        str, Field(max_length=64, json_schema_extra={"pattern": "^[a-z0-9][a-z0-9-]{0,63}$"})
+    ]
     name: Annotated[str, Field(max_length=400)]
     is_reference: StrictBool = False
 

@@ -116,7 +116,7 @@ class HeadRequests:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request; an event stream has no end, so its HEAD stays a 405."""
-        if scope["type"] != "http" or scope["method"] != "HEAD" or _is_stream(scope["path"]):
+        if scope["type"] != "http" or scope["method"] != "HEAD" or is_stream(scope["path"]):
             await self.app(scope, receive, send)
             return
 
@@ -128,5 +128,6 @@ class HeadRequests:
         await self.app({**scope, "method": "GET"}, receive, send_head)
 
 
-def _is_stream(path: str) -> bool:
+def is_stream(path: str) -> bool:
+    """Whether an answer has no end."""
     return path.endswith("/events")

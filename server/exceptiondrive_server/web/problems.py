@@ -13,6 +13,7 @@ from fastapi.responses import Response
 from sqlalchemy.exc import DataError, DBAPIError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from exceptiondrive_records.db.errors import (
     ConcurrentQuotaExceeded,
@@ -23,7 +24,8 @@ from exceptiondrive_records.db.errors import (
     TooManyAttempts,
 )
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
-from exceptiondrive_server.web.middleware import HEADERS
+from exceptiondrive_schemas.submission import Quota
+from exceptiondrive_server.web.middleware import HEADERS, is_stream
 from exceptiondrive_server.web.problem_vocabulary import CODE_OF_STATUS, PROBLEMS, ApiProblem
 from exceptiondrive_server.web.responses import problem_page
 
@@ -135,6 +137,11 @@ def seconds_until(moment: datetime | None) -> int | None:
     return max(1, math.ceil((moment - datetime.now(UTC)).total_seconds()))
 
 
+def quota_headers(quota: Quota) -> dict[str, str]:
+    """Return what a team may still submit in a phase, as headers."""
+    return rate_limit_headers(quota.per_day, quota.remaining_today, quota.resets_at)
+
+
 def rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -> dict[str, str]:
     """Return what the team may still submit, as headers; the reset is in seconds."""
     headers = {"RateLimit-Limit": str(limit), "RateLimit-Remaining": str(remaining)}
@@ -170,8 +177,25 @@ async def _http_exception(request: Request, error: Exception) -> Response:
         ProblemCode.UPLOAD_TOO_LARGE: TOO_LARGE,
     }
     detail = details.get(code, "The request cannot be read.")
-    headers = {key: value for key, value in (error.headers or {}).items() if key == "Allow"}
+    headers = {"Allow": ", ".join(_methods_at(request))} if error.status_code == 405 else {}
     return problem_response(request, ApiProblem(code, detail, headers=headers))
+
+
+METHODS = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
+
+
+def _methods_at(request: Request) -> list[str]:
+    """Return the methods of an address: those of all its routes, and HEAD where GET is answered."""
+    methods = {
+        method
+        for method in METHODS
+        if any(
+            route.matches({**request.scope, "method": method})[0] is Match.FULL
+            for route in request.app.routes
+        )
+    }
+    has_head = "GET" in methods and not is_stream(request.url.path)
+    return sorted(methods | ({"HEAD"} if has_head else set()))
 
 
 async def _unstorable(request: Request, error: Exception) -> Response:

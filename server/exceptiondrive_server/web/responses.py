@@ -9,7 +9,9 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.web.browser_session import Holder, holder_of
+from exceptiondrive_server.web.compression import takes_gzip
 from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.kept_pages import KeptPage
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.services import services_of
@@ -23,6 +25,9 @@ YEAR_S = 365 * 24 * 3600
 SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
 PROXY_KEEPS_S = 5
 """How long the proxy may show a public page to everybody; no browser sees this header."""
+PUBLIC_PROBLEM = {**SECURITY_HEADERS, "Cache-Control": "no-cache", "Vary": "Cookie"}
+PUBLIC_PAGE = {"X-Accel-Expires": str(PROXY_KEEPS_S), **PUBLIC_PROBLEM}
+"""nginx before 1.23 obeys the first of two headers that say how long."""
 
 
 @dataclass(frozen=True)
@@ -54,17 +59,24 @@ def origin_of(request: Request) -> str:
     return (public_url or str(request.base_url)).rstrip("/")
 
 
+def looks_of(request: Request) -> tuple[Theme, str, str]:
+    """Return theme, path and origin: of a visitor's request, all that the frame of a page takes."""
+    query = request.url.query
+    here = request.url.path + (f"?{query}" if query else "")
+    return theme_of(request.cookies.get(THEME_COOKIE)), here, origin_of(request)
+
+
 def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
-    query, holder = request.url.query, holder_of(request)
-    here = request.url.path + (f"?{query}" if query else "")
+    theme, here, origin = looks_of(request)
+    holder = holder_of(request)
     links, delay = services_of(request).site_state.now()
     return Site(
-        theme_of(request.cookies.get(THEME_COOKIE)),
+        theme,
         here,
         current,
         has_session=holder is not Holder.VISITOR,
-        origin=origin_of(request),
+        origin=origin,
         is_organizer=holder is Holder.ORGANIZER,
         links=links,
         delay=delay,
@@ -97,14 +109,21 @@ def page(
     """
     site = site_of(request, current)
     body = render(template, site=site, **values).encode()
-    kept = "private, no-cache" if site.has_session else "no-cache"
-    is_public = status == 200 and not site.has_session
-    by_proxy = {"X-Accel-Expires": str(PROXY_KEEPS_S)} if is_public else {}
-    # nginx before 1.23 obeys the first of two headers that say how long
-    headers = {**by_proxy, **SECURITY_HEADERS, "Cache-Control": kept, "Vary": "Cookie"}
+    if site.has_session:
+        headers = {**SECURITY_HEADERS, "Cache-Control": "private, no-cache", "Vary": "Cookie"}
+    else:
+        headers = PUBLIC_PAGE if status == 200 else PUBLIC_PROBLEM
     if status != 200:
         return HTMLResponse(body, status_code=status, headers=headers)
     return conditional(request, body, "text/html", headers=headers)
+
+
+def kept_page(request: Request, kept: KeptPage) -> Response:
+    """Answer a visitor with a page that is kept, compressed where the browser takes that."""
+    if not takes_gzip(request.headers.get("accept-encoding", "")):
+        return conditional(request, kept.html, "text/html", etag=kept.etag, headers=PUBLIC_PAGE)
+    packed = {**PUBLIC_PAGE, "Content-Encoding": "gzip", "Vary": "Cookie, Accept-Encoding"}
+    return conditional(request, kept.gzipped, "text/html", etag=kept.etag, headers=packed)
 
 
 def problem_page(request: Request, code: ProblemCode, detail: str) -> Response:

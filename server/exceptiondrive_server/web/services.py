@@ -9,6 +9,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
+from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_server.web.site_state import SiteState
@@ -32,6 +33,7 @@ class Services:
     provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
     metrics: RequestMetrics = field(default_factory=RequestMetrics)
+    kept_pages: KeptPages = field(default_factory=KeptPages)
 
     @classmethod
     def open(cls, settings: ServerSettings) -> "Services":

@@ -9,7 +9,7 @@ from exceptiondrive_records.operations.site import site_links
 from exceptiondrive_records.operations.status import scoring_delay
 from exceptiondrive_schemas.site import SiteLinks
 
-KEPT_S = 1.0
+CLOCK_S = 1.0
 
 
 class SiteState:
@@ -19,11 +19,11 @@ class SiteState:
         self._database = database
         self._ttl_s = heartbeat_ttl_s
         self._said = (SiteLinks(), "")
-        self._read_at_s = -KEPT_S
+        self._read_at_s = -CLOCK_S
 
     def now(self) -> tuple[SiteLinks, str]:
         """Return the links, and why scoring is delayed or nothing."""
-        if time.monotonic() - self._read_at_s >= KEPT_S:
+        if time.monotonic() - self._read_at_s >= CLOCK_S:
             try:
                 with self._database.read() as session:
                     self._said = site_links(session), scoring_delay(session, ttl_s=self._ttl_s)
@@ -34,4 +34,4 @@ class SiteState:
 
     def forget(self) -> None:
         """Read anew at the next page."""
-        self._read_at_s = -KEPT_S
+        self._read_at_s = -CLOCK_S

@@ -54,6 +54,7 @@ from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.routes import PAGES
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
+from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_server.web.site_state import SiteState
@@ -74,7 +75,8 @@ class Services:
         self.database = database
         self.settings = ServerSettings()
         self.provider = None
-        self.site_state = SiteState(database, self.settings.heartbeat_ttl_s)
+        self.kept_pages = KeptPages()
+        self.site_state = SiteState(database, heartbeat_ttl_s=60)
 
 
 class Site:

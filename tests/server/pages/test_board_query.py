@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.query import BoardQuery, NoSuchBoard
 
 queries = st.builds(
     BoardQuery,
@@ -64,8 +64,8 @@ def test_what_is_not_understood_is_refused_by_name_and_never_repeated(address: s
         ("view=late&board=3", "The late view is the present one"),
     ],
 )
-def test_what_contradicts_itself_is_refused(address: str, words: str) -> None:
-    with pytest.raises(InvalidRecord, match=words):
+def test_what_contradicts_itself_is_no_board(address: str, words: str) -> None:
+    with pytest.raises(NoSuchBoard, match=words):
         BoardQuery.parse(parse_qsl(address))
 
 

@@ -253,6 +253,8 @@ def create_submissions() -> None:
         sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
         sa.Column("arrived_at", TIME),
         sa.Column("chosen_at", TIME),
+        sa.Column("chosen_rule", sa.String(), nullable=False),
+        sa.Column("idempotency_key", sa.String()),
         sa.Column("published_at", TIME),
         sa.Column("facts", sa.Text()),
         sa.Column("edited_at", TIME),
@@ -341,6 +343,7 @@ def create_boards() -> None:
         sa.Column("body", sa.Text(), nullable=False),
         sa.Column("published_at", TIME, nullable=False),
         sa.Column("view", sa.String(), nullable=False),
+        sa.Column("leader", sa.Text()),
         sa.UniqueConstraint("phase_id", "number"),
     )
     op.create_table(
@@ -402,6 +405,8 @@ def create_notifications() -> None:
         sa.Column("channel", sa.String(16), nullable=False),
         sa.Column("address", sa.String(), nullable=False),
         sa.Column("secret", sa.String()),
+        sa.Column("wishes", sa.String(), nullable=False),
+        sa.Column("confirmed_at", TIME),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("removed_at", TIME),
     )
@@ -412,10 +417,12 @@ def create_notifications() -> None:
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
         sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
         sa.Column("kind", sa.String(), nullable=False),
+        sa.Column("subject", sa.String()),
         sa.Column("body", sa.Text(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("read_at", TIME),
         sa.UniqueConstraint("team_id", "run_id", "kind"),
+        sa.UniqueConstraint("team_id", "kind", "subject"),
     )
     op.create_index("ix_notifications_team", "notifications", ["team_id", "created_at"])
 

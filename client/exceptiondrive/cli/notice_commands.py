@@ -1,0 +1,125 @@
+"""What the team is told, and where: notices, contacts."""
+
+from typing import Annotated
+
+import typer
+
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import show, show_json, show_result
+from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.tables import notices_view, records_table
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.rescoring import WISHES
+
+COLUMNS = ("id", "address", "wishes", "is_confirmed", "channel", "created_at")
+Wishes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tell", metavar="WHAT", help=f"As often as needed: {', '.join(WISHES)}; or none."
+    ),
+]
+ContactId = Annotated[str, typer.Argument(metavar="ID", help="Id, from `contacts list`.")]
+contacts = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
+)
+
+
+def notices(
+    unread: Annotated[bool, typer.Option("--unread", help="Only what was not read yet.")] = False,
+    read: Annotated[bool, typer.Option("--read", help="Mark what is shown as read.")] = False,
+    limit: Annotated[
+        int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
+    ] = 20,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show what the team was told, newest first."""
+    with open_client(server) as client:
+        found = client.notices(unread=unread, limit=limit)
+        if read:
+            for notice in found:
+                client.mark_read(notice.id)
+    if json:
+        show_json([each.model_dump(mode="json") for each in found])
+    elif found:
+        show(*notices_view(found))
+    else:
+        show("no notices")
+
+
+@contacts.command("list")
+def list_contacts(server: options.Server = None, json: options.Json = False) -> None:
+    """List where the team is told."""
+    with open_client(server) as client:
+        found = client.contacts()
+    if json:
+        show_json(found)
+    elif found:
+        show(records_table(found, COLUMNS))
+    else:
+        show("no addresses: the team is told in its inbox alone")
+
+
+@contacts.command()
+def add(
+    address: Annotated[
+        str, typer.Argument(metavar="ADDRESS", help="E-mail address, or https of a webhook.")
+    ],
+    tell: Wishes = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Be told at an address, of protocol updates unless --tell says what.
+
+    Somebody who reads at an e-mail address has to confirm it. The secret of a webhook is shown once.
+    """
+    with open_client(server) as client:
+        contact = client.add_contact(address, _wishes(tell) or ("updates",))
+    words = "confirm it by the link that was sent there"
+    if contact.get("secret"):
+        words = f"secret, shown this once: {contact['secret']}"
+    show_result(contact, json, f"{contact['id']}  {contact['address']}  {words}")
+
+
+@contacts.command()
+def tell(
+    contact_id: ContactId,
+    what: Annotated[
+        list[str], typer.Argument(metavar="WHAT...", help=f"{', '.join(WISHES)}; or none.")
+    ],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Set what an address is told of."""
+    with open_client(server) as client:
+        contact = client.set_wishes(contact_id, _wishes(what))
+    told = ", ".join(contact["wishes"]) or "nothing"
+    show_result(contact, json, f"{contact['address']} is told of: {told}")
+
+
+@contacts.command()
+def remove(
+    contact_id: ContactId, server: options.Server = None, json: options.Json = False
+) -> None:
+    """Be told no longer at an address."""
+    with open_client(server) as client:
+        contact = client.remove_contact(contact_id)
+    show_result(contact, json, f"{contact['address']} is told nothing more")
+
+
+def _wishes(given: list[str] | None) -> tuple[str, ...]:
+    wanted = tuple(each for each in given or () if each != "none")
+    unknown = [each for each in wanted if each not in WISHES]
+    if unknown:
+        raise InvalidArgumentError(
+            "wrong_option", f"{unknown[0]!r} is none of {', '.join(WISHES)}."
+        )
+    return wanted
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(notices)
+    app.add_typer(contacts, name="contacts")

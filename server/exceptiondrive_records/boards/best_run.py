@@ -1,0 +1,61 @@
+"""The best run of a method, by what its team could see before the deadline."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.splits import live_revision
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+
+
+def best_run(
+    session: Session,
+    phase: Phase,
+    submission_ids: list[str],
+    protocol_digest: str,
+    split_revision: str,
+) -> str | None:
+    """Return the submission that ranks best by its published sheet; of equal ones the newest.
+
+    A run that takes no rank comes after all that do. Sheets are those of the samples that count
+    until the reveal: on a private part the best of many runs would be picked after the fact, and
+    tell more of it than one entry does.
+
+    Args:
+        session: To read with.
+        phase: Of the runs.
+        submission_ids: The runs, oldest first.
+        protocol_digest: Under which they are compared.
+        split_revision: Of the board; of a split with parts, the live one of the same revision counts.
+
+    Returns:
+        None where no run has such a sheet.
+    """
+    protocol = find_protocol(session, protocol_digest)
+    live = live_revision(session, phase.split_name, split_revision, phase.policy.live_part)
+    query = select(ScoreSheetRow).where(
+        ScoreSheetRow.submission_id.in_(submission_ids),
+        ScoreSheetRow.protocol_digest == protocol_digest,
+        ScoreSheetRow.split_revision == live,
+    )
+    sheets = {row.submission_id: row.sheet for row in session.scalars(query)}
+    known = [run for run in reversed(submission_ids) if run in sheets]
+    return max(known, key=lambda run: _worth(sheets[run], protocol), default=None)
+
+
+def _worth(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[bool, list[tuple[bool, float]]]:
+    """What decides: whether it takes a rank, then the metrics that rank, undefined ones last."""
+    values = sheet.micro if protocol.grading.headline == "micro" else sheet.macro_family
+    flags = {flag.code for flag in sheet.plausibility.flags}
+    shares = (sheet.coverage.edited, sheet.coverage.source)
+    is_covered = all(share is None or share >= protocol.ranking.min_coverage for share in shares)
+    order = [
+        (value is not None, (value or 0.0) * (1 if key.order == "descending" else -1))
+        for key in protocol.ranking.order_of(CHALLENGES[sheet.challenge])
+        for value in (values.get(key.metric),)
+    ]
+    return is_covered and flags.isdisjoint(protocol.ranking.unranked_flags), order

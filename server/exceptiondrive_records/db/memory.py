@@ -1,0 +1,52 @@
+"""Values that are dear to make, kept while there is room for them: those asked for last."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Hashable
+from typing import Generic, TypeVar
+
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
+
+
+class Memory(Generic[K, V]):
+    """Values by key, up to a weight together. Safe to share between threads.
+
+    A value heavier than the whole room is not kept.
+    """
+
+    def __init__(self, room: int) -> None:
+        self._room = room
+        self._kept: OrderedDict[K, tuple[V, int]] = OrderedDict()
+        self._lock = threading.Lock()
+        self.weight = 0
+        """Of all that is kept."""
+
+    def __len__(self) -> int:
+        """How many values are kept."""
+        return len(self._kept)
+
+    def get(self, key: K) -> V | None:
+        """Return what is kept under a key."""
+        with self._lock:
+            if key not in self._kept:
+                return None
+            self._kept.move_to_end(key)
+            return self._kept[key][0]
+
+    def keep(self, key: K, value: V, weight: int) -> V:
+        """Keep a value in place of what was kept under its key, and return it."""
+        with self._lock:
+            self.weight -= self._kept.pop(key, (None, 0))[1]
+            if weight <= self._room:
+                self._kept[key] = value, weight
+                self.weight += weight
+            while self.weight > self._room:
+                self.weight -= self._kept.popitem(last=False)[1][1]
+        return value
+
+    def clear(self) -> None:
+        """Forget all."""
+        with self._lock:
+            self._kept.clear()
+            self.weight = 0

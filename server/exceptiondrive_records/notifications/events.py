@@ -1,0 +1,201 @@
+"""What goes on between protocol updates, told to teams that wish it: scored, failed, overtaken, ends.
+
+The reconciler looks now and then. Nothing is told twice: each message has a subject that is unique.
+"""
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+from typing import NamedTuple
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.boards import board_at, entries_on
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.notifications.inbox import put_notice
+from exceptiondrive_records.notifications.tables import ContactPoint, Notification
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.submissions.submissions import ids_of_team
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.rescoring import NotificationView, Wish
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+
+LOOK_EVERY_S = 15.0
+_TOLD_WITHIN = timedelta(days=1)
+_ENDS_SOON = timedelta(days=1)
+_PASSED_WITHIN = timedelta(hours=1)
+_OUTCOMES: dict[SubmissionStatus, Wish] = {
+    SubmissionStatus.SCORED: "scored",
+    SubmissionStatus.REJECTED: "failed",
+    SubmissionStatus.FAILED: "failed",
+}
+
+
+class _Event(NamedTuple):
+    """What happened to a team; `subject` names it, so that it is told once."""
+
+    wish: Wish
+    subject: str
+    title: str
+    sentences: tuple[str, ...]
+    address: str
+    """Where there is more, below the server's own."""
+    phase: str
+
+
+def tell_teams(database: Database) -> int:
+    """Tell what happened of late to teams that wish it; return how many messages were made."""
+    with database.read() as session:
+        if not _wishes(session):
+            return 0
+    with database.write() as session:
+        now = database_now(session)
+        told = 0
+        for team_id, wishes in _wishes(session).items():
+            for event in _events(session, team_id, wishes, now):
+                if not _is_told(session, team_id, event):
+                    notice = _notice(session, team_id, event, now)
+                    put_notice(session, team_id, notice, event.wish, subject=event.subject)
+                    told += 1
+        return told
+
+
+def _wishes(session: Session) -> dict[int, dict[Wish, datetime]]:
+    """By team: what its confirmed addresses wish besides updates, and since when."""
+    query = select(ContactPoint).where(
+        ContactPoint.removed_at.is_(None),
+        ContactPoint.confirmed_at.is_not(None),
+        ContactPoint.wishes.not_in(("", "updates")),
+    )
+    found: dict[int, dict[Wish, datetime]] = {}
+    for contact in session.scalars(query.order_by(ContactPoint.team_id, ContactPoint.id)):
+        since = found.setdefault(contact.team_id, {})
+        for wish in contact.wishes.split():
+            at = contact.confirmed_at or contact.created_at
+            since[wish] = min(at, since.get(wish, at))  # type: ignore[index,call-overload]
+    return found
+
+
+def _events(
+    session: Session, team_id: int, wishes: dict[Wish, datetime], now: datetime
+) -> Iterator[_Event]:
+    yield from _outcomes(session, team_id, wishes, now)
+    if "overtaken" in wishes:
+        yield from _passed(session, team_id, now)
+    if "phase_ends" in wishes:
+        yield from _ending(session, now)
+
+
+def _outcomes(
+    session: Session, team_id: int, wishes: dict[Wish, datetime], now: datetime
+) -> Iterator[_Event]:
+    query = select(Submission).where(
+        Submission.team_id == team_id,
+        Submission.status.in_(_OUTCOMES),
+        Submission.status_at > now - _TOLD_WITHIN,
+    )
+    for submission in session.scalars(query.order_by(Submission.status_at)):
+        wish = _OUTCOMES[submission.status]
+        if wish not in wishes or submission.status_at < wishes[wish]:
+            continue
+        seen = view(session, submission)
+        if seen.awaits_board:
+            continue
+        title = f"{seen.method} was {seen.status.value}"
+        sentences = tuple(_sentences(session, seen))
+        page = f"/submissions/{seen.id}"
+        yield _Event(wish, seen.id, title, sentences, page, seen.phase)
+
+
+def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
+    """Say of an outcome what the team's own page says."""
+    if seen.report is not None and seen.report.faults:
+        yield f"{counted(sum(each.count for each in seen.report.faults), 'fault')} in the file."
+    if seen.failure is not None:
+        yield seen.failure.message
+    if seen.sheet is not None:
+        protocol = find_protocol(session, seen.sheet.protocol.digest)
+        headline = protocol.grading.headline
+        values = seen.sheet.micro if headline == "micro" else seen.sheet.macro_family
+        challenge = CHALLENGES[seen.challenge]
+        for key in challenge.primary_order:
+            metric, value = challenge.metric(key.metric), values.get(key.metric)
+            if value is not None:
+                unit = f"{100 * value:.2f} %" if metric.unit == "fraction" else f"{value:.2f} m"
+                yield f"{metric.label} {unit}."
+    if seen.rank is not None:
+        yield f"Rank {seen.rank}."
+    elif seen.unranked_because is not None:
+        yield f"Not ranked: {seen.unranked_because}."
+
+
+def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
+    """Entries whose rank is worse than an hour ago, under the same protocol and split."""
+    hour = now.strftime("%Y-%m-%dT%H")
+    for phase in session.scalars(select(Phase).where(Phase.current_board_id.is_not(None))):
+        old = board_at(session, phase.id, now - _PASSED_WITHIN)
+        if old is None or old.id == phase.current_board_id:
+            continue
+        if (old.protocol_digest, old.split_revision) != (
+            phase.protocol_digest,
+            phase.split_revision,
+        ):
+            continue
+        before, after = entries_on(session, old.id), entries_on(session, phase.current_board_id)
+        lines = []
+        for submission_id in sorted(ids_of_team(session, team_id, phase.id)):
+            then, now_there = before.get(submission_id), after.get(submission_id)
+            if then is None or now_there is None or then.rank is None or now_there.rank is None:
+                continue
+            if now_there.rank > then.rank:
+                lines.append(f"{now_there.method}: rank {then.rank} before, {now_there.rank} now.")
+        if lines:
+            title = f"Your entries were passed in {phase.title}"
+            subject = f"{phase.id}/{hour}"
+            yield _Event("overtaken", subject, title, tuple(lines), _board(phase), phase.id)
+
+
+def _ending(session: Session, now: datetime) -> Iterator[_Event]:
+    query = select(Phase).where(Phase.closes_at > now, Phase.closes_at <= now + _ENDS_SOON)
+    for phase in session.scalars(query):
+        if phase.closes_at is None or (phase.opens_at is not None and phase.opens_at > now):
+            continue
+        at = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC"
+        subject = f"{phase.id}/{phase.closes_at.isoformat()}"
+        sentences = (f"Its deadline is {at}; an upload is judged by its first byte.",)
+        title = f"{phase.title} ends soon"
+        yield _Event("phase_ends", subject, title, sentences, _board(phase), phase.id)
+
+
+def _board(phase: Phase) -> str:
+    return f"/?phase={phase.id}"
+
+
+def _is_told(session: Session, team_id: int, event: _Event) -> bool:
+    query = select(Notification.id).where(
+        Notification.team_id == team_id,
+        Notification.kind == event.wish,
+        Notification.subject == event.subject,
+    )
+    return session.scalar(query) is not None
+
+
+def _notice(session: Session, team_id: int, event: _Event, now: datetime) -> NotificationView:
+    assert event.wish != "updates"
+    return NotificationView(
+        id=random_id(),
+        kind=event.wish,
+        team=session.get_one(Team, team_id).name,
+        phase=event.phase,
+        created_at=now,
+        title=event.title,
+        what_changed=event.sentences,
+        comparison=event.address,
+    )

@@ -1,0 +1,167 @@
+"""Best value over time: who led a phase since when, with its changes of protocol."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import NamedTuple
+
+from exceptiondrive_records.boards.boards import Lead
+from exceptiondrive_schemas.challenges import Metric
+from exceptiondrive_server.boards.charts import Box, Label, Tick, place_labels
+from exceptiondrive_server.web.numbers import Digits, day, minute
+from exceptiondrive_server.web.scales import nice_scale, px
+
+N_DATES = 4
+
+
+class LeadPoint(NamedTuple):
+    """A board on which the leader, its value or the protocol changed; SVG units."""
+
+    x: str
+    y: str
+    title: str
+    is_new: bool
+    """Whether another one led before."""
+
+
+class ProtocolMark(NamedTuple):
+    """From where on the values are those of another protocol."""
+
+    x: str
+    version: str
+    anchor: str
+
+
+@dataclass(frozen=True)
+class LeadChart:
+    """Steps of the best value; a step never crosses a change of protocol."""
+
+    width: int
+    height: int
+    left: str
+    right: str
+    top: str
+    bottom: str
+    x_ticks: tuple[Tick, ...]
+    y_ticks: tuple[Tick, ...]
+    steps: tuple[str, ...]
+    points: tuple[LeadPoint, ...]
+    labels: tuple[Label, ...]
+    protocols: tuple[ProtocolMark, ...]
+    metric: Metric
+    description: str
+
+
+class _Change(NamedTuple):
+    lead: Lead
+    name: str
+    value: float
+    is_new_leader: bool
+    is_new_protocol: bool
+
+
+def lead_chart(
+    leads: Sequence[Lead], now: datetime, metric: Metric, digits: Digits, *, width: int = 640
+) -> LeadChart | None:
+    """Draw who led since when; None where nobody ever did.
+
+    Args:
+        leads: Every board that was shown, oldest first.
+        now: Until when the last one leads.
+        metric: That ranks first.
+        digits: Of the protocol in force.
+        width: 640 for wide screens, 350 for phones.
+    """
+    changes = _changes(leads)
+    if not changes:
+        return None
+    height = 330 if width > 480 else 300
+    left, right, top, bottom = 52.0, width - 16.0, 30.0, height - 34.0
+    start, span = changes[0].lead.at, max(now - changes[0].lead.at, timedelta(minutes=1))
+
+    def along(at: datetime) -> float:
+        return left + min(max((at - start) / span, 0.0), 1.0) * (right - left)
+
+    scale = nice_scale(
+        [100 * change.value for change in changes],
+        (bottom, top),
+        n_ticks=5,
+        floor=0.0,
+        ceiling=100.0,
+    )
+    places = [(along(change.lead.at), scale.at(100 * change.value)) for change in changes]
+    ends = [*(x for x, _ in places[1:]), right]
+    steps: list[list[str]] = []
+    for change, (x, y), end in zip(changes, places, ends, strict=True):
+        if change.is_new_protocol or not steps:
+            steps.append([])
+        steps[-1] += [f"{px(x)},{px(y)}", f"{px(end)},{px(y)}"]
+    named = [
+        (change.name, x, y)
+        for change, (x, y) in zip(changes, places, strict=True)
+        if change.is_new_leader
+    ]
+    marks = [
+        (change.lead.protocol, x)
+        for change, (x, _) in zip(changes, places, strict=True)
+        if change.is_new_protocol
+    ]
+    frame = Box(left + 2, top, right + 12, bottom - 2)
+    flats = [Box(x, y - 2, end, y + 2) for (x, y), end in zip(places, ends, strict=True) if end > x]
+    return LeadChart(
+        width=width,
+        height=height,
+        left=px(left),
+        right=px(right),
+        top=px(top),
+        bottom=px(bottom),
+        x_ticks=tuple(_dates(start, span, left, right, N_DATES if width > 480 else 3)),
+        y_ticks=tuple(
+            Tick(px(scale.at(tick)), f"{tick:.{scale.tick_decimals}f}") for tick in scale.ticks
+        ),
+        steps=tuple(" ".join(each) for each in steps),
+        points=tuple(
+            LeadPoint(px(x), px(y), _title(change, metric, digits), change.is_new_leader)
+            for change, (x, y) in zip(changes, places, strict=True)
+        ),
+        labels=place_labels(named, frame, flats),
+        protocols=tuple(
+            ProtocolMark(px(x), version, "start" if x < (left + right) / 2 else "end")
+            for version, x in marks
+        ),
+        metric=metric,
+        description=f"Best {metric.label} in per cent over time. "
+        + "; ".join(_title(change, metric, digits) for change in changes[-12:]),
+    )
+
+
+def _changes(leads: Sequence[Lead]) -> list[_Change]:
+    """Boards that say something else than the one before; those without a leader are left out."""
+    found: list[_Change] = []
+    for lead in leads:
+        if lead.leader is None:
+            continue
+        name, before = lead.leader.method, found[-1] if found else None
+        is_new = before is None or before.name != name
+        is_other = before is not None and before.lead.protocol != lead.protocol
+        if before is None or is_new or is_other or before.value != lead.leader.value:
+            found.append(_Change(lead, name, lead.leader.value, is_new, is_other or before is None))
+    return found
+
+
+def _title(change: _Change, metric: Metric, digits: Digits) -> str:
+    return (
+        f"{minute(change.lead.at)}: {change.name} leads with {metric.label} "
+        f"{digits.text(metric, change.value)} %, protocol {change.lead.protocol}"
+    )
+
+
+def _dates(start: datetime, span: timedelta, left: float, right: float, count: int) -> list[Tick]:
+    """Evenly placed; times of day where all of it is within two days."""
+    ticks = []
+    for k in range(count):
+        share = k / (count - 1)
+        at = start + share * span
+        text = f"{at:%H:%M}" if span < timedelta(days=2) else day(at)
+        ticks.append(Tick(px(left + share * (right - left)), text))
+    return ticks

@@ -1,0 +1,183 @@
+"""What a team is told, and where: its inbox and its addresses; and the links of mails."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import RedirectResponse, Response
+from starlette.datastructures import FormData
+
+from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.notifications.contacts import (
+    add_contact,
+    confirm_contact,
+    find_by_key,
+    list_contacts,
+    remove_contact,
+    set_wishes,
+    unsubscribe_contact,
+)
+from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
+from exceptiondrive_records.notifications.tables import Channel
+from exceptiondrive_schemas.rescoring import WISHES, Wish
+from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.browser_session import (
+    Browser,
+    PostedForm,
+    SignedIn,
+    require_scope,
+)
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
+from exceptiondrive_server.web.problems import problem_of
+from exceptiondrive_server.web.responses import private_page
+from exceptiondrive_server.web.services import Services
+
+router = APIRouter(include_in_schema=False)
+HERE = "/my/notices"
+SHOWN = 50
+ContactId = Annotated[str, Path(max_length=64)]
+Key = Annotated[str, Query(max_length=100)]
+
+
+@router.get(HERE)
+def show_notices(request: Request, services: ServicesOf, browser: Browser) -> Response:
+    """Show the inbox of the team, and where it is told besides."""
+    return _page(request, services, browser)
+
+
+@router.post(f"{HERE}/read")
+def post_read(services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
+    """Mark every message as read."""
+    require_scope(browser, Scope.READ_OWN)
+    team_id = team_of(browser.principal)
+    with services.database.write() as session:
+        for notice in list_notifications(session, team_id, only_unread=True):
+            mark_read(session, team_id, notice.id)
+    return RedirectResponse(HERE, status_code=303)
+
+
+@router.post(f"{HERE}/add")
+def post_add(
+    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
+) -> Response:
+    """Be told at another address; the secret of a webhook is shown this once."""
+    require_scope(browser, Scope.SUBMIT)
+    address = str(form.get("address", "")).strip()
+    channel = Channel.WEBHOOK if "://" in address else Channel.EMAIL
+    try:
+        with services.database.write() as session:
+            contact = add_contact(
+                session,
+                team_of(browser.principal),
+                channel,
+                address,
+                actor=browser.principal.actor,
+                wishes=_wishes(form),
+                may_be_private=services.settings.webhooks_may_be_private,
+            )
+            secret = contact.secret if channel is Channel.WEBHOOK else None
+    except RecordsError as refusal:
+        return _page(request, services, browser, refusal=refusal, typed=address)
+    if secret is None:
+        return RedirectResponse(HERE, status_code=303)
+    return _page(request, services, browser, secret=secret)
+
+
+@router.post(f"{HERE}/{{contact_id}}/wishes")
+def post_wishes(
+    services: ServicesOf, browser: Browser, form: PostedForm, contact_id: ContactId
+) -> Response:
+    """Set what an address is told of."""
+    require_scope(browser, Scope.SUBMIT)
+    who = browser.principal
+    with services.database.write() as session:
+        set_wishes(session, team_of(who), contact_id, _wishes(form), actor=who.actor)
+    return RedirectResponse(HERE, status_code=303)
+
+
+@router.post(f"{HERE}/{{contact_id}}/remove")
+def post_remove(
+    services: ServicesOf, browser: Browser, form: PostedForm, contact_id: ContactId
+) -> Response:
+    """Be told no longer at an address."""
+    require_scope(browser, Scope.SUBMIT)
+    who = browser.principal
+    with services.database.write() as session:
+        remove_contact(session, team_of(who), contact_id, actor=who.actor)
+    return RedirectResponse(HERE, status_code=303)
+
+
+@router.get("/contacts/{contact_id}/{what}")
+def show_link(
+    request: Request, services: ServicesOf, contact_id: ContactId, what: str, key: Key
+) -> Response:
+    """Ask whoever followed a link in a mail; a program that looks at links changes nothing."""
+    if what not in ("confirm", "unsubscribe"):
+        raise NotFound("page", what)
+    with services.database.read() as session:
+        contact = find_by_key(session, contact_id, key)
+    return _answer(request, what=what, address=contact.address, key=key, id=contact_id)
+
+
+@router.post("/contacts/{contact_id}/confirm")
+def post_confirm(
+    request: Request, services: ServicesOf, contact_id: ContactId, key: Key
+) -> Response:
+    """Note the yes of whoever reads at an address."""
+    with services.database.write() as session:
+        address = confirm_contact(session, contact_id, key).address
+    return _answer(request, what="confirmed", address=address)
+
+
+@router.post("/contacts/{contact_id}/unsubscribe")
+def post_unsubscribe(
+    request: Request, services: ServicesOf, contact_id: ContactId, key: Key
+) -> Response:
+    """Send no more mail to an address: by one click of a mail program (RFC 8058), or by the page.
+
+    The key in the address is all that is asked: such a program has no cookie and no form token.
+    """
+    with services.database.write() as session:
+        address = unsubscribe_contact(session, contact_id, key).address
+    return _answer(request, what="unsubscribed", address=address)
+
+
+def _answer(request: Request, **values: Any) -> Response:
+    return private_page(request, "notifications/contact.html", "", **values)
+
+
+def _wishes(form: FormData) -> list[Wish]:
+    given = form.getlist("wishes")
+    return [wish for wish in WISHES if wish in given]
+
+
+def _page(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    *,
+    refusal: RecordsError | None = None,
+    typed: str = "",
+    secret: str | None = None,
+) -> Response:
+    require_scope(browser, Scope.READ_OWN)
+    team_id = team_of(browser.principal)
+    with services.database.read() as session:
+        notices = list_notifications(session, team_id, limit=SHOWN)
+        contacts = list_contacts(session, team_id)
+    return private_page(
+        request,
+        "notifications/notices.html",
+        "my",
+        status=200 if refusal is None else PROBLEMS[problem_of(refusal).code].status,
+        who=browser.principal,
+        notices=notices,
+        n_unread=sum(notice.read_at is None for notice in notices),
+        contacts=contacts,
+        wishes=WISHES,
+        can_change=Scope.SUBMIT in browser.principal.scopes,
+        refusal=refusal,
+        typed=typed,
+        secret=secret,
+        form_token=browser.form_token,
+    )

@@ -1,0 +1,69 @@
+"""Answers compressed by gzip: what is public alone.
+
+The length of a compressed answer tells how alike its parts are. Where one part is secret and another
+can be chosen by a stranger (every page repeats its own address), that tells the secret letter by letter
+to whoever sees lengths. So what is for one reader alone (`private`, `no-store`: every page with a form
+token, a session, a token; every answer to a bearer) goes out as it is.
+"""
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.middleware.gzip import GZipResponder, IdentityResponder
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+MINIMUM_BYTES = 1024
+LEVEL = 6
+
+
+def takes_gzip(accept_encoding: str) -> bool:
+    """Whether an asker takes gzip (RFC 9110 section 12.5.3)."""
+    for part in accept_encoding.lower().split(","):
+        name, _, quality = part.partition(";")
+        if name.strip() in ("gzip", "*"):
+            return quality.replace(" ", "") not in ("q=0", "q=0.0", "q=0.00", "q=0.000")
+    return False
+
+
+class PublicCompression:
+    """Compresses what is public; event streams, pictures and fonts stay as they are."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        packs = takes_gzip(Headers(scope=scope).get("accept-encoding", ""))
+        responder = IdentityResponder(self.app, MINIMUM_BYTES)
+        if packs:
+            responder = GZipResponder(self.app, MINIMUM_BYTES, compresslevel=LEVEL)
+        is_private = False
+
+        async def send_as_public(message: Message) -> None:
+            nonlocal is_private
+            if message["type"] == "http.response.start":
+                is_private = _is_for_one_reader(Headers(raw=message["headers"]))
+            await (send if is_private else responder.send_with_compression)(message)
+
+        responder.send = _weakening(send) if packs else send
+        await self.app(scope, receive, send_as_public)
+
+
+def _is_for_one_reader(headers: Headers) -> bool:
+    said = headers.get("cache-control", "")
+    return "private" in said or "no-store" in said
+
+
+def _weakening(send: Send) -> Send:
+    """The ETag of a compressed answer is weak: other bytes carry the same one (RFC 9110 8.8.3)."""
+
+    async def send_weakened(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(raw=message["headers"])
+            is_of_packed = headers.get("content-encoding") == "gzip" or message["status"] == 304
+            if is_of_packed and headers.get("etag", "").startswith('"'):
+                headers["ETag"] = f"W/{headers['etag']}"
+        await send(message)
+
+    return send_weakened

@@ -1,0 +1,93 @@
+"""Which run of a method stands: newest, best or chosen, as phase and team say, until the deadline."""
+
+import pytest
+from tests.records.conftest import World
+from tests.records.test_edits import close, scored, standing
+
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.entries.selection import choose
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import find_submission, withdraw
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_schemas.phase_settings import RunRule
+
+
+def scored_run(world: World, content: str, hcc: float) -> str:
+    accepted = world.submit(content, "Planner")
+    world.score(accepted.job_id, hcc)
+    return accepted.submission.id
+
+
+def runs(world: World, *hccs: float) -> list[str]:
+    return [scored_run(world, f"file {number}", hcc) for number, hcc in enumerate(hccs)]
+
+
+def allow(world: World) -> None:
+    with world.database.write() as session:
+        phase = session.get_one(Phase, world.phase_id)
+        phase.policy = phase.policy.model_copy(update={"run_choice": "team"})
+
+
+def say(world: World, submission_id: str, rule: RunRule = "this") -> None:
+    with world.database.write() as session:
+        choose(session, submission_id, actor="team:1", rule=rule)
+
+
+def replaced(world: World, submission_id: str) -> str | None:
+    with world.database.read() as session:
+        return view(session, find_submission(session, submission_id)).replaced_by
+
+
+def test_the_newest_stands_and_nothing_is_chosen_unless_the_phase_says_so(world: World) -> None:
+    first, second = runs(world, 0.9, 0.5)
+    assert list(standing(world)) == [second]
+    with pytest.raises(Conflict, match="there is nothing to choose"):
+        say(world, first)
+
+
+def test_a_team_says_newest_best_or_one(world: World) -> None:
+    allow(world)
+    other = scored(world, "other", "Other")
+    first, best, last = runs(world, 0.5, 0.9, 0.7)
+    assert set(standing(world)) == {last, other}
+    say(world, last, "best")
+    assert set(standing(world)) == {best, other}
+    assert (replaced(world, last), replaced(world, best)) == (best, None)
+    say(world, first)
+    assert set(standing(world)) == {first, other}
+    say(world, first, "newest")
+    assert set(standing(world)) == {last, other}
+
+
+def test_a_rule_holds_for_runs_to_come_and_a_withdrawn_choice_is_none(world: World) -> None:
+    allow(world)
+    first, second = runs(world, 0.6, 0.5)
+    say(world, first, "best")
+    better = scored_run(world, "a third file", 0.8)
+    assert list(standing(world)) == [better]
+    say(world, second)
+    assert list(standing(world)) == [second]
+    with world.database.write() as session:
+        withdraw(session, second, actor="team:1")
+    assert list(standing(world)) == [better]
+
+
+def test_after_the_deadline_the_choice_is_final(world: World) -> None:
+    allow(world)
+    first, second = runs(world, 0.6, 0.5)
+    say(world, first, "best")
+    close(world)
+    with pytest.raises(Conflict, match="the choice stands as it is"):
+        say(world, second)
+    with world.database.write() as session:
+        withdraw(session, first, actor="team:1")
+    assert standing(world) == {}, (
+        "withdrawn later it leaves no entry: nobody picks after the outcome"
+    )
+
+
+def test_the_same_score_stands_by_its_newest_run(world: World) -> None:
+    allow(world)
+    _, second = runs(world, 0.6, 0.6)
+    say(world, second, "best")
+    assert list(standing(world)) == [second]

@@ -1,0 +1,108 @@
+"""Best value over time: steps, names and changes of protocol are those of the boards that were shown."""
+
+import re
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+from tests.server.pages.reading import Node, read
+
+from exceptiondrive_records.boards.boards import Lead, leads
+from exceptiondrive_schemas.board import Board, BoardLeader
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_server.boards.lead_chart import lead_chart
+from exceptiondrive_server.web.numbers import Digits
+
+START = datetime(2026, 3, 1, tzinfo=UTC)
+HCC = PLANNING.metrics[0]
+
+
+def lead(day: int, method: str, value: float, protocol: str = "1.0") -> Lead:
+    leader = BoardLeader(submission_id="s0000000kq", method=method, team="T", value=value)
+    return Lead(START + timedelta(days=day), day + 1, protocol, leader)
+
+
+STORY = (
+    lead(0, "First", 0.20),
+    lead(2, "First", 0.20),  # another board, the same lead
+    lead(5, "First", 0.24),
+    lead(10, "Second", 0.31),
+    lead(15, "Second", 0.28, "1.1"),
+)
+
+
+def corners(step: str) -> list[tuple[float, float]]:
+    return [(float(x), float(y)) for x, y in (point.split(",") for point in step.split())]
+
+
+@pytest.mark.parametrize("width", [640, 350])
+def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> None:
+    chart = lead_chart(STORY, START + timedelta(days=20), HCC, Digits(), width=width)
+    assert chart is not None
+    left, right = float(chart.left), float(chart.right)
+    ticks = [(float(tick.at), float(tick.text)) for tick in chart.y_ticks]
+    (y0, v0), (y1, v1) = ticks[0], ticks[-1]
+    days = [20 * (x - left) / (right - left) for step in chart.steps for x, _ in corners(step)]
+    values = [
+        v0 + (y - y0) / (y1 - y0) * (v1 - v0) for step in chart.steps for _, y in corners(step)
+    ]
+    assert days == pytest.approx([0, 5, 5, 10, 10, 15, 15, 20], abs=0.1)
+    assert values == pytest.approx([20, 20, 24, 24, 31, 31, 28, 28], abs=0.1)
+    assert len(chart.steps) == 2  # none crosses the change of protocol
+    assert [mark.version for mark in chart.protocols] == ["1.0", "1.1"]
+    assert [label.text for label in chart.labels] == ["First", "Second"]
+    assert [point.is_new for point in chart.points] == [True, False, True, False]
+    assert chart.points[2].title == (
+        "11 Mar 2026, 00:00 UTC: Second leads with HCC 31.00 %, protocol 1.0"
+    )
+
+
+def test_nobody_who_led_nothing_to_draw() -> None:
+    assert lead_chart((), START, HCC, Digits()) is None
+    nobody = Lead(START, 1, "1.0", None)
+    assert lead_chart((nobody,), START, HCC, Digits()) is None
+
+
+def titles(page: Node) -> list[str]:
+    (wide,) = (svg for svg in page.all("svg", "wide"))
+    return [circle.one("title").text for circle in wide.all("circle")]
+
+
+async def test_the_history_names_who_led_each_board_and_draws_it(
+    lively_site: Any, lively_board: Board
+) -> None:
+    first, *others = lively_board.entries
+    better = first.model_copy(
+        update={"metrics": {**first.metrics, "hcc": 0.6511}, "method": "Newcomer"}
+    )
+    newer = lively_board.model_copy(update={"entries": (better, *others)})
+    lively_site.publish(newer)
+    lively_site.change_protocol(lively_board)
+    page = read((await lively_site.get("/history?phase=sample")).text)
+    said = [re.sub(r"^.* UTC: ", "", title) for title in titles(page)]
+    assert said == [
+        "Kestrel-2 leads with HCC 61.40 %, protocol 1.0",
+        "Newcomer leads with HCC 65.11 %, protocol 1.0",
+        "Kestrel-2 leads with HCC 61.40 %, protocol 1.1",
+    ]
+    rows = [row.text for row in page.one("table", "phs").one("tbody").all("tr")]
+    assert ["Kestrel-2, 61.40" in rows[0], "Newcomer, 65.11" in rows[1]] == [True, True]
+    with lively_site.database.read() as session:
+        told = leads(session, "sample")
+    assert [each.number for each in told] == [1, 2, 3]
+
+
+async def test_a_flagged_first_entry_does_not_lead_the_history(
+    lively_site: Any, lively_board: Board
+) -> None:
+    with lively_site.database.read() as session:
+        (only,) = leads(session, "sample")
+    assert lively_board.leader is not None
+    assert only.leader is not None
+    assert only.leader.method == lively_board.leader.method
+
+
+async def test_a_phase_without_a_board_has_no_chart(site: Any) -> None:
+    site.create_phase("sample")
+    page = read((await site.get("/history?phase=sample")).text)
+    assert page.all("svg", "wide") == []

@@ -1,0 +1,181 @@
+"""What a team is told between protocol updates, where, and only after a yes; and how that ends."""
+
+import re
+from collections.abc import Callable
+from datetime import timedelta
+from email import message_from_bytes
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import select
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
+from exceptiondrive_records.notifications.contacts import contact_link
+from exceptiondrive_records.notifications.events import tell_teams
+from exceptiondrive_records.notifications.tables import (
+    ContactPoint,
+    Delivery,
+    Notification,
+)
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_schemas.rescoring import NotificationView
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+Browse = Callable[..., "TeamBrowser"]
+Problem = Callable[[Any, int, str], dict[str, Any]]
+ALL = ["updates", "scored", "failed", "overtaken", "phase_ends"]
+
+
+def add(api: "Api", *wishes: str, who: str = "alpha") -> dict[str, Any]:
+    wanted = {"channel": "email", "address": f"{who}@example.org", "wishes": wishes or ALL}
+    answer = api.post("/contacts", who, json=wanted)
+    assert answer.status_code == 201, answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def link(api: "Api", contact_id: str, what: Any) -> str:
+    with api.database.read() as session:
+        return contact_link(session.get_one(ContactPoint, contact_id), what)
+
+
+def mails(api: "Api") -> list[tuple[str, NotificationView]]:
+    """What waits to be sent, by address."""
+    query = (
+        select(ContactPoint.address, Notification.body)
+        .join(Delivery, Delivery.contact_id == ContactPoint.id)
+        .join(Notification, Notification.id == Delivery.notification_id)
+        .order_by(Notification.created_at, Notification.id)
+    )
+    with api.database.read() as session:
+        return [
+            (address, NotificationView.model_validate_json(body))
+            for address, body in session.execute(query)
+        ]
+
+
+def kinds(api: "Api") -> list[str]:
+    return [notice.kind for _, notice in mails(api)]
+
+
+def confirmed(api: "Api", browse: Browse, *wishes: str, who: str = "alpha") -> str:
+    contact_id = str(add(api, *wishes, who=who)["id"])
+    assert browse(api).client.post(link(api, contact_id, "confirm")).status_code == 200
+    return contact_id
+
+
+def test_an_address_is_asked_once_and_told_nothing_before_its_yes(
+    api: "Api", browse: Browse
+) -> None:
+    contact = add(api)
+    assert (contact["is_confirmed"], contact["secret"]) == (False, None)
+    ((address, question),) = mails(api)
+    assert (address, question.kind) == ("alpha@example.org", "confirm_address")
+    assert question.comparison == link(api, contact["id"], "confirm")
+    assert api.get("/notifications", "alpha").json() == [], "the question is no notice"
+    api.score(api.submit("a").json()["id"])
+    assert tell_teams(api.database) == 0
+    stranger = browse(api)
+    page = stranger.get(question.comparison)
+    assert page.status_code == 200
+    assert api.get("/contacts", "alpha").json()[0]["is_confirmed"] is False, "looking is no yes"
+    assert stranger.client.post(question.comparison).status_code == 200
+    assert api.get("/contacts", "alpha").json()[0]["is_confirmed"] is True
+
+
+def test_a_wrong_key_opens_nothing(api: "Api", browse: Browse) -> None:
+    contact = add(api)
+    for what in ("confirm", "unsubscribe"):
+        wrong = f"/contacts/{contact['id']}/{what}?key=edw_wrong"
+        assert browse(api).get(wrong).status_code == 404
+        assert browse(api).client.post(wrong).status_code == 404
+    assert api.get("/contacts", "alpha").json()[0]["is_confirmed"] is False
+
+
+def test_one_click_ends_all_mail(api_on_both: "Api", browse: Browse) -> None:
+    contact_id = confirmed(api_on_both, browse)
+    leave = link(api_on_both, contact_id, "unsubscribe")
+    notice = mails(api_on_both)[0][1]
+    settings = NoticeSettings(public_url="https://board.example")
+    message = message_from_bytes(message_of(settings, "a@b.example", notice, leave).as_bytes())
+    address = str(message["List-Unsubscribe"]).replace("\n", "").replace(" ", "")
+    assert address == f"<https://board.example{leave}>"
+    assert message["List-Unsubscribe-Post"] == "List-Unsubscribe=One-Click"
+    body = {"List-Unsubscribe": "One-Click"}
+    answer = browse(api_on_both).client.post(leave, data=body)  # no cookie, no form token
+    assert answer.status_code == 200
+    assert api_on_both.get("/contacts", "alpha").json() == []
+    api_on_both.score(api_on_both.submit("a").json()["id"])
+    assert tell_teams(api_on_both.database) == 0
+
+
+def test_a_score_is_told_once_with_what_the_page_says(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    confirmed(api, browse, "scored")
+    one = api.submit("a").json()["id"]
+    other = api.submit("b", "beta").json()["id"]
+    api.score(one)
+    api.score(other)
+    assert tell_teams(api.database) == 0, "its board is being built"
+    api.publish(make_entry("Planner", submission_id=one, rank=3))
+    assert tell_teams(api.database) == 1
+    assert tell_teams(api.database) == 0, "nothing is told twice"
+    _, notice = mails(api)[-1]
+    assert (notice.kind, notice.title) == ("scored", "Planner was scored")
+    assert notice.what_changed == ("HCC 50.00 %.", "UR 25.00 %.", "Rank 3.")
+    assert notice.comparison == f"/submissions/{one}"
+    assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
+
+
+def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
+    contact_id = confirmed(api, browse, "phase_ends")
+    api.score(api.submit("a").json()["id"])
+    assert tell_teams(api.database) == 0
+    with api.database.write() as session:
+        session.get_one(Phase, "dev").closes_at = database_now(session) + timedelta(hours=3)
+    assert tell_teams(api.database) == 1
+    assert kinds(api)[-1] == "phase_ends"
+    changed = api.request("PATCH", f"/contacts/{contact_id}", "alpha", json={"wishes": []})
+    assert changed.json()["wishes"] == []
+    with api.database.write() as session:
+        session.get_one(Phase, "dev").closes_at = database_now(session) + timedelta(hours=4)
+    assert tell_teams(api.database) == 0
+
+
+def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> None:
+    contact = add(api)
+    change = {"wishes": ["scored"]}
+    as_problem(
+        api.request("PATCH", f"/contacts/{contact['id']}", "beta", json=change), 404, "not_found"
+    )
+    wrong = api.request("PATCH", f"/contacts/{contact['id']}", "alpha", json={"wishes": ["all"]})
+    as_problem(wrong, 400, "bad_request")
+
+
+def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:
+    browser = browse(api)
+    browser.sign_in("alpha")
+    page = "/my/notices"
+    assert "Nothing yet" in browser.get(page).text
+    sent = browser.post(
+        f"{page}/add", {"address": "a@example.org", "wishes": ["scored", "failed"]}, page=page
+    )
+    assert sent.status_code == 303
+    text = browser.get(page).text
+    assert "waits for a yes" in text
+    (contact,) = api.get("/contacts", "alpha").json()
+    assert contact["wishes"] == ["scored", "failed"]
+    saved = browser.post(f"{page}/{contact['id']}/wishes", {"wishes": "overtaken"}, page=page)
+    assert saved.status_code == 303
+    assert api.get("/contacts", "alpha").json()[0]["wishes"] == ["overtaken"]
+    refused = browser.post(f"{page}/add", {"address": "nobody"}, page=page)
+    assert refused.status_code == 400
+    assert "is not an e-mail address" in refused.text
+    hook = browser.post(f"{page}/add", {"address": "https://hooks.example.org/x"}, page=page)
+    assert re.search(r"edw_[A-Za-z0-9_-]{43}", hook.text), "its secret is shown this once"
+    assert "edw_" not in browser.get(page).text
+    browser.post(f"{page}/{contact['id']}/remove", {}, page=page)
+    assert len(api.get("/contacts", "alpha").json()) == 1
