@@ -108,7 +108,7 @@ def test_facts_filter_page_and_files_alike(
     table = board_table(lively_board, PROTOCOL, query, facts=FACTS)
     assert [row.entry.method for row in table.rows] == found
     assert [e.method for e in selected_board(lively_board, query, FACTS).entries] == found
-    assert BoardQuery.parse([tuple(pair) for pair in query.pairs()]) == query
+    assert BoardQuery.parse(query.pairs()) == query
 
 
 def test_chips_count_what_is_told_and_turn_the_filter(lively_board: Board) -> None:
