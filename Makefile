@@ -98,7 +98,8 @@ lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
 	$(BIN)/djhtml --tabwidth 2 --check server worker
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/vermin --quiet --no-tips --violations --eval-annotations --exclude-regex '/python310\.py$$' -t=3.10- client schemas worker/exceptiondrive_scoring
+	$(BIN)/vermin --quiet --no-tips --violations --eval-annotations --exclude-regex '/python310\.py$$' -t=3.10- client schemas worker/exceptiondrive_scoring \
+	  tests/client tests/schemas tests/scoring tests/agent
 	$(BIN)/vermin --quiet --no-tips --violations -t=3.6- client/exceptiondrive/recorder.py
 
 format: $(STAMP)  ## rewrite code and templates in the project's format

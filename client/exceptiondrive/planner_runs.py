@@ -118,7 +118,8 @@ def read_vad(path: Path, mode: int | None) -> Tokens:
     VAD keeps a mode of increments per command, and takes the one of the command, added up
     (hustvl/VAD @ 1688c4b, projects/mmdet3d_plugin/VAD/VAD.py lines 390, 391, 420 to 425), in the
     frame of the lidar, x to the right (tools/data_converter/vad_nuscenes_converter.py lines 431 to
-    459).
+    459). It writes them as `plan_results` of `results_nusc.pkl` (hustvl/VAD @ 0a20dc7, projects/
+    mmdet3d_plugin/datasets/nuscenes_vad_dataset.py, `_format_bbox`).
     """
     for token, result in _object(path).items():
         try:

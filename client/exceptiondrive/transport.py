@@ -5,6 +5,7 @@ The one door to the HTTP library: nothing else in the client imports it.
 
 import io
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from typing import Any, NoReturn, TypeVar, cast
 from urllib.parse import quote
@@ -422,6 +423,61 @@ class Connection:
     def close(self) -> None:
         """Close the connections."""
         self._transport.close()
+
+
+class LinkAnswer:
+    """What an address outside of the server gives: its bytes, and where among all they begin."""
+
+    def __init__(self, response: httpx.Response) -> None:
+        self.chunks = response.iter_raw()  # as it comes: what a break leaves is kept
+        self.starts_at = _first_byte(response)
+
+
+@contextmanager
+def open_link(url: str, from_byte: int = 0, timeout_s: float = 30.0) -> Iterator[LinkAnswer]:
+    """GET an address that an organizer named, as a stranger: no token, no cookie, never in the clear.
+
+    Args:
+        url: https; http to this very machine alone. The same holds of what it redirects to.
+        from_byte: Ask for what begins there; a server that knows no ranges gives all of it.
+        timeout_s: Longest time without a byte.
+
+    Raises:
+        InvalidArgumentError: The address, or one that it leads to, may not be followed.
+        NetworkError: It cannot be had, or breaks off.
+    """
+    headers = {"accept-encoding": "identity"}
+    if from_byte:
+        headers["range"] = f"bytes={from_byte}-"
+    hooks = {"request": [_require_private_link]}
+    try:
+        with (
+            httpx.Client(follow_redirects=True, timeout=timeout_s, event_hooks=hooks) as http,
+            http.stream("GET", url, headers=headers) as response,
+        ):
+            if not response.is_success:
+                raise NetworkError(
+                    "unreachable", f"{response.url} answered {response.status_code}."
+                )
+            yield LinkAnswer(response)
+    except (httpx.HTTPError, httpx.InvalidURL) as error:
+        raise NetworkError(
+            "unreachable", f"{url} cannot be had: {str(error) or type(error).__name__}."
+        ) from None
+
+
+def _require_private_link(request: httpx.Request) -> None:
+    is_here = request.url.host in ("127.0.0.1", "::1", "localhost")
+    if request.url.scheme != "https" and not (request.url.scheme == "http" and is_here):
+        raise InvalidArgumentError("wrong_link", f"{request.url} is not an https address.")
+
+
+def _first_byte(response: httpx.Response) -> int:
+    """Return where an answer begins, by its Content-Range."""
+    if response.status_code != 206:
+        return 0
+    given = response.headers.get("content-range", "").removeprefix("bytes ").partition("-")[0]
+    return int(given) if given.isascii() and given.isdigit() else -1
 
 
 def quoted(name: str) -> str:

@@ -25,7 +25,7 @@ IS_ALONE = find_spec("exceptiondrive_server") is None
 collect_ignore = (
     [
         *("test_newer_server.py", "test_organizer_commands.py", "test_phase_commands.py"),
-        *("test_third_challenge.py", "test_wheel.py"),
+        *("test_third_challenge.py", "test_wheel.py", "test_action.py"),
     ]
     if IS_ALONE
     else []

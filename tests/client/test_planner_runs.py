@@ -3,8 +3,13 @@
 import itertools
 import json
 import math
+import pickle
+import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +23,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 GEOMETRY = packaged_protocol().geometry
 SPEED_MPS, CURVATURE = 4.0, 0.05
 TOKEN = "0f1e"
+DOCS = Path(__file__).parents[2] / "docs/client.md"
 
 
 def known() -> Waypoints:
@@ -133,6 +139,53 @@ def test_a_known_trajectory_comes_out_the_same(planner: str, tmp_path: Path) -> 
         assert [list(point) for point in points] == [
             pytest.approx(list(point), abs=1e-9) for point in known()
         ]
+
+
+def pickles() -> dict[str, tuple[str, float | None, Any]]:
+    """By file: the form, its time step, and what the planner's own code puts into that pickle."""
+    right = np.array(x_to_the_right())
+    modes = np.array([right * 9, increments(right.tolist()), right * 9])
+    poses = np.array(heading(finer(1, 2)))
+    return {
+        "pred_trajs_dict.pkl": ("agent-driver", None, {TOKEN: right}),
+        "results.pkl": (
+            "uniad",
+            None,
+            {"bbox_results": [{"token": TOKEN, "planning_traj": right[np.newaxis]}]},
+        ),
+        "results_nusc.pkl": (
+            "vad",
+            None,
+            {"plan_results": {TOKEN: [modes, np.array([[[[0.0, 1.0, 0.0]]]])]}},
+        ),
+        "submission.pkl": (
+            "navsim",
+            0.5,
+            {"first_stage_predictions": [{TOKEN: SimpleNamespace(poses=poses)}]},
+        ),
+    }
+
+
+@pytest.mark.parametrize("name", pickles())
+def test_the_lines_of_the_docs_dump_each_pickle(name: str, tmp_path: Path) -> None:
+    form, time_step_s, document = pickles()[name]
+    (tmp_path / name).write_bytes(pickle.dumps(document))
+    lines = re.findall(r'^python -c "(.*)"$', DOCS.read_text("utf-8"), re.MULTILINE)
+    (line,) = (each for each in lines if f"'{name}'" in each)
+    subprocess.run([sys.executable, "-c", line], cwd=tmp_path, check=True)
+    path = tmp_path / "run.json"
+    result = convert(read_runs(FORMS[form], [path], [path], None), plan_of(form, time_step_s))
+    assert result.pairs[0].source is not None
+    assert [list(point) for point in result.pairs[0].source] == [
+        pytest.approx(list(point), abs=1e-9) for point in known()
+    ]
+
+
+def test_every_line_of_the_docs_is_tried() -> None:
+    names = re.findall(
+        r'^python -c ".*?open\(\'([\w.]+\.pkl)\'', DOCS.read_text("utf-8"), re.MULTILINE
+    )
+    assert sorted(names) == sorted(pickles())
 
 
 def test_every_form_is_tried() -> None:

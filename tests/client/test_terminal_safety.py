@@ -1,7 +1,7 @@
 """What a server sends cannot steer the terminal: the table of `nasty_strings.py` in every view."""
 
 import json
-from datetime import UTC, datetime
+from datetime import datetime
 
 import pytest
 from rich.progress import Progress
@@ -17,6 +17,7 @@ from exceptiondrive.cli.tables import (
 )
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView

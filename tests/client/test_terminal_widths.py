@@ -3,7 +3,7 @@
 `python -m tests.client.test_terminal_widths` writes the texts anew, to be looked at.
 """
 
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Flag, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_schemas.submission import (

@@ -204,7 +204,7 @@ def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
 def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
-    if field.kind == "lines" and given.startswith("@"):
+    if field.kind == "lines" and given.startswith("@") and "{" not in given:  # BibTeX: `@misc{`
         return given_bytes(given[1:]).data.decode("utf-8-sig")
     if field.kind == "whole":
         if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):

@@ -1,5 +1,7 @@
 """Routes of the board page, of the list of all boards, of exports and of the feed."""
 
+from collections.abc import Callable
+
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
@@ -43,10 +45,12 @@ from exceptiondrive_server.web.services import Services, services_of
 from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
+front = APIRouter(include_in_schema=False)
+"""The board alone, which is matched before all other routes: matching costs more than answering."""
 MAX_HISTORY = 100
 
 
-@router.get("/")
+@front.get("/")
 def show_board(request: Request) -> Response:
     """Show the board that the address asks for; a team that signed in finds its rows marked.
 
@@ -55,21 +59,21 @@ def show_board(request: Request) -> Response:
     services = services_of(request)
     if holder_of(request) is not Holder.VISITOR:
         return _signed_in_board(request, services)
-    looks, state = looks_of(request), services.database.state()
-    kept = services.kept_pages.unchanged(looks, state)
-    if kept is None:
-        if _is_sent_by_form(request):
-            return RedirectResponse(asked_board(request).url(), status_code=303)
-        with services.database.read() as session:
-            board = read_board(session, asked_board(request))
-        site = site_of(request, "board")
-        kept = services.kept_pages.made(
-            looks,
-            state,
-            (site, board.outline),
-            lambda: render("boards/board.html", site=site, page=board, own=None),
-        )
+    if _is_sent_by_form(request):
+        return RedirectResponse(asked_board(request).url(), status_code=303)
+    kept = services.kept_pages.current(
+        looks_of(request), services.database.state, lambda: _public_board(request, services)
+    )
     return kept_page(request, kept)
+
+
+def _public_board(request: Request, services: Services) -> tuple[object, Callable[[], str]]:
+    """What the page follows from, and what makes it of that."""
+    with services.database.read() as session:
+        board = read_board(session, asked_board(request))
+    site = site_of(request, "board")
+    made_of = site, board.outline
+    return made_of, lambda: render("boards/board.html", site=site, page=board, own=None)
 
 
 def _signed_in_board(request: Request, services: Services) -> Response:

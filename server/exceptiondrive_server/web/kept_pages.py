@@ -8,12 +8,14 @@ deadline) is seen within `CLOCK_S`.
 
 import gzip
 import hashlib
+import threading
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 
 from exceptiondrive_records.db.memory import Memory
 
+Made = tuple[object, Callable[[], str]]
 ROOM_BYTES = 24 * 2**20
 CLOCK_S = 1.0
 
@@ -35,35 +37,47 @@ class KeptPages:
 
     def __init__(self, room_bytes: int = ROOM_BYTES) -> None:
         self._pages: Memory[Hashable, KeptPage] = Memory(room_bytes)
+        self._reads = threading.Lock()
 
     @property
     def weight_bytes(self) -> int:
         """How much is kept."""
         return self._pages.weight
 
-    def unchanged(self, site: Hashable, state: str) -> KeptPage | None:
-        """Return a page that needs no look at the records: they are in the state they were in."""
-        kept = self._pages.get(site)
+    def current(
+        self, looks: Hashable, state: Callable[[], str], read: Callable[[], Made]
+    ) -> KeptPage:
+        """Return the page as the records have it now.
+
+        Args:
+            looks: Address and looks.
+            state: Tells the state of the records, before they are read.
+            read: Reads what the page follows from, by which it is compared, and what makes it.
+        """
+        return self._unchanged(looks, state()) or self._read_again(looks, state, read)
+
+    def _unchanged(self, looks: Hashable, state: str) -> KeptPage | None:
+        kept = self._pages.get(looks)
         if kept is None or kept.state != state or time.monotonic() > kept.read_at_s + CLOCK_S:
             return None
         return kept
 
-    def made(
-        self, site: Hashable, state: str, made_of: object, make: Callable[[], str]
+    def _read_again(
+        self, looks: Hashable, state: Callable[[], str], read: Callable[[], Made]
     ) -> KeptPage:
-        """Return the page of a value; it is made unless it was made of the same one before.
-
-        Args:
-            site: Address and looks.
-            state: Of the records, asked for before the value was read.
-            made_of: The value; all that the page shows follows from it and from `site`.
-            make: Makes the page.
-        """
-        now_s, kept = time.monotonic(), self._pages.get(site)
-        if kept is not None and kept.made_of == made_of:
-            kept = replace(kept, state=state, read_at_s=now_s)
-        else:
-            html = make().encode()
-            packed = gzip.compress(html, 6, mtime=0)
-            kept = KeptPage(made_of, state, now_s, html, packed, hashlib.sha256(html).hexdigest())
-        return self._pages.keep(site, kept, len(kept.html) + len(kept.gzipped))
+        """One at a time: those who waited find the page that the first one read."""
+        with self._reads:
+            now, now_s = state(), time.monotonic()
+            kept = self._unchanged(looks, now)
+            if kept is not None:
+                return kept
+            made_of, make = read()
+            kept = self._pages.get(looks)
+            if kept is not None and kept.made_of == made_of:
+                kept = replace(kept, state=now, read_at_s=now_s)
+            else:
+                html = make().encode()
+                packed = gzip.compress(html, mtime=0)
+                etag = hashlib.sha256(html).hexdigest()
+                kept = KeptPage(made_of, now, now_s, html, packed, etag)
+            return self._pages.keep(looks, kept, len(kept.html) + len(kept.gzipped))

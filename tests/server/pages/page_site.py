@@ -51,6 +51,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_server.boards import api as boards
+from exceptiondrive_server.boards import pages as board_pages
 from exceptiondrive_server.routes import PAGES
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
@@ -63,6 +64,7 @@ from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
+ROUTES.include_router(board_pages.front)
 ROUTES.include_router(PAGES)
 ROUTES.include_router(boards.router, prefix="/api/v1", include_in_schema=False)
 ROUTES.include_router(splits.router, prefix="/api/v1", include_in_schema=False)
