@@ -33,7 +33,7 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
     query = select(*(func.count().filter(which) for which in counts)).where(
         Submission.team_id == team_id, Submission.phase_id == phase.id
     )
-    used_total, used_today, rejected_today, waiting = session.execute(query).one()
+    used_total, used_today, rejected_today, waiting = map(int, session.execute(query).one())
     remaining = max(0, phase.quota_per_day - used_today)
     if phase.quota_total is not None:
         remaining = min(remaining, max(0, phase.quota_total - used_total))
