@@ -32,12 +32,12 @@ class HeadlineWords(Document):
 
 
 class CodeWords(Document):
-    """What the quick start shows: file and method names, and a loop that writes the file."""
+    """What the quick start shows: file and method names, and a program that writes the file."""
 
     file: str
     method: str
-    loop: str
-    """Python; `{file}` and `{split}` are filled in."""
+    program: str
+    """Python, beside `recorder.py`: reads the manifest and writes the file that its arguments name."""
 
 
 class OutcomePart(Document):
@@ -129,12 +129,19 @@ PLANNING_WORDS = ChallengeWords(
     code=CodeWords(
         file="planner.json.gz",
         method="My planner",
-        loop="""\
-from recorder import Recorder  # one file, standard library only
+        program="""\
+import json, sys
+from recorder import Recorder
 
-with Recorder("{file}", split="{split}") as recorder:
-    for sample_id, source, edited in samples:
-        recorder.add(sample_id, source=plan(source), edited=plan(edited))
+def plan(sample_id, scene):  # put your planner here; scene is "source" or "edited"
+    return [(3.5 * step, 0.0) for step in range(1, 7)]  # x forward, y left, each 0.5 s
+
+manifest, output = sys.argv[1:]
+split = json.load(open(manifest))["name"]
+with Recorder(output, split=split, manifest=manifest) as recorder:
+    for sample_id in sorted(recorder.missing):
+        source, edited = plan(sample_id, "source"), plan(sample_id, "edited")
+        recorder.add(sample_id, source=source, edited=edited)
 """,
     ),
 )
@@ -180,12 +187,18 @@ STRATEGY_WORDS = ChallengeWords(
     code=CodeWords(
         file="agent.json.gz",
         method="My agent",
-        loop="""\
-from recorder import StrategyRecorder  # one file, standard library only
+        program="""\
+import json, sys
+from recorder import StrategyRecorder
 
-with StrategyRecorder("{file}", split="{split}") as recorder:
-    for sample_id, images in samples:
-        recorder.add(sample_id, strategy=decide(images))  # "A" to "E", or None
+def decide(sample_id):  # put your agent here; "A" to "E", or None
+    return "B"
+
+manifest, output = sys.argv[1:]
+split = json.load(open(manifest))["name"]
+with StrategyRecorder(output, split=split, manifest=manifest) as recorder:
+    for sample_id in sorted(recorder.missing):
+        recorder.add(sample_id, strategy=decide(sample_id))
 """,
     ),
 )

@@ -186,10 +186,14 @@ class System:
 
 
 @contextmanager
-def running_system(data: Path, splits: Path, *options: str) -> Iterator[System]:
+def running_system(
+    data: Path, splits: Path, *options: str, **environment_more: str
+) -> Iterator[System]:
     """Start everything as an operator does, wait for a worker, and end it as Ctrl-C does."""
     port = free_port()
-    environment = plain_environment(EXCEPTIONDRIVE_SPLITS_DIR=str(splits), **SHORT_LEASE)
+    environment = plain_environment(
+        EXCEPTIONDRIVE_SPLITS_DIR=str(splits), **SHORT_LEASE, **environment_more
+    )
     data.mkdir(parents=True, exist_ok=True)
     log = data / "launcher.txt"
     with log.open("wb") as said:

@@ -76,6 +76,7 @@ COMMANDS = {
         ".account_commands",
         "Your team's tokens; needs a token with the scope `tokens`.",
     ),
+    "data": (".data_command", "Show and download what the phase's data link offers."),
     "split": (".split_commands", "Development splits, whose regions are public."),
     "receipt": (".receipt_commands", "Signed receipts of scored submissions."),
     "organizer": (".organizer_commands", "For organizers, with an organizer's token."),

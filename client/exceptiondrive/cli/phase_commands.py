@@ -52,7 +52,7 @@ def create(
     ] = "planning",
     protocol: Annotated[
         str | None,
-        typer.Option("--protocol", metavar="V", help="Version or digest; else the one added last."),
+        typer.Option("--protocol", metavar="V", help="Version or digest; else the usual one."),
     ] = None,
     like: Annotated[
         str | None,
@@ -73,7 +73,8 @@ def create(
             "challenge": challenge,
             **_merged(taken_over, given),
         }
-        wanted["protocol"] = protocol or organizer.protocols()[-1]["version"]
+        if protocol is not None:
+            wanted["protocol"] = protocol
         phase = organizer.create_phase(wanted)
     show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples")
 
@@ -204,7 +205,7 @@ def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
 def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
-    if field.kind == "lines" and given.startswith("@"):
+    if field.kind == "lines" and given.startswith("@") and "{" not in given:  # BibTeX: `@misc{`
         return given_bytes(given[1:]).data.decode("utf-8-sig")
     if field.kind == "whole":
         if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):

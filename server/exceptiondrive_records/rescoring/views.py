@@ -238,9 +238,11 @@ def update_reasons(session: Session, phase_id: str) -> dict[int, tuple[str, ...]
     runs = _runs_by_flip(session, phase_id)
     flips = session.scalars(select(BoardFlip).where(BoardFlip.id.in_(runs)))
     return {
-        flip.board_id: (*_words_of(session, run, flip.id), f"Reason: {run.reason.strip()}")
+        flip.board_id: (
+            *_words_of(session, runs[flip.id], flip.id),
+            f"Reason: {runs[flip.id].reason.strip()}",
+        )
         for flip in flips
-        if (run := runs[flip.id])
     }
 
 

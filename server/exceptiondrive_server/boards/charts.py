@@ -141,6 +141,8 @@ class ScatterChart:
     x_metric: Metric
     y_metric: Metric
     without: tuple[str, ...]
+    has_edge: bool
+    """Whether a reference stands at the left edge, since it has nothing along x."""
     description: str
 
     @property
@@ -156,11 +158,12 @@ class ScatterChart:
 
 @dataclass(frozen=True)
 class _Mark:
-    """An entry's values in per cent."""
+    """An entry's values in per cent; a reference without the metric along x stands at the edge."""
 
     entry: BoardEntry
     x: float
     y: float
+    has_x: bool
     x_interval: Interval | None
     y_interval: Interval | None
 
@@ -246,6 +249,7 @@ def scatter_chart(
         x_metric=metrics[0],
         y_metric=metrics[1],
         without=tuple([e.method for e in entries if entry_key(e) not in drawn]),
+        has_edge=not all(mark.has_x for mark in marks),
         description=_description(marks, metrics),
     )
 
@@ -262,10 +266,10 @@ def _marks(
     for entry in entries:
         values = values_of(entry, board, average)
         x, y = (values.get(metric.key) for metric in metrics)
-        if x is None or y is None:
+        if y is None or (x is None and entry.source != "reference"):
             continue
         ends = [_times_100(interval_of(entry, board, average, m.key)) for m in metrics]
-        marks.append(_Mark(entry, x * 100, y * 100, *ends))
+        marks.append(_Mark(entry, (x or 0.0) * 100, y * 100, x is not None, *ends))
     return marks
 
 
@@ -314,7 +318,8 @@ def _point(mark: _Mark, x: Scale, y: Scale, metrics: tuple[Metric, Metric]) -> P
         x_whisker=_whisker(mark.x_interval, x),
         y_whisker=_whisker(mark.y_interval, y),
         kind=kind,
-        title=f"{mark.entry.method}{flags}: {up.label} {mark.y:.2f} %, {along.label} {mark.x:.2f} %",
+        title=f"{mark.entry.method}{flags}: {up.label} {mark.y:.2f} %, {along.label} "
+        + (f"{mark.x:.2f} %" if mark.has_x else "not defined"),
     )
 
 
@@ -342,7 +347,12 @@ def _extent_box(mark: _Mark, x: Scale, y: Scale) -> Box:
 
 def _description(marks: Sequence[_Mark], metrics: tuple[Metric, Metric]) -> str:
     along, up = metrics
-    shown = ", ".join(f"{m.entry.method} {m.y:.2f} at {m.x:.2f}" for m in marks[:12])
+    shown = ", ".join(
+        f"{m.entry.method} {m.y:.2f} at {m.x:.2f}"
+        if m.has_x
+        else f"{m.entry.method} {m.y:.2f}, {along.label} not defined"
+        for m in marks[:12]
+    )
     more = f" and {len(marks) - 12} more" if len(marks) > 12 else ""
     return f"{up.label} against {along.label} in per cent: {shown}{more}."
 
@@ -540,6 +550,36 @@ class CurveChart:
     transform: str
     curves: tuple[Curve, ...]
     description: str
+
+
+BAR_WIDTH = 0.25
+"""Of the histogram, in multiples of the required clearance."""
+
+
+class ClearanceBar(NamedTuple):
+    """A share of the scenes by what they keep of the required clearance."""
+
+    level: Literal["hit", "close", "clear"]
+    label: str
+    share: float
+
+
+def clearance_bars(curve: ClearanceCurve) -> tuple[ClearanceBar, ...]:
+    """Return the histogram that a clearance curve holds: the differences of its points.
+
+    All scenes count the same. The first bar is those hit, the last all that is further away than the
+    curve tells; together they are all scenes.
+    """
+    kept, stride = curve.micro, max(1, round(BAR_WIDTH / curve.step))
+    bars = [ClearanceBar("hit", "hit", 1 - kept[0])]
+    for begin in range(0, len(kept) - 1, stride):
+        end = min(begin + stride, len(kept) - 1)
+        low, high = begin * curve.step, end * curve.step
+        level: Literal["close", "clear"] = "close" if high <= 1 + 1e-9 else "clear"
+        bars.append(ClearanceBar(level, f"{low:g}\u2013{high:g}", kept[begin] - kept[end]))
+    last = (len(kept) - 1) * curve.step
+    bars.append(ClearanceBar("clear" if last >= 1 else "close", f"\u2265{last:g}", kept[-1]))
+    return tuple(bars)
 
 
 def best_entries(board: Board) -> tuple[BoardEntry, ...]:

@@ -6,6 +6,7 @@ from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_server.boards.charts import curve_chart
 from exceptiondrive_server.boards.comparison import (
     MAX_COMPARED,
     Comparison,
@@ -21,6 +22,7 @@ from exceptiondrive_server.boards.entry_facts import (
     is_barred,
 )
 from exceptiondrive_server.boards.page import entry_choices
+from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import outcome_bar
 from exceptiondrive_server.entries.queries import ComparedEntries
 from exceptiondrive_server.web.numbers import Digits, listed
@@ -54,12 +56,19 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     known = dict(offered)
     rest = tuple((key, e.method) for key, e in zip(keys, entries, strict=True) if key not in known)
     fields = board_fields(board, shown.is_current)
+    told = zip(entries, reading.sheets, strict=True)
+    curves = tuple((e, s.clearance_curve) for e, s in told if s and s.clearance_curve)
     return page | {
         "both": both,
         "choices": (*offered, *rest),
         "fit": [entry for entry in entries if not is_barred(entry)],
         "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
-        "differences": difference_table(both, shown.protocol, reading.sheets),
+        "differences": difference_table(
+            both, shown.protocol, (reading.sheets[0], reading.sheets[1])
+        ),
+        "curves_chart": curve_chart(curves, board.headline),
+        "narrow_curves": curve_chart(curves, board.headline, width=350, height=300),
+        "average": AVERAGE_TITLES[board.headline],
         "against": [[against(board, one, other, digits) for other in entries] for one in entries],
         "verdict": verdict(board, entries, digits) if len(entries) > 2 else both.verdict,
         "address": _address(board_fields(board), keys),

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.drawing import SampleDrawing, outcome, shapes
 from exceptiondrive_schemas.protocol import PlausibilitySection
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
 from exceptiondrive_schemas.taxonomy import Task
-from exceptiondrive_server.boards.charts import curve_chart
+from exceptiondrive_server.boards.charts import clearance_bars, curve_chart
 from exceptiondrive_server.boards.entry_facts import (
     board_fields,
     challenge_of,
@@ -87,6 +87,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
         "details": _details(board, entry),
         "curve": curve_chart(curves, board.headline),
+        "bars": clearance_bars(curve) if curve else (),
         "narrow_curve": curve_chart(curves, board.headline, width=350, height=300),
         "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
         "past_axis": _past_axis(reading, challenge.metrics[0]),

@@ -38,8 +38,10 @@ from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, Submi
 from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
+from exceptiondrive_server.submissions.quick_start import quick_start
 from exceptiondrive_server.submissions.runs import PhaseRules, run_lines
 from exceptiondrive_server.submissions.upload import received_upload, take_upload
 from exceptiondrive_server.submissions.view import (
@@ -155,8 +157,9 @@ def _submit_page(
         protocol=protocol,
         formats={key: CHALLENGES[key] for key in CHALLENGES if key in DOCUMENT_NAMES},
         example_text=example_text,
-        recorder=code.loop.format(file=code.file, split=phase.split if phase else "sample"),
-        server=origin_of(request),
+        blocks=quick_start(
+            origin_of(request), phase, _development(links, phase), code, client_wheel(services)
+        ),
         development=_development(links, phase),
         upload=upload,
         left_words=left_words,
@@ -179,16 +182,17 @@ def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
 
 
 def _chosen(phases: tuple[PhaseLink, ...], wanted: str | None) -> PhaseLink | None:
-    """Return the phase named, if it takes files, else the first open one."""
-    named = [p for p in phases if p.id == wanted and (p.is_open or p.takes_late)]
+    """Return the phase named, if it takes files or will, else the first open one."""
+    named = [p for p in phases if p.id == wanted and (p.takes_files or p.is_ahead)]
     return next(iter([*named, *(phase for phase in phases if phase.is_open)]), None)
 
 
 def _development(phases: tuple[PhaseLink, ...], chosen: PhaseLink | None) -> PhaseLink | None:
-    """A phase with a public split; of the chosen phase's challenge where there is one."""
-    public = [phase for phase in phases if phase.split_is_public]
-    same = [phase for phase in public if chosen and phase.challenge == chosen.challenge]
-    return next(iter(same + public), None)
+    """The chosen phase if its split is public, else another one of its challenge that has such a split."""
+    if chosen is None:
+        return None
+    public = [one for one in phases if one.split_is_public and one.challenge == chosen.challenge]
+    return chosen if chosen.split_is_public else next(iter(public), None)
 
 
 def _one_phase_each(phases: tuple[PhaseLink, ...]) -> list[PhaseLink]:

@@ -43,6 +43,9 @@ class ServerSettings(RecordsSettings):
     """Of these, uploads of one team; more are told to come again (429), before a byte is read."""
     receipt_key_file: Path = Path("data/receipt-key.pem")
     """Private key that signs receipts; made (0600) when it is needed and not there."""
+    client_dir: Path | None = None
+    """Folder with the client's wheel, and those of its dependencies for closed networks; by default the
+    site offers no client."""
     board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10
     """How long a cache may serve a board without asking again."""
     events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5

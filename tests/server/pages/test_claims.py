@@ -255,12 +255,18 @@ def check_the_chart(page: Node, board: Board, average: str) -> None:
         entry.method: (values_of(entry, average).get(y.key), values_of(entry, average).get(x.key))
         for entry in own(board)
     }
-    known = [entry for entry in own(board) if None not in pairs[entry.method]]
+    known = [
+        entry
+        for entry in own(board)
+        if None not in pairs[entry.method]
+        or (entry.source == "reference" and pairs[entry.method][0] is not None)
+    ]
     said = set()
     for entry in known:
         up, along = (percent(value) for value in pairs[entry.method])
         flags = f" ({', '.join(labels(entry))})" if entry.flags else ""
-        said.add(f"{entry.method}{flags}: {y.label} {up} %, {x.label} {along} %")
+        right = "not defined" if along is None else f"{along} %"
+        said.add(f"{entry.method}{flags}: {y.label} {up} %, {x.label} {right}")
     kinds = ("p-scored", "p-listed", "p-reference")
     groups = [group for kind in kinds for group in page.all("g", kind)]
     points = {group.one("title").text for group in groups if group.all("title")}
@@ -452,6 +458,8 @@ def check_the_entry(page: Node, board: Board, entry: BoardEntry) -> None:
             percent(entry.micro[metric.key]),
         )
     check_the_curve(page, entry)
+    if page.all("svg", "bars"):
+        check_the_histogram(page, entry)
 
 
 def check_the_curve(page: Node, entry: BoardEntry) -> None:
@@ -470,6 +478,22 @@ def check_the_curve(page: Node, entry: BoardEntry) -> None:
     said = re.search(rf"{entry.method}: (\S+) % keep all of it", page.text)
     assert said is not None
     assert said[1] == percent(entry.metrics["clear"])
+
+
+def check_the_histogram(page: Node, entry: BoardEntry) -> None:
+    """Bars are shares of all scenes: those hit are UR, those blue keep the whole clearance."""
+    svg = page.one("svg", "bars")
+    said = re.findall(r" (hit|\S+\d) (\d+\.\d+) %", svg.one("title").text)
+    shares = [float(share) for _, share in said]
+    assert sum(shares) == pytest.approx(100, abs=0.05)
+    assert shares[0] == pytest.approx(100 * (entry.micro["ur"] or 0), abs=0.006)
+    bars = svg.all("rect", "hb")
+    blue = [share for bar, share in zip(bars, shares, strict=True) if "clear" in bar.classes]
+    assert sum(blue) == pytest.approx(100 * (entry.micro["clear"] or 0), abs=0.03)
+    tallest = max(float(bar["height"]) for bar in bars)
+    for bar, share in zip(bars, shares, strict=True):
+        height = float(bar["height"]) / tallest * max(shares)
+        assert height == pytest.approx(share, abs=0.2)
 
 
 # One site for all boards: each is published on top of the last.
@@ -541,6 +565,8 @@ def test_every_claim_is_true_of_the_board(site: Site, challenge: Challenge, data
             pair = pairs.get(frozenset((a.submission_id or "", b.submission_id or "")))
             check_ahead_in(lede, board, pair)
             check_the_verdict(lede, board, one, other)
+            if "clear" in one.metrics:
+                check_the_curve(read(everything[-1]), one)
     for entry in [entry for entry in board.entries if entry.source == "scored"][:2]:
         everything.append(get(site, f"/entries/{entry.submission_id}?phase={phase}"))
         check_the_entry(read(everything[-1]), board, entry)

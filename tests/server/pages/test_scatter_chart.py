@@ -6,9 +6,12 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.server.pages.invented_board import PROTOCOL
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.charts import Box, _text_box, place_labels, scatter_chart
+from exceptiondrive_server.boards.page import BoardPage
+from exceptiondrive_server.boards.query import BoardQuery
 
 
 @pytest.mark.parametrize("width", [640, 350])
@@ -41,6 +44,52 @@ def test_an_entry_without_progress_is_named_beside_the_picture(lively_board: Boa
     chart = scatter_chart(board, "macro_family")
     assert chart is not None
     assert chart.without == ("Kestrel-2", "half-a-file")
+
+
+def test_a_reference_without_progress_stands_at_the_edge_and_says_so(lively_board: Board) -> None:
+    entries = tuple(
+        entry.model_copy(update={"metrics": entry.metrics | {"progress": None}})
+        if entry.method == "FREEZE"
+        else entry
+        for entry in lively_board.entries
+    )
+    chart = scatter_chart(lively_board.model_copy(update={"entries": entries}), "macro_family")
+    assert chart is not None
+    freeze = next(point for point in chart.points if point.title.startswith("FREEZE"))
+    assert (freeze.x, chart.has_edge) == (chart.left, True)
+    assert freeze.title.endswith("Progress not defined")
+    assert "FREEZE" not in chart.without
+
+
+@pytest.mark.parametrize("width", [640, 350])
+def test_no_two_points_carry_one_label(lively_board: Board, width: int) -> None:
+    long = "A planner with a very long name that is cut, number "
+    entries = tuple(
+        entry.model_copy(
+            update={"method": "Twin" if at % 2 else f"{long}{at}", "team": f"T{at % 3}"}
+        )
+        for at, entry in enumerate(lively_board.entries)
+    )
+    chart = scatter_chart(
+        lively_board.model_copy(update={"entries": entries}), "macro_family", width=width
+    )
+    assert chart is not None
+    texts = [label.text for label in chart.labels]
+    assert len(texts) > 2
+    assert len(set(texts)) == len(texts)
+    assert max(map(len, texts)) <= 24
+
+
+def test_axes_stay_where_they_are_however_the_board_is_sorted_or_paged(
+    lively_board: Board,
+) -> None:
+    shown = []
+    for query in ([], [("sort", "ur")], [("page", "2")], [("q", "Kestrel")]):
+        page = BoardPage(BoardQuery.parse(query), (), None, lively_board, PROTOCOL, ("1.0",), "1.0")
+        assert page.shown is not None
+        charts = str(page.shown.charts)
+        shown.append(charts[charts.index("<svg") : charts.index("</svg>")])
+    assert len(set(shown)) == 1
 
 
 def test_without_values_there_is_no_chart(empty_board: Board) -> None:

@@ -57,17 +57,20 @@
 
   // Commands can be copied by a button that exists only where copying works.
   if (navigator.clipboard) {
-    for (const block of document.querySelectorAll("pre[data-copy]")) {
+    for (const block of document.querySelectorAll("pre.term, pre.code")) {
+      const bare = block.cloneNode(true);
+      for (const remark of bare.querySelectorAll(".d")) remark.remove();
+      const text = block.dataset.copy ?? bare.textContent.trim() + "\n";
       const button = document.createElement("button");
       button.type = "button";
       button.className = "btn small copy";
       button.textContent = "Copy";
       button.addEventListener("click", async () => {
-        await navigator.clipboard.writeText(block.dataset.copy);
+        await navigator.clipboard.writeText(text);
         button.textContent = "Copied";
         setTimeout(() => { button.textContent = "Copy"; }, 1600);
       });
-      block.after(button);
+      block.prepend(button);
     }
   }
 })();

@@ -1,0 +1,97 @@
+"""The command that shows and downloads what a phase's data link offers."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.output import can_ask, say, show_result
+from exceptiondrive.cli.progress import TransferBar
+from exceptiondrive.cli.session import open_client
+from exceptiondrive.data import download_file, read_data_manifest
+from exceptiondrive.errors import InvalidArgumentError, NotFoundError
+from exceptiondrive.settings import default_phase
+from exceptiondrive_schemas.data_manifest import DataManifest
+
+
+def data(
+    phase: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[PHASE]",
+            autocompletion=completion.phases,
+            help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files are written.")
+    ] = Path("data"),
+    list_only: Annotated[
+        bool, typer.Option("--list", help="Show licence and files; download nothing.")
+    ] = False,
+    accept_licence: Annotated[
+        bool, typer.Option("--accept-licence", help="Download without asking.")
+    ] = False,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show and download what the phase's data link offers.
+
+    The licence is shown first, and asked for on a terminal; elsewhere --accept-licence says yes. What
+    broke off goes on where it stopped; every file is compared with the digest of the organizer's list.
+    """
+    with open_client(server) as client:
+        view = client.phase(default_phase(phase))
+    page = view.page
+    if not page.data_manifest_url:
+        if not page.data_url:
+            raise NotFoundError("no_data", f"Phase {view.id} names no data.", "Ask its organizers.")
+        words = (
+            f"licence: {page.data_licence or 'see there'}",
+            f"data of {view.id}: {page.data_url}",
+        )
+        show_result(page, json, *words)
+        return
+    manifest = read_data_manifest(page.data_manifest_url)
+    said = (
+        f"licence: {manifest.licence} {manifest.licence_url}".rstrip(),
+        *((f"page: {page.data_url}",) if page.data_url else ()),
+        *(f"{file.bytes:>15,} bytes  {file.name}" for file in manifest.files),
+        f"{manifest.total_bytes:>15,} bytes in {len(manifest.files)} files",
+    )
+    if list_only:
+        show_result(manifest, json, *said)
+        return
+    for line in said:
+        say(line)
+    _require_consent(manifest, accept_licence)
+    paths = []
+    for file in manifest.files:
+        with TransferBar("downloading", file.name) as bar:
+            paths.append(str(download_file(file, output, bar)))
+    done = {"licence": manifest.licence, "files": paths}
+    show_result(done, json, f"{len(paths)} files in {output}, as the list says")
+
+
+def _require_consent(manifest: DataManifest, is_given: bool) -> None:
+    """Ask for the licence before the first byte.
+
+    Raises:
+        InvalidArgumentError: Nobody can be asked, or the answer is no.
+    """
+    if is_given:
+        return
+    if not can_ask():
+        raise InvalidArgumentError(
+            "not_confirmed",
+            f"The data stand under the licence {manifest.licence}. Nothing was downloaded.",
+            "To accept it, add --accept-licence.",
+        )
+    if not typer.confirm(f"Accept the licence {manifest.licence}, and download?", err=True):
+        raise InvalidArgumentError("not_confirmed", "Nothing was downloaded.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(data)
