@@ -385,8 +385,8 @@ class BoardPage:
 
     @property
     def canonical(self) -> str | None:
-        """The query under which search engines keep the page: of the current board its phase alone."""
-        return urlencode(board_fields(self.board, self.is_current)) if self.board else None
+        """The query under which search engines keep the page: the live board, whatever is asked for."""
+        return urlencode(board_fields(self.board, is_current=True)) if self.board else None
 
     @property
     def exports(self) -> list[tuple[str, str]]:
