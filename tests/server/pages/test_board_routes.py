@@ -146,6 +146,14 @@ async def test_the_same_sort_is_the_same_order_on_page_api_and_csv(
     assert await shown_order(lively_site, query) == [wanted, wanted, wanted]
 
 
+async def test_the_same_filter_is_the_same_rows_on_page_api_and_csv(lively_site: Any) -> None:
+    query = "?q=aurora&source=scored"
+    answer = await lively_site.get(f"/api/v1/leaderboard{query}")
+    wanted = [entry.method for entry in Board.model_validate_json(answer.content).entries]
+    assert wanted == ["LaneKeeper XL (bypass head, 3 s)", "half-a-file"]
+    assert await shown_order(lively_site, query) == [wanted, wanted, wanted]
+
+
 async def shown_order(site: Any, query: str) -> list[list[str]]:
     """Return the scored methods as the page, the CSV and the API's CSV list them."""
     text = (await site.get(f"/{query}")).text
