@@ -31,7 +31,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
-from exceptiondrive_server.boards.entry_facts import find_entry
+from exceptiondrive_server.boards.entry_facts import find_entry, find_named
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
@@ -183,7 +183,7 @@ def _pair(
 
 
 def _named(board: Board, key: str | None) -> BoardEntry | None:
-    entry = find_entry(board, key) if key else None
+    entry = find_named(board, key) if key else None
     if key and entry is None:
         raise NotFound("entry on this board", key)
     return entry

@@ -197,8 +197,10 @@ def check_the_number(
     if interval is None:
         assert said == []
         return
-    reach = 100 * max(value - interval[0], interval[1] - value)
-    assert abs(float(said[0].removeprefix("\u00b1")) - reach) <= 0.0501
+    below, above = 100 * (value - interval[0]), 100 * (interval[1] - value)
+    sign = "+" if below < 0.005 else "\u2212" if above < 0.005 else "\u00b1"
+    assert said[0].startswith(sign)
+    assert abs(float(said[0].removeprefix(sign)) - max(below, above)) <= 0.0501
     assert f"{percent(interval[0])} to {percent(interval[1])}" in cell["title"]
 
 
