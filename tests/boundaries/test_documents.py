@@ -21,7 +21,13 @@ DOCUMENT = re.compile(r"docs/[\w./-]+\.md")
 SECTION = re.compile(r"docs/protocol\.md sections? (\d)(?: and (\d))?")
 FILE = re.compile(r"`(?:server/\.\.\./)?((?:[\w-]+/)*\w+\.(?:py|toml|html|conf))(?:::\w+)?`")
 NO_NOUNS = {"migrations"}
-OF_READERS = {"floors.toml", "my_planner.py", "secrets/broker.conf"}
+OF_READERS = {
+    "config.toml",
+    "exceptiondrive/config.toml",
+    "floors.toml",
+    "my_planner.py",
+    "secrets/broker.conf",
+}
 LINK = re.compile(r"\]\(([^)\s#:]+)(#[\w-]+)?\)")
 
 
