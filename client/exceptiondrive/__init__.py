@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from exceptiondrive.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from exceptiondrive.async_client import AsyncClient, AsyncSubmission
     from exceptiondrive.checking import check_file
     from exceptiondrive.client import Client, Submission
     from exceptiondrive.dataframes import to_dataframe
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from exceptiondrive.recorder import Recorder, StrategyRecorder
 
 __all__ = [
+    "AsyncClient",
+    "AsyncSubmission",
     "Client",
     "ExceptionDriveError",
     "InvalidArgumentError",
@@ -58,6 +61,8 @@ __all__ = [
 ]
 
 _HOMES = {
+    "AsyncClient": "async_client",
+    "AsyncSubmission": "async_client",
     "Client": "client",
     "Recorder": "recorder",
     "StrategyRecorder": "recorder",

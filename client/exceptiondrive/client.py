@@ -74,6 +74,13 @@ class Submission:
         self.view = view
         self._outages = 0
 
+    def __repr__(self) -> str:
+        rank = f", rank {self.view.rank}" if self.view.rank else ""
+        return f"<Submission {self.id}: {self.status.value}{rank}, {self.view.method!r}>"
+
+    def _repr_html_(self) -> str:
+        return self.view._repr_html_()
+
     @property
     def id(self) -> str:
         """Id, as `exceptiondrive status ID` takes it."""
@@ -119,19 +126,33 @@ class Submission:
             WaitTimeoutError: It was not scored in time; it still will be.
             NetworkError: The server was away for about a minute; the submission is safe.
         """
+        for pause_s in self.waiting(timeout_s, on_change):
+            time.sleep(pause_s)
+        return self.view
+
+    def waiting(
+        self, timeout_s: float | None = None, on_change: OnChange | None = None
+    ) -> Iterator[float]:
+        """Do what `wait` does, but leave each pause to the caller: yield its seconds."""
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         pause_s = FIRST_PAUSE_S
         while not self.status.is_terminal:
             if deadline is not None and time.monotonic() + pause_s > deadline:
                 raise self._timed_out(timeout_s)
+            yield pause_s
             pause_s = self._look_again(pause_s, on_change)
         self._raise_unless_scored()
-        self._wait_for_rank(deadline, on_change)
-        return self.view
+        until = time.monotonic() + WAIT_FOR_RANK_S
+        until = until if deadline is None else min(until, deadline)
+        pause_s = FIRST_PAUSE_S
+        is_shown = False
+        while self.view.rank is None and not is_shown and time.monotonic() < until:
+            is_shown = self._is_on_board()
+            yield pause_s
+            pause_s = self._look_again(pause_s, on_change)
 
     def _look_again(self, pause_s: float, on_change: OnChange | None) -> float:
-        """Pause, ask, and return the next pause; a short outage of the network is waited out."""
-        time.sleep(pause_s)
+        """Ask, and return the next pause; a short outage of the network is waited out."""
         before = self.view
         try:
             self.refresh()
@@ -144,15 +165,6 @@ class Submission:
         if on_change is not None and self.view != before:
             on_change(self.view)
         return min(pause_s * 1.3, LONGEST_PAUSE_S)
-
-    def _wait_for_rank(self, deadline: float | None, on_change: OnChange | None) -> None:
-        until = time.monotonic() + WAIT_FOR_RANK_S
-        until = until if deadline is None else min(until, deadline)
-        pause_s = FIRST_PAUSE_S
-        is_shown = False
-        while self.view.rank is None and not is_shown and time.monotonic() < until:
-            is_shown = self._is_on_board()
-            pause_s = self._look_again(pause_s, on_change)
 
     def _is_on_board(self) -> bool:
         """Whether the board shows it, be it unranked; an outage is left to the next look."""

@@ -7,10 +7,12 @@ undefined. Times are in UTC.
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from exceptiondrive.async_client import AsyncSubmission
 from exceptiondrive.client import Submission
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.evaluation import SampleResult
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionView
 
@@ -22,8 +24,8 @@ AGGREGATES = ("macro_family", "micro")
 
 
 def to_dataframe(
-    document: "Board | ScoreSheet | Submission | SubmissionView | Iterable[SubmissionView] | "
-    "Iterable[SampleResult]",
+    document: "Board | ScoreSheet | CheckReport | Submission | SubmissionView | "
+    "Iterable[SubmissionView] | Iterable[SampleResult]",
     *,
     families: bool = False,
 ) -> "pd.DataFrame":
@@ -32,7 +34,7 @@ def to_dataframe(
     Args:
         document: A board: one row an entry, in the board's order. A score sheet, of `evaluate_file`
             or of a submission: rows `all`, `family` and `task` by id, as a two-level index.
-            Submissions, one or many: one row each, with the totals of those that are scored. What
+            A check report: one row a kind of fault. Submissions, one or many: one row each, with the totals of those that are scored. What
             `evaluate_samples` gives: one row a sample.
         families: For a board: one row an entry and family instead.
 
@@ -52,7 +54,10 @@ def to_dataframe(
         rows = {(level, key): row for level, key, row in _sheet_rows(document)}
         index = pd.MultiIndex.from_tuples(list(rows), names=["level", "id"])
         return _typed(pd.DataFrame(list(rows.values()), index=index))
-    if isinstance(document, Submission):
+    if isinstance(document, CheckReport):
+        kinds = (group.model_dump(mode="json", exclude={"examples"}) for group in document.faults)
+        return pd.DataFrame(list(kinds))
+    if isinstance(document, Submission | AsyncSubmission):
         document = document.view
     records = [document] if isinstance(document, SubmissionView) else list(document)
     results = [each for each in records if isinstance(each, SampleResult)]

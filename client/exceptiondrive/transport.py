@@ -4,6 +4,8 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
+import random
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime, timedelta
@@ -11,7 +13,6 @@ from typing import Any, NoReturn, TypeVar, cast
 from urllib.parse import quote
 
 import httpx
-import stamina
 from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive.credentials import find_server, find_token
@@ -32,6 +33,7 @@ from exceptiondrive_schemas.python310 import UTC, Self
 
 Progress = Callable[[int, int], None]
 """Called with bytes sent and bytes in all."""
+OnRetry = Callable[[float], None]
 _ADVICE = {
     ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
     ProblemCode.NOT_ALLOWED: "Your token may not do this; `exceptiondrive whoami` shows its "
@@ -54,6 +56,9 @@ _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 RETRIED_STATUSES = frozenset({502, 503, 504})
 ATTEMPTS = 5
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
+"""Between two attempts, doubled each time, and up to a second more by chance."""
+LONGEST_OF_ALL_RETRIES_S = 120.0
 TIMEOUT_S = 30.0
 LONGEST_RETRY_AFTER_S = 30.0
 """Who asks to come back later than this is told to the user instead."""
@@ -213,14 +218,6 @@ def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
     )
 
 
-class _NotNowError(Exception):
-    """The server asked to come back."""
-
-    def __init__(self, response: httpx.Response) -> None:
-        self.response = response
-        self.wait_s = retry_after_s(response)
-
-
 class Transport:
     """Sends requests to one server.
 
@@ -229,6 +226,7 @@ class Transport:
         token: Bearer token, or None.
         attempts: How often a request is sent at most.
         timeout_s: Longest time without a byte, per request.
+        on_retry: Told of each pause before a further attempt, in seconds.
     """
 
     def __init__(
@@ -238,8 +236,10 @@ class Transport:
         *,
         attempts: int = ATTEMPTS,
         timeout_s: float = TIMEOUT_S,
+        on_retry: OnRetry | None = None,
     ) -> None:
         self.server = server
+        self._on_retry = on_retry or (lambda _: None)
         self._attempts = attempts
         headers = {"user-agent": f"exceptiondrive/{__version__}"}
         if token:
@@ -323,10 +323,14 @@ class Transport:
     def _send(
         self, request: Callable[[], httpx.Response], is_repeatable: bool = True
     ) -> httpx.Response:
+        if self._http.is_closed:
+            raise InvalidArgumentError(
+                "client_closed",
+                "This client was closed.",
+                "Stay within its `with`, or make another.",
+            )
         try:
             response = self._with_retries(request, self._attempts if is_repeatable else 1)
-        except _NotNowError as not_now:
-            response = not_now.response
         except httpx.TransportError as error:
             raise NetworkError(
                 "unreachable",
@@ -338,25 +342,32 @@ class Transport:
         return response
 
     def _with_retries(self, request: Callable[[], httpx.Response], attempts: int) -> httpx.Response:
-        for attempt in stamina.retry_context(
-            on=_should_retry, attempts=attempts, wait_initial=0.2, wait_max=5.0, timeout=120.0
-        ):
-            with attempt:
+        """Send again after a fault of the network, and where the server asks to come back soon."""
+        ends_at = time.monotonic() + LONGEST_OF_ALL_RETRIES_S
+        for attempt in range(1, attempts + 1):
+            is_last = attempt == attempts or time.monotonic() > ends_at
+            pause_s = min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2 ** (attempt - 1)) + random.random()
+            try:
                 response = request()
-                if response.status_code in RETRIED_STATUSES or _is_too_fast(response):
-                    raise _NotNowError(response)
-        return response
+                if is_last or not _is_not_now(response):
+                    return response
+                asked_s = retry_after_s(response)
+                if asked_s is not None:
+                    if asked_s > LONGEST_RETRY_AFTER_S:
+                        return response
+                    pause_s = asked_s
+            except (httpx.UnsupportedProtocol, httpx.LocalProtocolError):
+                raise
+            except httpx.TransportError:
+                if is_last:
+                    raise
+            self._on_retry(pause_s)
+            time.sleep(pause_s)
+        raise AssertionError("the last attempt returns or raises")
 
 
-def _should_retry(error: Exception) -> bool | float:
-    """Whether to send again: True for the usual pause, or the seconds that the server asks for."""
-    if isinstance(error, httpx.TransportError):
-        return not isinstance(error, httpx.UnsupportedProtocol | httpx.LocalProtocolError)
-    if not isinstance(error, _NotNowError):
-        return False
-    if error.wait_s is None:
-        return True
-    return error.wait_s if error.wait_s <= LONGEST_RETRY_AFTER_S else False
+def _is_not_now(response: httpx.Response) -> bool:
+    return response.status_code in RETRIED_STATUSES or _is_too_fast(response)
 
 
 def _is_too_fast(response: httpx.Response) -> bool:
@@ -396,6 +407,7 @@ class Connection:
         token: Token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
         attempts: How often a request is sent at most.
         timeout_s: Longest time without a byte, per request.
+        on_retry: Told of each pause before a further attempt, in seconds; nothing is ever printed.
     """
 
     def __init__(
@@ -405,6 +417,7 @@ class Connection:
         *,
         attempts: int = ATTEMPTS,
         timeout_s: float = TIMEOUT_S,
+        on_retry: OnRetry | None = None,
     ) -> None:
         self.server = find_server(server)
         self._transport = Transport(
@@ -412,7 +425,11 @@ class Connection:
             token or find_token(self.server),
             attempts=attempts,
             timeout_s=timeout_s,
+            on_retry=on_retry,
         )
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.server}>"
 
     def __enter__(self) -> Self:
         return self

@@ -6,15 +6,23 @@ sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
 from exceptiondrive_schemas.python310 import Self
+from exceptiondrive_schemas.short import html, short
 
 FORGIVING = "reader of answers"
 """Validation context of `Document.read`."""
+
+
+class _Bare(str):
+    """A text that stands in a representation without quotes."""
+
+    def __repr__(self) -> str:
+        return str(self)
 
 
 class Document(BaseModel):
@@ -23,6 +31,15 @@ class Document(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, populate_by_name=True, ser_json_inf_nan="null"
     )
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """Yield what stands in the short form: each value on a line, long ones counted or cut."""
+        for name, value in self:
+            yield name, short(value) if isinstance(value, str) else _Bare(short(value))
+
+    def _repr_html_(self) -> str:
+        """Return tables for a notebook."""
+        return html(self)
 
     @classmethod
     def read(cls, answer: str | bytes) -> Self:

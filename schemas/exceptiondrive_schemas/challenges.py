@@ -327,7 +327,7 @@ class Challenge(Document):
 
 
 _SOURCE_L2 = (
-    "Mean distance of the source trajectory from the drive that was recorded in the unedited scene: "
+    "Mean distance of the path in the original scene from the drive that was recorded there: "
     "whether the file plans for these scenes at all."
 )
 
@@ -418,7 +418,7 @@ PLANNING = Challenge(
             better=None,
             role="diagnostic",
             shown="extra column",
-            meaning="How far along the planner's own source path the edited trajectory ends: 0 for "
+            meaning="How far along its own path of the original scene the planner still gets: 0 for "
             "standing still, backing and sliding sideways. Driving on is not the same as driving "
             "safely.",
             formula=formulas.PROGRESS,
@@ -433,7 +433,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of samples whose clearance is the required one or more.",
+            meaning="Share of scenes whose clearance is the required one or more.",
         ),
         Metric(
             key="close",
@@ -445,7 +445,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of samples clear of the hazard whose clearance is below the required one.",
+            meaning="Share of scenes clear of the hazard whose clearance is below the required one.",
         ),
         Metric(
             key="hit_reacting",
@@ -457,7 +457,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of samples in the hazard whose trajectory moved once the hazard appeared, "
+            meaning="Share of scenes in the hazard whose trajectory moved once the hazard appeared, "
             "but not enough or the wrong way.",
         ),
         Metric(
@@ -470,7 +470,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of samples in the hazard whose trajectory hardly moved, or is missing.",
+            meaning="Share of scenes in the hazard whose trajectory hardly moved, or is missing.",
         ),
         *(
             Metric(

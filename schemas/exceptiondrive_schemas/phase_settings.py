@@ -7,6 +7,7 @@ and the place that heeds it. The fields of `PhaseSettings` are columns, since qu
 """
 
 from datetime import datetime
+from types import MappingProxyType
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -171,14 +172,15 @@ class PhaseSettings(Document):
         ge=1,
         le=10_000,
         title="Submissions a day",
-        description="Of a team, per UTC day.",
+        description="Of a team, per UTC day. A new phase on a withheld split has 1, unless told.",
     )
     quota_total: int | None = Field(
         default=None,
         ge=1,
         le=1_000_000,
         title="Submissions in all",
-        description="Of a team; without it there is no limit.",
+        description="Of a team; without it there is no limit. A new phase on a withheld split has 20, "
+        "unless told.",
     )
     quota_concurrent: int | None = Field(
         default=None,
@@ -213,6 +215,10 @@ class PhaseChange(PhaseSettings):
     title: Title = Field(default="", title="Title", description="Shown to readers.")
 
 
+WITHHELD_DEFAULTS = MappingProxyType({"quota_per_day": 1, "quota_total": 20})
+"""What a new phase on a withheld split has where nothing is said (docs/leakage.md)."""
+
+
 class NewPhase(PhaseSettings):
     """A phase to be made: its settings, and what it is made of for good."""
 
@@ -226,7 +232,11 @@ class NewPhase(PhaseSettings):
     split_revision: str | None = Field(
         default=None, max_length=100, description="By default the one registered last."
     )
-    protocol: str = Field(max_length=100, description="Version or digest.")
+    protocol: str | None = Field(
+        default=None,
+        max_length=100,
+        description="Version or digest. By default the one added last, on a withheld split 1.1-withheld.",
+    )
 
 
 class PhaseNow(Document):

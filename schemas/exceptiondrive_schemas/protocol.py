@@ -323,6 +323,8 @@ def parse_protocol(toml: str) -> ProtocolDocument:
 
 NEWEST = "1.1"
 """Version of the packaged protocol that a new phase takes."""
+NEWEST_WITHHELD = "1.1-withheld"
+"""That which a new phase on a withheld split takes: the same scores, and no cells below 100."""
 
 
 def packaged_protocol_toml(version: str = "1.0") -> str:

@@ -16,7 +16,7 @@ from exceptiondrive_server.boards import pictures
 from exceptiondrive_server.entries import api as entries
 from exceptiondrive_server.entries import pages as entry_pages
 from exceptiondrive_server.guide import api as guide
-from exceptiondrive_server.guide import client_files
+from exceptiondrive_server.guide import client_files, machines
 from exceptiondrive_server.guide import pages as guide_pages
 from exceptiondrive_server.notifications import api as notifications
 from exceptiondrive_server.notifications import pages as notice_pages
@@ -104,6 +104,7 @@ for _part in (
     protocol_pages.router,
     split_pages.router,
     guide_pages.router,
+    machines.router,
     client_files.router,
     operation_pages.router,
     pictures.router,

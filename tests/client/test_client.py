@@ -253,6 +253,13 @@ def test_an_upload_that_is_sent_again_is_whole_again(
     assert submission.id == "abc"
 
 
+def test_a_closed_client_is_an_error_of_this_package(canned_server: "CannedServer") -> None:
+    client = Client(canned_server.url)
+    client.close()
+    with pytest.raises(InvalidArgumentError, match="This client was closed"):
+        client.phases()
+
+
 def test_a_download_tells_how_much_of_it_has_come(
     canned_server: "CannedServer", split_file: Path
 ) -> None:

@@ -1,13 +1,21 @@
+import gzip
+import json
 import re
+import runpy
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
 from exceptiondrive.cli.reference import command_reference, with_reference
+
+if TYPE_CHECKING:
+    from tests.client.conftest import Running
 
 DOCS = Path(__file__).parents[2] / "docs"
 CLIENT = DOCS / "client.md"
@@ -59,6 +67,42 @@ def test_the_exit_codes_of_the_document_are_those_of_the_errors() -> None:
     table = CLIENT.read_text(encoding="utf-8").split("## Exit codes")[1].split("##")[0]
     listed = {int(code) for code in re.findall(r"^\| (\d) \|", table, flags=re.MULTILINE)}
     assert listed == (codes - {1}) | {0}
+
+
+def test_the_sdk_of_the_document_runs_and_says_what_the_commands_say(
+    working: "Running",
+    planning_file: Callable[..., Path],
+    split_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    document = CLIENT.read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", document.partition("## SDK")[2], re.DOTALL)
+    assert len(blocks) >= 5
+    (tmp_path / "planner.json.gz").write_bytes(gzip.compress(planning_file().read_bytes()))
+    (tmp_path / "sample.split.json").write_bytes(split_file.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("EXCEPTIONDRIVE_SERVER", working.url)
+    monkeypatch.setenv("EXCEPTIONDRIVE_TOKEN", working.token)
+    names: dict[str, Any] = {}
+    for block in blocks:  # the names of the suite's phase and split in the place of the document's
+        block = block.replace('phase="sample"', 'phase="dev"').replace('("sample")', '("tiny")')
+        (tmp_path / "block.py").write_text(block, encoding="utf-8")
+        names = runpy.run_path("block.py", init_globals=names)
+
+    def said(*arguments: str) -> Any:
+        return json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+
+    def told(answer: Any) -> Any:
+        return answer.model_dump(mode="json", by_alias=True)
+
+    split = ("--split", "sample.split.json")
+    assert told(names["report"]) == said("check", "planner.json.gz")
+    assert told(names["sheet"]) == said("evaluate", "planner.json.gz", *split)
+    assert told(names["view"]) == said("status", names["view"].id)
+    assert names["view"].rank == 1
+    assert told(names["board"]) == said("leaderboard", "--phase", "dev")
+    assert [told(each) for each in names["mine"]] == said("submissions")
 
 
 def test_the_planner_of_the_quickstart_writes_a_sound_file(

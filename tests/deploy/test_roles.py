@@ -89,6 +89,13 @@ REFUSED = [
     (Role.WORKER, "INSERT INTO submissions DEFAULT VALUES"),
     (Role.WORKER, "UPDATE teams SET name = 'x'"),
     (Role.RECONCILER, "UPDATE submissions SET file_digest = 'x'"),
+    *((role, statement) for role in Role for statement in (
+        "UPDATE phases SET split_name = 'other'",
+        "UPDATE phases SET created_at = now()", "UPDATE phases SET challenge = 'strategy'",
+        "UPDATE submissions SET team_id = 1", "UPDATE submissions SET phase_id = 'x'",
+        "UPDATE submissions SET received_at = now()", "UPDATE submissions SET file_digest = 'x'",
+        "UPDATE score_sheets SET created_at = now()", "DELETE FROM protocols",
+    )),
     (Role.API, "INSERT INTO splits DEFAULT VALUES"),
     (Role.API, "UPDATE splits SET public_file_digest = 'x'"),
     (Role.API, "DELETE FROM worker_heartbeats"),
@@ -147,6 +154,17 @@ def test_a_role_that_is_there_gets_back_exactly_its_rights(
     assert ask(Role.WORKER, "SELECT count(*) FROM work") == (0,)
     with pytest.raises(errors.InsufficientPrivilege):
         ask(Role.WORKER, "SELECT * FROM tokens")
+
+
+def test_no_role_makes_temporary_tables(records_url: str, ask: Ask, tmp_path: Path) -> None:
+    """The right is everybody's by default, and stands at the database, not at its tables."""
+    ask(Role.API, "CREATE TEMPORARY TABLE before (id int)")
+    address = tmp_path / "api_database_url"
+    address.write_text(as_role(records_url, Role.API) + "\n")
+    grant_to_files(records_url, [address])
+    for role in Role:
+        with pytest.raises(errors.InsufficientPrivilege):
+            ask(role, "CREATE TEMPORARY TABLE mine (id int)")
 
 
 @pytest.mark.parametrize("user", ["postgres", "somebody", None])

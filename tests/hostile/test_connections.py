@@ -61,7 +61,7 @@ def target(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> I
     with database.write() as session:
         token = found(session, ("mallory",)).tokens["mallory"]
         add_sample_split(session, manifest)
-        add_phase(session, split="tiny", quota_per_day=100)
+        add_phase(session, split="tiny", quota_per_day=100, rejected_per_day=100)
     settings: dict[str, object] = {
         "database_url": f"sqlite:///{folder}/records.sqlite3",
         "file_store_url": (folder / "uploads").as_uri(),

@@ -103,7 +103,10 @@ class Life:
 
     def make_phase(self, phase_id: str = "test", *, split: str = "parted", **more: Any) -> Any:
         usual = {"challenge": "planning", "title": "Test", "protocol": "1.0", "split": split}
-        return self.done("/phases", {"id": phase_id, "quota_per_day": 100, **usual, **more})
+        return self.done(
+            "/phases",
+            {"id": phase_id, "quota_per_day": 100, "rejected_per_day": 100, **usual, **more},
+        )
 
     def change(self, document: Step, phase_id: str = "test") -> Any:
         return self.done(f"/phases/{phase_id}", document, "PATCH")

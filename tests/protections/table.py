@@ -79,6 +79,19 @@ PROTECTIONS = (
         "tests/leak/test_over_http.py::test_the_api_publishes_what_the_oracle_says_and_not_a_digit_more",
     ),
     Protection(
+        "wrong-at-once",
+        "exceptiondrive_records.phases.quotas:require_room_if_all_are_wrong",
+        _nothing,
+        "tests/records/test_quotas.py::test_wrong_files_sent_all_at_once_stay_within_their_cap",
+    ),
+    Protection(
+        "places-of-network",
+        "exceptiondrive_records.teams.teams:_network_digest",
+        _always(None),
+        "tests/server/test_registrations.py::"
+        "test_one_network_takes_few_places_and_a_place_lasts_three_days",
+    ),
+    Protection(
         "split-floors",
         "exceptiondrive_worker.split_floors:breaches",
         _always(()),
@@ -159,7 +172,7 @@ PROTECTIONS = (
     ),
     Protection(
         "quota-lock",
-        f"{RECORDS}.submissions.submissions:_lock_team",
+        f"{RECORDS}.submissions.submissions:lock_team",
         _unlocked,
         "tests/records/test_quotas.py::test_a_quota_admits_exactly_its_number_under_parallel_threads",
     ),

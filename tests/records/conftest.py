@@ -68,7 +68,11 @@ def build_world(database: Database, **limits: Any) -> World:
     with database.write() as session:
         made = found(session, has_tokens=False)
         add_sample_split(session)
-        add_phase(session, title="Development", **{"quota_per_day": 100, **limits})
+        add_phase(
+            session,
+            title="Development",
+            **{"quota_per_day": 100, "rejected_per_day": 100, **limits},
+        )
     return World(database, made.team_ids["alpha"], made.protocol.digest)
 
 

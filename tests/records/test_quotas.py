@@ -167,6 +167,44 @@ def test_rejected_files_cost_no_quota_but_are_capped(make_world: Callable[..., W
         world.submit("right at last")
 
 
+def test_wrong_files_sent_all_at_once_stay_within_their_cap(
+    make_world: Callable[..., World],
+) -> None:
+    """None of 24 is known to be wrong while they come: 13 to 16 were taken with a cap of 4."""
+    world = make_world(quota_per_day=24, rejected_per_day=4)
+
+    def submit(number: int) -> str | None:
+        try:
+            job_id: str | None = world.submit(f"wrong {number}").job_id
+        except ConcurrentQuotaExceeded:
+            return None
+        return job_id
+
+    with ThreadPoolExecutor(24) as pool:
+        jobs_of_files = [job for job in pool.map(submit, range(24)) if job is not None]
+    assert len(jobs_of_files) == 4
+    for job in jobs_of_files:
+        report = CheckReport(
+            challenge=None, split=None, n_predictions=None, digest="sha256:x", size_bytes=1
+        )
+        claim = world.claim(job)
+        with world.database.write() as session:
+            jobs.finish_rejected(session, claim, report)
+    assert quota(world).rejected_today == 4
+    with pytest.raises(RejectedCapExceeded):
+        world.submit("one more")
+
+
+def test_what_waits_makes_room_as_it_is_scored(make_world: Callable[..., World]) -> None:
+    world = make_world(quota_per_day=24, rejected_per_day=2)
+    first = world.submit("one")
+    world.submit("two")
+    with pytest.raises(ConcurrentQuotaExceeded, match="2 submissions wait"):
+        world.submit("three")
+    world.score(first.job_id)
+    assert not world.submit("three").is_duplicate
+
+
 def test_our_own_failures_cost_no_quota(make_world: Callable[..., World]) -> None:
     world = make_world(quota_per_day=1)
     claim = world.claim(world.submit("one").job_id)

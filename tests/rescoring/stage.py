@@ -56,7 +56,13 @@ class Stage:
         self.add_protocol(packaged_protocol_toml())
         self.put_split(split_document())
         with self.database.write() as session:
-            add_phase(session, challenge=challenge, split="tiny", quota_per_day=1000)
+            add_phase(
+                session,
+                challenge=challenge,
+                split="tiny",
+                quota_per_day=1000,
+                rejected_per_day=1000,
+            )
 
     def submit(self, speed_mps: float, method: str, team: str = "alpha") -> str:
         return self.submit_file(planning_file(speed_mps), method, team)

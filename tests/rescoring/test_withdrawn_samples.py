@@ -206,7 +206,7 @@ def test_from_the_workshop_to_a_rescored_board(stage: Stage, shop: Path) -> None
     build("freeze", shop / "1", "--workshop", shop)
     first = hang_up(stage, shop / "1")
     with stage.database.write() as session:
-        add_phase(session, "made", split="made-2027", quota_per_day=100)
+        add_phase(session, "made", split="made-2027", quota_per_day=100, rejected_per_day=100)
     for speed_mps in (0.5, 2.0, 5.0):
         submit(stage, first, speed_mps)
     stage.work()

@@ -1,5 +1,6 @@
 """The pages of edits: what a team says of a submission, its history, its own file again."""
 
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -125,3 +126,25 @@ def test_nasty_facts_are_inert_or_refused(api: "Api", as_problem: Problem, brows
         as_problem(
             api.request("PATCH", f"/submissions/{one}", "alpha", json=change), 400, "bad_request"
         )
+
+
+def test_the_entry_page_tells_facts_and_when_they_changed(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    api.publish(make_entry("Planner", submission_id=one))
+    page = f"/entries/{one}"
+    assert "The method" not in browse(api).get(page).text
+    change = {"facts": {"type": "vla", "hardware": "<b>card</b>", "map": "hd"}}
+    edited = api.request("PATCH", f"/submissions/{one}", "alpha", json=change).json()["edited_at"]
+    text = browse(api).get(page).text
+    assert "&lt;b&gt;card&lt;/b&gt;" in text
+    assert "HD map" in text
+    assert f'changed what it says of this entry on<time datetime="{edited[:19]}Z"' in re.sub(
+        r"\s+<", "<", text
+    )
+    api.request("PATCH", f"/submissions/{one}", "alpha", json={"method": "Later"})
+    assert "Later" not in browse(api).get(page).text, (
+        "the board keeps the name it was published with"
+    )

@@ -130,6 +130,25 @@ def test_a_score_is_told_once_with_what_the_page_says(
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
 
 
+def test_a_lost_rank_is_told_once_an_hour(
+    api_on_both: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    confirmed(api, browse, "overtaken")
+    one, other = api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]
+    api.publish(make_entry("Planner", submission_id=one, rank=1))
+    assert tell_teams(api.database) == 0
+    passed = make_entry("Planner", submission_id=one, rank=2)
+    api.publish(make_entry("Other", submission_id=other, rank=1), passed)
+    assert tell_teams(api.database) == 1
+    assert tell_teams(api.database) == 0
+    _, notice = mails(api)[-1]
+    assert (notice.kind, notice.what_changed) == (
+        "overtaken",
+        ("Planner: rank 1 before, 2 now.",),
+    )
+
+
 def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
     contact_id = confirmed(api, browse, "phase_ends")
     api.score(api.submit("a").json()["id"])

@@ -9,6 +9,7 @@ from fastapi.routing import APIRoute
 from sqlalchemy import select, text
 from tests.support.work import claim_this
 
+from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_records.work import jobs
@@ -137,6 +138,23 @@ def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> 
     for words in ("1 submission failed", "1 team waits", "worker-7", "store_broken", "New Comers"):
         assert words in page
     assert "<b>new</b>" not in page
+
+
+def test_the_overview_says_what_workers_refused_and_suspect(
+    api: "Api", organizer: "TeamBrowser"
+) -> None:
+    asked = {"phase": "dev", "protocol": "9.0", "asked": ["waypoints is 1, it must lie from 4"]}
+    with api.database.write() as session:
+        for _ in range(2):
+            audit_once(session, "worker", SPLIT_FLOOR_HELD, "sample", asked)
+        audit_once(session, "worker", PROBING_SUSPECTED, "dev", {"teams": ["Alpha"]})
+    page = organizer.get("/organize").text
+    words = "The floors of split sample refused what phase dev asks: waypoints is 1, it must lie"
+    assert page.count(words) == 1
+    assert "Phase dev has submissions that change a few samples at a time" in page
+    for address in ("/organize/audit?subject=sample", "/organize/similar/dev"):
+        assert f'href="{address}"' in page
+        assert organizer.get(address).status_code == 200
 
 
 def test_submissions_are_narrowed_and_paged(

@@ -1,9 +1,14 @@
 """POST /registrations and POST /organizer/teams/{id}/approve."""
 
 from collections.abc import Callable
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.teams.teams import list_teams, register_team
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
@@ -53,6 +58,31 @@ def test_a_taken_name_and_a_team_that_is_not_there_are_told(
 ) -> None:
     as_problem(open_api.post("/registrations", json={**WANTED, "id": "alpha"}), 409, "conflict")
     as_problem(open_api.post("/organizer/teams/nobody/approve", "organizer"), 404, "not_found")
+
+
+def test_one_network_takes_few_places_and_a_place_lasts_three_days(database: Database) -> None:
+    """Forty addresses of one network filled all 200 places within seconds."""
+
+    def register(number: int, address: str) -> None:
+        with database.write() as session:
+            register_team(session, f"team-{number}", f"Team {number}", "note", address=address)
+
+    for number in range(20):
+        register(number, f"203.0.{number}.7")
+    with pytest.raises(Conflict, match="of your network"):
+        register(20, "203.0.113.200")
+    with pytest.raises(Conflict, match="of your network"):
+        register(21, "::ffff:203.0.113.9")
+    for number in range(22, 202):
+        register(number, f"{number}.0.0.1")
+    with pytest.raises(Conflict, match="Too many teams wait"):
+        register(202, "2001:db8::1")
+    with database.write() as session:
+        for team in list_teams(session):
+            team.pending_since = team.created_at - timedelta(days=4)
+    register(203, "203.0.113.200")
+    with database.read() as session:
+        assert len([team for team in list_teams(session) if team.pending_since]) == 201
 
 
 def test_one_address_registers_a_few_teams_in_a_while(

@@ -60,5 +60,6 @@ def add_sample_split(session: Session, manifest: Manifest | None = None) -> None
 
 def add_phase(session: Session, phase_id: str = "dev", **settings: Any) -> None:
     """Open a planning phase on the sample split, unless told otherwise."""
-    usual = {"challenge": "planning", "title": phase_id, "split": "sample", "protocol": "1.0"}
+    usual: dict[str, Any] = {"challenge": "planning", "title": phase_id, "split": "sample"}
+    usual |= {"protocol": "1.0", "quota_per_day": 3, "quota_total": None}  # those of public splits
     create_phase(session, NewPhase(id=phase_id, **(usual | settings)), actor=ACTOR)

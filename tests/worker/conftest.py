@@ -124,7 +124,12 @@ class World:
         self.add_split(split)
         with self.database.write() as session:
             add_protocol(session, packaged_protocol_toml(), "test")
-            add_phase(session, phase_id, split=split.name, **{"quota_per_day": 1000, **options})
+            add_phase(
+                session,
+                phase_id,
+                split=split.name,
+                **{"quota_per_day": 1000, "rejected_per_day": 1000, **options},
+            )
 
     def submit(
         self,

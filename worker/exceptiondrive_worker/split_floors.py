@@ -48,8 +48,6 @@ class SplitFloors(Document):
     """Submissions that get their first sheet within 24 hours, over all phases and teams."""
     private_part_from: datetime | None = None
     """Before this the private part is not scored; with a time zone."""
-    second_organizer: bool = False
-    """Whether a protocol needs a second organizer, who confirms what another proposed."""
 
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> Self:

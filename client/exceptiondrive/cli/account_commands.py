@@ -8,7 +8,7 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import can_ask, say, show, show_result
-from exceptiondrive.cli.session import open_client, prepare
+from exceptiondrive.cli.session import open_client, prepare, say_retry
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
@@ -120,7 +120,7 @@ def revoke_token(
 
 
 def _tokens(server: str | None) -> TeamTokens:
-    return TeamTokens(prepare(server))
+    return TeamTokens(prepare(server), on_retry=say_retry)
 
 
 def register(app: typer.Typer) -> None:

@@ -52,7 +52,7 @@ def create(
     ] = "planning",
     protocol: Annotated[
         str | None,
-        typer.Option("--protocol", metavar="V", help="Version or digest; else the one added last."),
+        typer.Option("--protocol", metavar="V", help="Version or digest; else the usual one."),
     ] = None,
     like: Annotated[
         str | None,
@@ -73,7 +73,8 @@ def create(
             "challenge": challenge,
             **_merged(taken_over, given),
         }
-        wanted["protocol"] = protocol or organizer.protocols()[-1]["version"]
+        if protocol is not None:
+            wanted["protocol"] = protocol
         phase = organizer.create_phase(wanted)
     show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples")
 

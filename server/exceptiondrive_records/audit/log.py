@@ -46,7 +46,9 @@ def audit_once(
 ) -> None:
     """Record what no line says yet: what is asked again and again leaves one line."""
     query = select(AuditLine.detail).where(AuditLine.action == action, AuditLine.subject == subject)
-    if dict(detail) not in session.scalars(query).all():
+    pending: list[_Pending] = session.info.get(_PENDING, [])
+    said = [line.detail for line in pending if (line.action, line.subject) == (action, subject)]
+    if dict(detail) not in [*session.scalars(query), *said]:
         audit(session, actor, action, subject, detail)
 
 

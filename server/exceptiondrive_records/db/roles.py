@@ -40,6 +40,24 @@ _STATUS = "SELECT, UPDATE (status, status_at, report, failure_code, failure_mess
 _POINTER = "SELECT, UPDATE (current_board_id, late_board_id)"
 _VERSIONS = "alembic_version"
 
+
+def _all_but(table: str, *fixed: str) -> str:
+    """Rights to read, add and change rows, but for columns that are fixed when a row is made."""
+    columns = [column.name for column in Base.metadata.tables[table].columns]
+    return f"SELECT, INSERT, UPDATE ({', '.join(name for name in columns if name not in fixed)})"
+
+
+_PHASES = _all_but("phases", "id", "challenge", "split_name", "created_at")
+_SUBMISSIONS = _all_but(
+    "submissions",
+    "id",
+    "phase_id",
+    "team_id",
+    "file_digest",
+    "size_bytes",
+    "received_at",
+    "arrived_at",
+)
 RIGHTS = MappingProxyType(
     {
         # table: (api, worker, reconciler)
@@ -54,7 +72,7 @@ RIGHTS = MappingProxyType(
         "memberships": (RID, NONE, NONE),
         "notifications": (RIUD, RI, RI),
         "people": (RIU, NONE, NONE),
-        "phases": (RIU, _POINTER, R),
+        "phases": (_PHASES, _POINTER, R),
         "protocol_drawings": (R, RI, R),
         "protocols": (RI, R, R),
         "receipt_keys": (RI, NONE, NONE),
@@ -66,7 +84,7 @@ RIGHTS = MappingProxyType(
         "site_settings": (RIU, NONE, NONE),
         "splits": (R, RIU, R),
         "submission_edits": (RI, NONE, NONE),
-        "submissions": (RIU, _STATUS, _STATUS),
+        "submissions": (_SUBMISSIONS, _STATUS, _STATUS),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),
         "work": (RIUD, RIU, RIUD),  # by kind: `WORK_RIGHTS`
@@ -100,12 +118,18 @@ def grants(role: Role) -> Iterator[str]:
     yield f"REVOKE ALL ON ALL TABLES IN SCHEMA public FROM {role}"
     yield f"REVOKE ALL ON ALL SEQUENCES IN SCHEMA public FROM {role}"
     yield "REVOKE CREATE ON SCHEMA public FROM PUBLIC"
+    yield _NO_TEMPORARY_TABLES
     yield f"GRANT USAGE ON SCHEMA public TO {role}"
     for table, rights in rights_of(role).items():
         yield f"GRANT {rights} ON {table} TO {role}"
         if "INSERT" in rights and table in _NUMBERED:
             yield f"GRANT USAGE ON SEQUENCE {table}_id_seq TO {role}"
     yield from _work_policies(role)
+
+
+_NO_TEMPORARY_TABLES = """DO $$ BEGIN
+    EXECUTE format('REVOKE TEMPORARY ON DATABASE %I FROM PUBLIC', current_database());
+END $$"""
 
 
 def _work_policies(role: Role) -> Iterator[str]:

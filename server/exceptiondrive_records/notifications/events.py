@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import board_at, entries_on
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
@@ -137,29 +138,47 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
 
 
 def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
-    """Entries whose rank is worse than an hour ago, under the same protocol and split."""
+    """Entries with a worse rank than on a board of the last hour, under the same protocol and split."""
     hour = now.strftime("%Y-%m-%dT%H")
     for phase in session.scalars(select(Phase).where(Phase.current_board_id.is_not(None))):
-        old = board_at(session, phase.id, now - _PASSED_WITHIN)
-        if old is None or old.id == phase.current_board_id:
-            continue
-        if (old.protocol_digest, old.split_revision) != (
-            phase.protocol_digest,
-            phase.split_revision,
-        ):
-            continue
-        before, after = entries_on(session, old.id), entries_on(session, phase.current_board_id)
-        lines = []
-        for submission_id in sorted(ids_of_team(session, team_id, phase.id)):
-            then, now_there = before.get(submission_id), after.get(submission_id)
-            if then is None or now_there is None or then.rank is None or now_there.rank is None:
-                continue
-            if now_there.rank > then.rank:
-                lines.append(f"{now_there.method}: rank {then.rank} before, {now_there.rank} now.")
+        shown = entries_on(session, phase.current_board_id)
+        before = _best_ranks(session, phase, ids_of_team(session, team_id, phase.id), now)
+        lines = [
+            f"{entry.method}: rank {best} before, {entry.rank} now."
+            for submission_id, best in before
+            if (entry := shown.get(submission_id)) and entry.rank is not None and entry.rank > best
+        ]
         if lines:
             title = f"Your entries were passed in {phase.title}"
             subject = f"{phase.id}/{hour}"
             yield _Event("overtaken", subject, title, tuple(lines), _board(phase), phase.id)
+
+
+def _best_ranks(
+    session: Session, phase: Phase, submission_ids: frozenset[str], now: datetime
+) -> list[tuple[str, int]]:
+    """The best rank of each submission on the boards that the phase showed in the last hour."""
+    since = now - _PASSED_WITHIN
+    stood = board_at(session, phase.id, since)
+    query = (
+        select(BoardEntryRow.submission_id, func.min(BoardEntryRow.rank))
+        .join(BoardRow, BoardRow.id == BoardEntryRow.board_id)
+        .where(
+            BoardRow.protocol_digest == phase.protocol_digest,
+            BoardRow.split_revision == phase.split_revision,
+            BoardRow.id.in_(
+                select(BoardFlip.board_id).where(
+                    BoardFlip.phase_id == phase.id, BoardFlip.at >= since
+                )
+            )
+            | (BoardRow.id == (stood.id if stood else -1)),
+            BoardEntryRow.submission_id.in_(submission_ids),
+            BoardEntryRow.rank.is_not(None),
+        )
+        .group_by(BoardEntryRow.submission_id)
+        .order_by(BoardEntryRow.submission_id)
+    )
+    return [(key, rank) for key, rank in session.execute(query) if rank is not None]
 
 
 def _ending(session: Session, now: datetime) -> Iterator[_Event]:

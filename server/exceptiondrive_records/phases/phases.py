@@ -13,11 +13,16 @@ from exceptiondrive_records.db.identifiers import checked_link, checked_slug, ch
 from exceptiondrive_records.phases.policy import new_salt, phase_now
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.protocols import find_protocol, usual_protocol
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.form_fields import fields_of
-from exceptiondrive_schemas.phase_settings import NewPhase, PhasePage, PhaseSettings
+from exceptiondrive_schemas.phase_settings import (
+    WITHHELD_DEFAULTS,
+    NewPhase,
+    PhasePage,
+    PhaseSettings,
+)
 from exceptiondrive_schemas.submission import PhaseView
 
 # Which settings of a phase fit together.
@@ -87,6 +92,8 @@ def _check_texts(phase: Phase) -> None:
 def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     """Create a phase, and ask for its first, empty board.
 
+    Where nothing is said, a phase on a withheld split has what docs/leakage.md advises.
+
     Args:
         session: Of a write transaction.
         new: What it is made of, and its settings.
@@ -101,16 +108,23 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     if session.get(Phase, new.id) is not None:
         raise Conflict(f"There is a phase {new.id!r} already.")
     split = find_split(session, new.split, new.split_revision)
+    whole = whole_split(session, split.name, split.revision)
+    is_withheld = whole.public_file_digest is None
+    settings = {name: getattr(new, name) for name in PhaseSettings.model_fields}
+    if is_withheld:
+        untold = WITHHELD_DEFAULTS.keys() - new.model_fields_set
+        settings |= {name: WITHHELD_DEFAULTS[name] for name in untold}
+    protocol = new.protocol or usual_protocol(session, actor, is_withheld=is_withheld)
     phase = Phase(
         id=new.id,
         challenge=new.challenge,
         split_name=split.name,
         split_revision=live_revision(session, split.name, split.revision, new.policy.live_part),
-        protocol_digest=find_protocol(session, new.protocol).digest,
+        protocol_digest=find_protocol(session, protocol).digest,
         current_board_id=None,
         created_at=database_now(session),
         pseudonym_salt=new_salt() if new.policy.anonymous else None,
-        **{name: getattr(new, name) for name in PhaseSettings.model_fields},
+        **settings,
     )
     check_phase(phase)
     session.add(phase)

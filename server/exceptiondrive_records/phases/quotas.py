@@ -33,7 +33,7 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
     query = select(*(func.count().filter(which) for which in counts)).where(
         Submission.team_id == team_id, Submission.phase_id == phase.id
     )
-    used_total, used_today, rejected_today, waiting = session.execute(query).one()
+    used_total, used_today, rejected_today, waiting = map(int, session.execute(query).one())
     remaining = max(0, phase.quota_per_day - used_today)
     if phase.quota_total is not None:
         remaining = min(remaining, max(0, phase.quota_total - used_total))
@@ -57,7 +57,8 @@ def require_quota(session: Session, team_id: int, phase: Phase) -> None:
     Raises:
         QuotaExceeded: The day's or the total quota is used up.
         RejectedCapExceeded: Too many files were rejected today.
-        ConcurrentQuotaExceeded: Too many submissions of the team still wait for their score.
+        ConcurrentQuotaExceeded: Too many submissions of the team still wait for their score: more
+            than the phase lets wait at once, or more than may turn out to be wrong today.
     """
     quota = quota_of(session, team_id, phase)
     if quota.total is not None and quota.used_total >= quota.total:
@@ -66,5 +67,17 @@ def require_quota(session: Session, team_id: int, phase: Phase) -> None:
         raise QuotaExceeded(quota.per_day, resets_at=quota.resets_at)
     if quota.rejected_today >= quota.rejected_per_day:
         raise RejectedCapExceeded(quota.rejected_per_day, resets_at=quota.resets_at)
+    require_room_if_all_are_wrong(quota)
     if quota.concurrent is not None and quota.waiting >= quota.concurrent:
         raise ConcurrentQuotaExceeded(quota.concurrent)
+
+
+def require_room_if_all_are_wrong(quota: Quota) -> None:
+    """Let no more wait than may turn out to be wrong today, or the cap would not hold.
+
+    Raises:
+        ConcurrentQuotaExceeded: So many wait already.
+    """
+    may_be_wrong = quota.rejected_per_day - quota.rejected_today
+    if quota.waiting >= may_be_wrong:
+        raise ConcurrentQuotaExceeded(may_be_wrong)

@@ -11,9 +11,11 @@ from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_schemas.protocol import (
     NEWEST,
+    NEWEST_WITHHELD,
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
+    packaged_protocol_toml,
     parse_protocol,
 )
 
@@ -113,3 +115,21 @@ def latest_protocol(session: Session) -> ProtocolDocument:
     query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
     digest = session.scalar(query)
     return find_protocol(session, digest) if digest else packaged_protocol(NEWEST)
+
+
+def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:
+    """Return the digest of what a new phase takes; a packaged protocol is added where it is missing.
+
+    Args:
+        session: Of a write transaction.
+        actor: Who makes the phase.
+        is_withheld: Whether its split is.
+    """
+    if is_withheld:
+        return add_protocol(session, packaged_protocol_toml(NEWEST_WITHHELD), actor).digest
+    others = [row for row in list_protocol_rows(session) if row.version != NEWEST_WITHHELD]
+    return (
+        others[-1].digest
+        if others
+        else add_protocol(session, packaged_protocol_toml(NEWEST), actor).digest
+    )

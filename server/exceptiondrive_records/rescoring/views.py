@@ -229,6 +229,23 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
     return lines[::-1]
 
 
+def update_reasons(session: Session, phase_id: str) -> dict[int, tuple[str, ...]]:
+    """Return why boards of a phase took the place of others, where an update was applied or taken back.
+
+    Returns:
+        By key of the board: what changed, and the organizers' reason.
+    """
+    runs = _runs_by_flip(session, phase_id)
+    flips = session.scalars(select(BoardFlip).where(BoardFlip.id.in_(runs)))
+    return {
+        flip.board_id: (
+            *_words_of(session, runs[flip.id], flip.id),
+            f"Reason: {runs[flip.id].reason.strip()}",
+        )
+        for flip in flips
+    }
+
+
 def _words_of(session: Session, run: RescoringRun, flip_id: int) -> tuple[str, ...]:
     sentences = difference_of(session, run).sentences
     return taken_back(sentences) if flip_id == run.rollback_flip_id else sentences

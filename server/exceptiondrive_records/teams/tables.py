@@ -26,6 +26,8 @@ class Team(Base):
     """Registered itself then, and submits nothing until an organizer approves."""
     registration_note: Mapped[str | None]
     """Who they say they are, for organizers."""
+    registered_from: Mapped[str | None]
+    """Digest of the network that it registered itself from."""
 
 
 class SiteSetting(Base):

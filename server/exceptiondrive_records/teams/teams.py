@@ -1,6 +1,10 @@
 """Teams: they own submissions."""
 
-from sqlalchemy import Column, Table, delete, exists, func, select
+import hashlib
+from datetime import timedelta
+from ipaddress import IPv6Address, ip_address, ip_network
+
+from sqlalchemy import Column, ColumnElement, Table, delete, exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import Token
@@ -109,21 +113,30 @@ def _pointing(table: Table, target: str) -> list[Column[object]]:
 
 MAX_PENDING = 200
 """More than organizers would read; beyond it registration waits for them."""
+MAX_PENDING_OF_NETWORK = 20
+PLACE_LASTS = timedelta(days=3)
+"""A registration that nobody looked at for so long takes no place from others; it stays."""
+_NETWORK_BITS = {4: 16, 6: 32}
+"""Of an address, by version: what one provider has many of."""
 
 
-def register_team(session: Session, slug: str, name: str, note: str) -> tuple[str, Token, Team]:
+def register_team(
+    session: Session, slug: str, name: str, note: str, *, address: str = ""
+) -> tuple[str, Token, Team]:
     """Make a team that waits for approval, and its first token, whose text is returned once.
 
     Raises:
         InvalidRecord: A text cannot be used.
         Conflict: Id or name is taken, or too many teams wait for approval.
     """
-    team = make_pending_team(session, slug, name, note, actor="registration")
+    team = make_pending_team(session, slug, name, note, actor="registration", address=address)
     text, token = issue_token(session, team.id, "first token", TEAM_SCOPES, actor="registration")
     return text, token, team
 
 
-def make_pending_team(session: Session, slug: str, name: str, note: str, *, actor: str) -> Team:
+def make_pending_team(
+    session: Session, slug: str, name: str, note: str, *, actor: str, address: str = ""
+) -> Team:
     """Make a team that waits for approval.
 
     Args:
@@ -132,19 +145,40 @@ def make_pending_team(session: Session, slug: str, name: str, note: str, *, acto
         name: As the board would show it.
         note: Who they are and how to reach them; for organizers alone.
         actor: Who registers it, for the audit line.
+        address: From where; a digest of its network is kept.
 
     Raises:
         InvalidRecord: A text cannot be used.
-        Conflict: Id or name is taken, or too many teams wait for approval.
+        Conflict: Id or name is taken, or too many teams wait for approval, of all or of the network.
     """
-    waiting = session.scalar(select(func.count()).where(Team.pending_since.is_not(None))) or 0
-    if waiting >= MAX_PENDING:
+    network = _network_digest(address)
+    has_place = Team.pending_since > database_now(session) - PLACE_LASTS
+    if _count(session, has_place) >= MAX_PENDING:
         raise Conflict("Too many teams wait for approval; ask an organizer.")
+    is_near = Team.registered_from == network
+    if network is not None and _count(session, has_place, is_near) >= MAX_PENDING_OF_NETWORK:
+        raise Conflict("Too many teams of your network wait for approval; ask an organizer.")
     note = checked_text("note", note, max_length=500, may_have_lines=True)
     team = create_team(session, slug, name, actor=actor)
     team.pending_since = database_now(session)
-    team.registration_note = note
+    team.registration_note, team.registered_from = note, network
     return team
+
+
+def _count(session: Session, *which: ColumnElement[bool]) -> int:
+    return session.scalar(select(func.count()).select_from(Team).where(*which)) or 0
+
+
+def _network_digest(address: str) -> str | None:
+    """Return what stands for the network of an address; None where it is none."""
+    try:
+        found = ip_address(address)
+    except ValueError:
+        return None
+    mapped = found.ipv4_mapped if isinstance(found, IPv6Address) else None
+    host = mapped or found
+    network = ip_network((host, _NETWORK_BITS[host.version]), strict=False)
+    return hashlib.sha256(f"network {network}".encode()).hexdigest()
 
 
 def approve_team(session: Session, slug: str, *, actor: str) -> Team:

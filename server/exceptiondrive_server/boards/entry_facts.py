@@ -1,5 +1,6 @@
 """What a page asks of one board entry: its name in addresses, values, badge, outcome parts."""
 
+from collections import Counter
 from dataclasses import dataclass
 from urllib.parse import urlencode
 
@@ -97,6 +98,26 @@ def is_barred(entry: BoardEntry) -> bool:
 def find_entry(board: Board, key: str) -> BoardEntry | None:
     """Return the entry with this key, if it stands on the board."""
     return next((entry for entry in board.entries if entry_key(entry) == key), None)
+
+
+def entry_labels(board: Board) -> dict[str, str]:
+    """Return what each entry is called among the others, by its key: method and team."""
+    labels = {entry_key(e): f"{e.method}, {e.team}" if e.team else e.method for e in board.entries}
+    counts = Counter(labels.values())
+    return {
+        key: label if counts[label] == 1 else f"{label} ({key})" for key, label in labels.items()
+    }
+
+
+def find_named(board: Board, text: str) -> BoardEntry | None:
+    """Return the entry with this key or label, else the only one whose label holds the words."""
+    found = find_entry(board, text)
+    if found is None:
+        labels, words = entry_labels(board), text.casefold()
+        keys = [key for key, label in labels.items() if label.casefold() == words]
+        keys = keys or [key for key, label in labels.items() if words in label.casefold()]
+        found = find_entry(board, keys[0]) if len(keys) == 1 else None
+    return found
 
 
 def values_of(entry: BoardEntry, board: Board, average: Average) -> MetricRow:

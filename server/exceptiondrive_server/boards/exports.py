@@ -124,6 +124,7 @@ def bibtex(
         "@misc{exceptiondrive,\n"
         f"  title  = {{{{{PAPER_TITLE}}}}},\n"
         f"  author = {{{PAPER_AUTHORS}}},\n"
+        f"  url    = {{{site_url}/}},\n"
         "}\n\n"
         f"@misc{{exceptiondrive-{board.phase}-board-{board.board},\n"
         f"  title        = {{{{ExceptionDrive leaderboard, phase {board.phase}, "
@@ -131,6 +132,7 @@ def bibtex(
         f"  year         = {{{at.year}}},\n"
         f"  month        = {_MONTHS[at.month - 1]},\n"
         f"  howpublished = {{\\url{{{permalink(board, site_url)}}}}},\n"
+        f"  url          = {{{permalink(board, site_url)}}},\n"
         f"  note         = {{protocol {board.protocol.version}, {board.n_samples} samples, "
         f"published {day(at)}}},\n"
         "}\n"
@@ -223,13 +225,16 @@ EXPORTS: Mapping[str, Export] = MappingProxyType(
 
 @dataclass(frozen=True)
 class BoardNote:
-    """One published board: who leads it, in sentences, in place of its entries."""
+    """One published board in sentences, in place of its entries: who leads, what is new, and why."""
 
     number: int
     digest: str
     protocol: str
     published_at: datetime
     findings: str
+    news: str
+    reasons: tuple[str, ...] = ()
+    """What an update of protocol or split changed, and the organizers' reason."""
 
 
 @dataclass(frozen=True)
@@ -277,7 +282,8 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     _text(entry, "id", address)
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(board.published_at))
-    _text(entry, "summary", f"{board.findings} Content {board.digest}.")
+    said = [board.news, *board.reasons, board.findings, f"Content {board.digest}."]
+    _text(entry, "summary", " ".join(filter(None, said)))
 
 
 def _date(root: Xml.Element, history: History, date: PhaseDate, site_url: str) -> None:

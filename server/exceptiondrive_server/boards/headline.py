@@ -164,7 +164,7 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
         return ChangeLine("This is the first board of its phase.", history_url, None)
     is_updated = before.protocol != board.protocol.version
     parts = [f"protocol {before.protocol} became {board.protocol.version}"] if is_updated else []
-    parts += _entry_parts(board)
+    parts += moves_on(board)
     since = f"Since board {before.number} of {day(before.published_at)}"
     words = f"{since}: {'; '.join(parts)}." if parts else f"{since} no rank moved."
     return ChangeLine(
@@ -172,7 +172,8 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
     )
 
 
-def _entry_parts(board: Board) -> list[str]:
+def moves_on(board: Board) -> list[str]:
+    """Say who came in, and whose rank is another than on the board before."""
     ranked = [entry for entry in board.entries if entry.rank is not None]
     new = [entry for entry in ranked if entry.previous_rank is None]
     up = [entry for entry in ranked if _steps_up(entry) > 0]

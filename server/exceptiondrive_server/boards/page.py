@@ -27,7 +27,7 @@ from exceptiondrive_server.boards.charts import (
     scatter_chart,
 )
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
-from exceptiondrive_server.boards.entry_facts import board_fields, board_name, entry_key
+from exceptiondrive_server.boards.entry_facts import board_fields, board_name
 from exceptiondrive_server.boards.families import Tasks, dot_plot, families_of
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
@@ -42,7 +42,6 @@ from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.numbers import Digits, day, minute
 from exceptiondrive_server.web.templating import macro
 
-MAX_CHOICES = 25
 NARROW_PX = (350, 400)
 T = TypeVar("T")
 
@@ -116,7 +115,6 @@ def _shown(
         narrow_curves=curve_chart(curves, average, width=narrow, height=low),
         effects=effect_lines(board, digits),
         both=Comparison(board, *pair, digits) if pair else None,
-        entry_choices=entry_choices(board),
         compared_fields=board_fields(board, is_current),
     )
     return ShownBoard(
@@ -387,8 +385,8 @@ class BoardPage:
 
     @property
     def canonical(self) -> str | None:
-        """The query under which search engines keep the page: of the current board its phase alone."""
-        return urlencode(board_fields(self.board, self.is_current)) if self.board else None
+        """The query under which search engines keep the page: the live board, whatever is asked for."""
+        return urlencode(board_fields(self.board, is_current=True)) if self.board else None
 
     @property
     def exports(self) -> list[tuple[str, str]]:
@@ -459,20 +457,6 @@ class BoardPage:
             f"exceptiondrive submit {code.file}",
             f'--phase {phase} --method "{code.method}" --wait',
         )
-
-
-def entry_choices(board: Board) -> tuple[tuple[str, str], ...]:
-    """Return the key and the title of the entries that a comparison offers."""
-    others = [entry for entry in board.entries[MAX_CHOICES:] if entry.source != "scored"]
-    return tuple(
-        [
-            (
-                entry_key(entry),
-                entry.method + (" (reference)" if entry.source == "reference" else ""),
-            )
-            for entry in (*board.entries[:MAX_CHOICES], *others)
-        ]
-    )
 
 
 def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:

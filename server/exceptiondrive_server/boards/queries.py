@@ -27,6 +27,7 @@ from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.rescoring.views import update_reasons
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
@@ -40,7 +41,7 @@ from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
 from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tasks
-from exceptiondrive_server.boards.headline import BoardBefore, headline
+from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_on
 from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.numbers import Digits, minute
@@ -311,7 +312,8 @@ def read_history(session: Session, query: BoardQuery, limit: int = 10) -> Histor
         .order_by(BoardRow.number.desc())
         .limit(limit)
     )
-    notes = tuple([_note(session, row) for row in session.scalars(newest)])
+    reasons = update_reasons(session, phase.id)
+    notes = tuple([_note(session, row, reasons.get(row.id, ())) for row in session.scalars(newest)])
     return History(phase.id, phase.title, notes, tuple(_dates(phase, database_now(session))))
 
 
@@ -327,9 +329,17 @@ def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
             yield PhaseDate("announced", phase.created_at, words)
 
 
-def _note(session: Session, row: BoardRow) -> BoardNote:
+def _note(session: Session, row: BoardRow, reasons: tuple[str, ...]) -> BoardNote:
     board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
     digits = Digits.of(protocol.publication)
     said = headline(board, challenge_of(board), len(protocol.tasks), digits)
-    findings = " ".join(said.findings)
-    return BoardNote(row.number, row.digest, protocol.version, row.published_at, findings)
+    moves = "; ".join(moves_on(board))
+    return BoardNote(
+        row.number,
+        row.digest,
+        protocol.version,
+        row.published_at,
+        " ".join(said.findings),
+        f"{moves[0].upper()}{moves[1:]}." if moves else "",
+        reasons,
+    )

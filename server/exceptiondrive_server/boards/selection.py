@@ -118,7 +118,7 @@ class FactChip(NamedTuple):
     """A value of a fact that entries of the board have: how many, and the address that turns it."""
 
     title: str
-    count: int
+    n: int
     is_on: bool
     url: str
 

@@ -6,6 +6,7 @@ from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_server.boards.charts import curve_chart
 from exceptiondrive_server.boards.comparison import (
     MAX_COMPARED,
     Comparison,
@@ -18,9 +19,11 @@ from exceptiondrive_server.boards.entry_facts import (
     board_fields,
     challenge_of,
     entry_key,
+    entry_labels,
     is_barred,
 )
-from exceptiondrive_server.boards.page import entry_choices
+from exceptiondrive_server.boards.families import dot_plot
+from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import outcome_bar
 from exceptiondrive_server.entries.queries import ComparedEntries
 from exceptiondrive_server.web.numbers import Digits, listed
@@ -50,20 +53,25 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     if board is None or len(entries) < 2:
         return page
     both = Comparison(board, entries[0], entries[1], digits)
-    offered = entry_choices(board)
-    known = dict(offered)
-    rest = tuple((key, e.method) for key, e in zip(keys, entries, strict=True) if key not in known)
     fields = board_fields(board, shown.is_current)
+    told = zip(entries, reading.sheets, strict=True)
+    curves = tuple((e, s.clearance_curve) for e, s in told if s and s.clearance_curve)
     return page | {
         "both": both,
-        "choices": (*offered, *rest),
+        "labels": entry_labels(board),
         "fit": [entry for entry in entries if not is_barred(entry)],
+        "plot": dot_plot(board, entries, digits) if len(entries) > 2 else None,
         "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
-        "differences": difference_table(both, shown.protocol, reading.sheets),
+        "differences": difference_table(
+            both, shown.protocol, (reading.sheets[0], reading.sheets[1])
+        ),
+        "curves_chart": curve_chart(curves, board.headline),
+        "narrow_curves": curve_chart(curves, board.headline, width=350, height=300),
+        "average": AVERAGE_TITLES[board.headline],
         "against": [[against(board, one, other, digits) for other in entries] for one in entries],
         "verdict": verdict(board, entries, digits) if len(entries) > 2 else both.verdict,
-        "address": _address(board_fields(board), keys),
-        "swap_url": _address(fields, (keys[1], keys[0], *keys[2:])),
+        "address": compare_address(board_fields(board), keys),
+        "swap_url": compare_address(fields, (keys[1], keys[0], *keys[2:])),
     }
 
 
@@ -73,8 +81,9 @@ def _picture_url(board: Board | None) -> str:
     return "/pictures/board.png" + (f"?{urlencode(fields)}" if fields else "")
 
 
-def _address(fields: Sequence[tuple[str, str]], keys: Sequence[str]) -> str:
-    given = (*fields, ("a", keys[0]), ("b", keys[1]), *(("more", key) for key in keys[2:]))
+def compare_address(fields: Sequence[tuple[str, str]], keys: Sequence[str]) -> str:
+    """Return the address of a comparison of some entries on the board that the fields name."""
+    given = (*fields, *zip(("a", "b"), keys, strict=False), *(("more", key) for key in keys[2:]))
     return f"/compare?{urlencode(given)}"
 
 

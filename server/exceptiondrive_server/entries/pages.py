@@ -1,12 +1,13 @@
 """Routes of the entry page and of the comparison."""
 
 from fastapi import APIRouter, Request
-from fastapi.responses import Response
+from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_server.boards.entry_facts import entry_key, find_entry
 from exceptiondrive_server.boards.pictures import painted_picture
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.entries.compare import compare_page
+from exceptiondrive_server.entries.compare import compare_address, compare_page
 from exceptiondrive_server.entries.pictures import badge, entry_picture
 from exceptiondrive_server.entries.queries import EntryData, read_comparison, read_entry
 from exceptiondrive_server.entries.scenes import Scenes, read_scenes
@@ -73,10 +74,16 @@ def show_entry_picture(request: Request, services: ServicesOf, key: str) -> Resp
 
 @router.get("/compare")
 def show_comparison(request: Request, services: ServicesOf) -> Response:
-    """Compare two or more entries of one board."""
+    """Compare two or more entries of one board; names that were typed become their keys."""
     pairs = request.query_params.multi_items()
     with services.database.read() as session:
         reading = read_comparison(session, BoardQuery.parse(pairs), pairs)
+    asked = [value for key, value in pairs if key in ("a", "b", "more") and value]
+    board = reading.board.board
+    if board and any(find_entry(board, value) is None for value in asked):
+        kept = [(key, value) for key, value in pairs if key not in ("a", "b", "more")]
+        keys = [entry_key(entry) for entry in reading.entries]
+        return RedirectResponse(compare_address(kept, keys), status_code=303)
     return page(request, "entries/compare.html", "compare", **compare_page(reading))
 
 

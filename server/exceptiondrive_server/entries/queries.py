@@ -31,7 +31,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
-from exceptiondrive_server.boards.entry_facts import find_entry
+from exceptiondrive_server.boards.entry_facts import find_entry, find_named
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.boards.query import BoardQuery
@@ -131,11 +131,11 @@ def _board_with(
 
 @dataclass(frozen=True)
 class ComparedEntries:
-    """A board, the entries of it that are compared, and the published sheets of the first two."""
+    """A board, the entries of it that are compared, and the published sheet of each."""
 
     board: BoardPage
     entries: tuple[BoardEntry, ...]
-    sheets: tuple[ScoreSheet | None, ScoreSheet | None]
+    sheets: tuple[ScoreSheet | None, ...]
 
 
 def read_comparison(
@@ -155,17 +155,18 @@ def read_comparison(
     reading = read_board(session, query)
     board, given = reading.board, dict(pairs)
     if board is None:
-        return ComparedEntries(reading, (), (None, None))
+        return ComparedEntries(reading, (), ())
     more = list(dict.fromkeys(value for key, value in pairs if key == "more" and value))
     first_two = [given.get(key) or (more.pop(0) if more else None) for key in ("a", "b")]
     named = [_named(board, key) for key in first_two]
     rest = [_named(board, key) for key in more]
     pair = _pair(board, *named)
     if pair is None:
-        return ComparedEntries(reading, (), (None, None))
+        return ComparedEntries(reading, (), ())
     others = [entry for entry in rest if entry and entry not in pair]
-    first, second = (_sheet(session, e.submission_id, board) for e in pair)
-    return ComparedEntries(reading, (*pair, *others)[:MAX_COMPARED], (first, second))
+    entries = (*pair, *others)[:MAX_COMPARED]
+    sheets = tuple(_sheet(session, entry.submission_id, board) for entry in entries)
+    return ComparedEntries(reading, entries, sheets)
 
 
 def _pair(
@@ -182,7 +183,7 @@ def _pair(
 
 
 def _named(board: Board, key: str | None) -> BoardEntry | None:
-    entry = find_entry(board, key) if key else None
+    entry = find_named(board, key) if key else None
     if key and entry is None:
         raise NotFound("entry on this board", key)
     return entry

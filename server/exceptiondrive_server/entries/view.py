@@ -210,41 +210,41 @@ def plausibility_lines(
     still = f"end less than {section.stationary_below_m:g} m from the start"
     turning = f"turning tighter than {section.min_turn_radius_m:g} m"
     shares = {key: share or 0.0 for key, share in plausibility.shares.items()}
-    more = "more than {:.0%} above the source share"
+    more = "more than {:.0%} above the share in the original scenes"
     known = {  # share to its words, its threshold in words and as a number, the flag that it may raise
         "edited_stationary": (
-            f"edited trajectories that {still}",
+            f"paths with the hazard that {still}",
             more.format(section.flag_edited_stationary_excess),
             shares.get("source_stationary", 0.0) + section.flag_edited_stationary_excess,
             "stands_still",
         ),
         "source_stationary": (
-            f"source trajectories that {still}",
+            f"paths in the original scenes that {still}",
             f"above {section.flag_source_stationary:.0%}",
             section.flag_source_stationary,
             "source_stands_still",
         ),
         "edited_behind": (
-            "edited trajectories that end behind the start",
+            "paths with the hazard that end behind the start",
             more.format(section.flag_reverses_excess),
             shares.get("source_behind", 0.0) + section.flag_reverses_excess,
             "reverses",
         ),
-        "source_behind": ("source trajectories that end behind the start", "", 1.0, ""),
+        "source_behind": ("paths in the original scenes that end behind the start", "", 1.0, ""),
         "blind": (
-            f"pairs that differ by less than {section.blind_shift_below_m:g} m",
+            f"pairs of paths, without and with the hazard, less than {section.blind_shift_below_m:g} m apart",
             f"above {section.flag_blind:.0%}",
             section.flag_blind,
             "blind_to_the_edit",
         ),
         "impossible": (
-            f"edited trajectories above {section.max_acceleration_mps2:g} m/s\u00b2 or {turning}",
+            f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2 or {turning}",
             f"above {section.flag_impossible:.0%}",
             section.flag_impossible,
             "impossible_motion",
         ),
         "first_step": (
-            "edited trajectories whose first step the speed of the source does not allow",
+            "paths with the hazard whose first step the speed in the original scene does not allow",
             f"above {section.flag_first_step:.0%}",
             section.flag_first_step,
             "impossible_motion",

@@ -1,7 +1,7 @@
 """Phases: list, make, change, and the actions of their life."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -26,7 +26,13 @@ from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
-from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhaseNow, PhaseSettings
+from exceptiondrive_schemas.phase_settings import (
+    WITHHELD_DEFAULTS,
+    NewPhase,
+    PhaseChange,
+    PhaseNow,
+    PhaseSettings,
+)
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.web.auth import ServicesOf
@@ -148,7 +154,10 @@ def show_new(
 ) -> Response:
     """Show a form with what is usual, or with what another phase is made of and settled."""
     if like is None:
-        usual = {field.name: text_of(field.default) for field in SETTINGS}
+        usual = {
+            field.name: "" if field.name in WITHHELD_DEFAULTS else text_of(field.default)
+            for field in SETTINGS
+        }
         return _new(request, services, browser, usual)
     with services.database.read() as session:
         phase = find_phase(session, like)
@@ -165,9 +174,11 @@ def post_new(
 ) -> Response:
     """Make a phase."""
     with services.database.read() as session:
-        fields = (*_made_of(session), *SETTINGS)
+        fields = (*_made_of(session), *_of_new())
     try:
-        new = made(NewPhase, fields, read(fields, form))
+        values = read(fields, form)
+        told = {k: v for k, v in values.items() if v is not None or k not in WITHHELD_DEFAULTS}
+        new = made(NewPhase, fields, told)
         with services.database.write() as session:
             create_phase(session, new, actor=browser.principal.actor)
     except RecordsError as refusal:
@@ -255,8 +266,18 @@ def _made_of(session: Session) -> tuple[FormField, ...]:
         FormField("challenge", "Challenge", "choice", is_required=True, options=challenges),
         FormField("split", "Split", "choice", is_required=True,
               options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
-        FormField("protocol", "Protocol", "choice", is_required=True, options=versions),
+        FormField("protocol", "Protocol", "choice", options=versions, empty="the usual one"),
     )  # fmt: skip
+
+
+def _of_new() -> tuple[FormField, ...]:
+    """Settings of a phase to be made: what depends on the split may stay empty."""
+    return tuple(
+        replace(field, is_required=False, hint=f"{field.hint} Else as usual for the split.")
+        if field.name in WITHHELD_DEFAULTS
+        else field
+        for field in SETTINGS
+    )
 
 
 def _new(
@@ -304,15 +325,16 @@ def _page(
     refusal: RecordsError | None,
     **values: Any,
 ) -> Response:
+    settings = _of_new() if values["phase"] is None else SETTINGS
     return organizer_page(
         request,
         browser,
         "phases/organizer_phase.html",
         "phases",
         refusal=refusal,
-        plain=filled([field for field in SETTINGS if field.part is None], texts),
-        page_fields=filled([field for field in SETTINGS if field.part == "page"], texts),
-        policy=filled([field for field in SETTINGS if field.part == "policy"], texts),
+        plain=filled([field for field in settings if field.part is None], texts),
+        page_fields=filled([field for field in settings if field.part == "page"], texts),
+        policy=filled([field for field in settings if field.part == "policy"], texts),
         **values,
     )
 

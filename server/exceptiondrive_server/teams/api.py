@@ -53,5 +53,5 @@ def post_registration(
     with services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
     with services.database.write() as session:
-        text, _, team = register_team(session, wanted.id, wanted.name, wanted.note)
+        text, _, team = register_team(session, wanted.id, wanted.name, wanted.note, address=address)
         return Registration(team=team.slug, token=text, is_approved=False)

@@ -116,7 +116,7 @@ def register(
         count_attempt(session, registration_keys_of(address))
     texts = (str(form.get(field, "")) for field in ("id", "name", "note"))
     with services.database.write() as session:
-        team = make_pending_team(session, *texts, actor=actor)
+        team = make_pending_team(session, *texts, actor=actor, address=address)
         add_member(session, team, person_id, actor=actor)
         act_for(session, browser.secret, person_id, team.id)
     return RedirectResponse(_BACK, status_code=303)

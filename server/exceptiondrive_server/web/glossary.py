@@ -36,7 +36,8 @@ _WORDS = {
     "interval": Term(
         "\u00b1 and bars",
         "How far a number moves when the scenes are drawn anew: in 95 of 100 such draws it stays within "
-        "the bar. \u00b1 is the distance from the number to the farther end of the bar.",
+        "the bar. \u00b1 is the distance from the number to the farther end of the bar; + or \u2212 alone: it "
+        "reaches to that side only.",
     ),
     "outcome": Term(
         "What happened",
@@ -86,7 +87,7 @@ _WORDS = {
     "paired": Term(
         "Compared scene by scene",
         "Both planners drove the same scenes, so chance that hits both alike drops out. That settles "
-        "more than two intervals side by side.",
+        "more than a look at two intervals.",
     ),
     "coverage": Term(
         "Answered scenes",

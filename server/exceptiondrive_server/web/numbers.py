@@ -41,9 +41,14 @@ class Digits:
         return Digits(min(self.percent, 1), self.metre).text(metric, value)
 
     def spread(self, metric: Metric, value: float, interval: Interval) -> str:
-        """Write how far an interval reaches from its value, to the end that is farther: `±2.1`."""
-        low, high = interval
-        return f"±{self.brief(metric, max(value - low, high - value))}"
+        """Write how far an interval reaches from its value, to the end that is farther: `±2.1`.
+
+        Where it reaches to one side alone, as from zero, the sign says so.
+        """
+        below, above = value - interval[0], interval[1] - value
+        least = 10.0 ** -(self.percent + 2 if metric.unit == "fraction" else self.metre) / 2
+        sign = "+" if below < least else MINUS if above < least else "±"
+        return f"{sign}{self.brief(metric, max(below, above))}"
 
     def fraction(self, value: float) -> str:
         """Write a fraction as per cent, without the sign."""

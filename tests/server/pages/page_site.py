@@ -137,7 +137,7 @@ class Site:
                     title=phase_id.replace("-", " ").title(),
                     split=manifest.name,
                     protocol="1.0",
-                    **more,
+                    **({"quota_per_day": 3, "quota_total": None} | more),
                 ),
                 actor="test",
             )

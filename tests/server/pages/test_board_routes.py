@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+import struct
 from datetime import UTC, datetime, timedelta
 from html import unescape
 from typing import Any
@@ -145,6 +146,14 @@ async def test_the_same_sort_is_the_same_order_on_page_api_and_csv(
     assert await shown_order(lively_site, query) == [wanted, wanted, wanted]
 
 
+async def test_the_same_filter_is_the_same_rows_on_page_api_and_csv(lively_site: Any) -> None:
+    query = "?q=aurora&source=scored"
+    answer = await lively_site.get(f"/api/v1/leaderboard{query}")
+    wanted = [entry.method for entry in Board.model_validate_json(answer.content).entries]
+    assert wanted == ["LaneKeeper XL (bypass head, 3 s)", "half-a-file"]
+    assert await shown_order(lively_site, query) == [wanted, wanted, wanted]
+
+
 async def shown_order(site: Any, query: str) -> list[list[str]]:
     """Return the scored methods as the page, the CSV and the API's CSV list them."""
     text = (await site.get(f"/{query}")).text
@@ -191,7 +200,9 @@ async def test_the_policy_forbids_everything_foreign_and_inline(lively_site: Any
     assert "unsafe" not in policy
     assert not re.search(r"<script(?![^>]*\bsrc=\"/static/)", answer.text)
     assert not re.search(r"<style|\sstyle=|\son[a-z]+=|javascript:", answer.text)
-    assert not re.search(r'(?:src|href|action)="(?:https?:)?//(?!example\.org)', answer.text)
+    assert not re.search(
+        r'(?:src|href|action)="(?:https?:)?//(?!example\.org|site\.test/)', answer.text
+    )
 
 
 async def test_a_page_weighs_less_than_150_kilobytes_with_styles_script_and_fonts(
@@ -327,11 +338,32 @@ async def test_all_sources_of_the_style_are_one_sheet(lively_site: Any) -> None:
     assert all(source.read_text().splitlines()[-1] in style for source in sources)
 
 
-async def test_search_engines_keep_the_phase_and_every_board_that_is_history(
-    lively_site: Any, lively_board: Board
+@pytest.mark.parametrize("query", ["", "&board=2", "&board=1", "&sort=ur"])
+async def test_search_engines_keep_the_live_board(
+    lively_site: Any, lively_board: Board, query: str
 ) -> None:
-    fewer = lively_board.model_copy(update={"entries": lively_board.entries[:3]})
-    lively_site.publish(fewer)
-    kept = '<link rel="canonical" href="/?phase=sample'
-    assert f'{kept}">' in (await lively_site.get("/?phase=sample&board=2")).text
-    assert f'{kept}&amp;board=1">' in (await lively_site.get("/?phase=sample&board=1")).text
+    lively_site.publish(lively_board.model_copy(update={"entries": lively_board.entries[:3]}))
+    text = (await lively_site.get(f"/?phase=sample{query}")).text
+    assert '<link rel="canonical" href="http://site.test/?phase=sample">' in text
+
+
+async def test_every_address_of_the_sitemap_can_be_read(lively_site: Any) -> None:
+    robots = (await lively_site.get("/robots.txt")).text
+    assert "Sitemap: http://site.test/sitemap.xml" in robots.splitlines()
+    listed = re.findall("<loc>(.*?)</loc>", (await lively_site.get("/sitemap.xml")).text)
+    paths = [unescape(each).removeprefix("http://site.test") for each in listed]
+    assert {"/", "/?phase=sample", "/entries/s0000000kq", "/protocols/1.0"} <= set(paths)
+    answers = {path: (await lively_site.get(path)).status_code for path in paths}
+    assert [path for path, status in answers.items() if status != 200] == []
+
+
+async def test_icons_stand_where_browsers_look_for_them(lively_site: Any) -> None:
+    ico = (await lively_site.get("/favicon.ico")).content
+    size, at = struct.unpack_from("<II", ico, 14)
+    assert (ico[:6], at, len(ico)) == (b"\0\0\1\0\1\0", 22, 22 + size)
+    for png, side in (
+        (ico[at:], 32),
+        ((await lively_site.get("/apple-touch-icon.png")).content, 180),
+    ):
+        assert png[:8] == b"\x89PNG\r\n\x1a\n"
+        assert struct.unpack_from(">II", png, 16) == (side, side)

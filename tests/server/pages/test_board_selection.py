@@ -7,6 +7,7 @@ from tests.server.pages.invented_board import PROTOCOL
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.selection import selected_board, sort_entries
 from exceptiondrive_server.boards.table import BoardTable, board_table
@@ -81,3 +82,47 @@ def test_long_boards_are_cut_into_pages(lively_board: Board) -> None:
     assert [len(page.blocks[0].rows) for page in pages] == [20, 20, 15]
     assert [page.number for page in pages] == [1, 3, 5]
     assert pages[0].blocks[0].n_all == 95
+
+
+FACTS = {
+    "s0000000kq": EntryFacts(facts=MethodFacts(type="vla", sensors=("lidar",), open_code="yes")),
+    "s0000001kq": EntryFacts(facts=MethodFacts(type="rule", sensors=("lidar", "radar"))),
+    "s0000004kq": EntryFacts(facts=MethodFacts(type="vla", open_code="no")),
+}
+
+
+@pytest.mark.parametrize(
+    ("facts", "found"),
+    [
+        ("type:vla", ["Kestrel-2", "VLA-7B zero-shot"]),
+        ("type:vla,open_code:yes", ["Kestrel-2"]),
+        ("type:vla,type:rule,sensors:radar", ["LaneKeeper XL (bypass head, 3 s)"]),
+        ("map:hd", []),
+    ],
+)
+def test_facts_filter_page_and_files_alike(
+    lively_board: Board, facts: str, found: list[str]
+) -> None:
+    """Of one field any value that is asked for, of several fields each."""
+    query = BoardQuery.parse([("fact", facts)])
+    table = board_table(lively_board, PROTOCOL, query, facts=FACTS)
+    assert [row.entry.method for row in table.rows] == found
+    assert [e.method for e in selected_board(lively_board, query, FACTS).entries] == found
+    assert BoardQuery.parse(query.pairs()) == query
+
+
+def test_chips_count_what_is_told_and_turn_the_filter(lively_board: Board) -> None:
+    query = BoardQuery.parse([("fact", "type:vla")])
+    table = board_table(lively_board, PROTOCOL, query, facts=FACTS)
+    chips = {chip.title: chip for title, each in table.fact_choices for chip in each}
+    assert {title: chip.n for title, chip in chips.items()} == {
+        "VLA": 2, "Rule-based": 1, "Lidar": 2, "Radar": 1, "Open code": 1, "Closed code": 1,
+    }  # fmt: skip
+    assert (chips["VLA"].is_on, chips["VLA"].url) == (True, "/#board")
+    assert chips["Lidar"].url == "/?fact=sensors:lidar,type:vla#board"
+
+
+def test_what_is_no_fact_is_refused() -> None:
+    with pytest.raises(InvalidRecord) as refused:
+        BoardQuery.parse([("fact", "type:car")])
+    assert "FIELD:VALUE" in refused.value.fields["facts"]

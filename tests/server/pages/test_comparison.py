@@ -161,7 +161,21 @@ async def test_several_are_set_side_by_side_and_each_against_each(paired_site: A
     ) in text
     table = text[text.index('id="against"') :]
     assert table.index("surely better") < table.index("surely worse")
-    assert text.count('<select name="more">') == 3
+    assert text.count('name="more"') == 3
+    assert 'class="chart dots"' in text
+
+
+async def test_anyone_on_the_board_is_found_by_typing_a_name(lively_site: Any) -> None:
+    """By label, by part of one that only one entry has, and chosen alone by ticks."""
+    typed = "/compare?phase=sample&a=nerve&b=brake-late,+Osprey&more=M%C3%B8ller"
+    answer = await lively_site.get(typed)
+    keyed = "/compare?phase=sample&a=s0000005kq&b=s0000002kq&more=s0000003kq"
+    assert (answer.status_code, answer.headers["location"]) == (303, keyed)
+    ticked = await lively_site.get("/compare?phase=sample&more=s0000005kq&more=s0000002kq")
+    assert "nerve against brake-late" in ticked.text
+    assert '<option value="half-a-file, Team Aurora"></option>' in ticked.text
+    unclear = await lively_site.get("/compare?phase=sample&a=Halden&b=nerve")
+    assert unclear.status_code == 404
 
 
 async def test_the_address_of_a_comparison_holds_all_of_it(paired_site: Any) -> None:

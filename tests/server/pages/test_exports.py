@@ -3,8 +3,11 @@
 import csv
 import io
 import re
+import shutil
+import subprocess
 from collections.abc import Callable
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -124,6 +127,27 @@ async def test_an_unknown_export_is_not_found(lively_site: Any) -> None:
     assert (await lively_site.get("/export/board.xlsx")).status_code == 404
 
 
+def compiled(tex: Path) -> tuple[bytes, str]:
+    """Let a real LaTeX set a document; return the PDF and what was said."""
+    if shutil.which("pdflatex") is None:
+        pytest.skip("no LaTeX is installed on this machine")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", tex.name]
+    done = subprocess.run(command, cwd=tex.parent, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+    return tex.with_suffix(".pdf").read_bytes(), done.stdout
+
+
+@pytest.mark.parametrize("phase", ["sample", "strategy"])
+async def test_the_latex_compiles(shown_site: Any, tmp_path: Path, phase: str) -> None:
+    table = (await shown_site.get(f"/export/board.tex?phase={phase}")).text
+    paper = tmp_path / "paper.tex"
+    head = "\\documentclass{article}\\usepackage{booktabs}\\begin{document}\n"
+    paper.write_text(f"{head}{table}\\end{{document}}\n")
+    pdf, said = compiled(paper)
+    assert pdf[:5] == b"%PDF-"
+    assert "Missing character" not in said
+
+
 async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board: Board) -> None:
     lively_site.publish(empty_board)
     answer = await lively_site.get("/feed.atom?phase=sample")
@@ -134,7 +158,10 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     assert [title.split(" of ")[0] for title in titles] == ["Board 2", "Board 1"]
     said = [entry.findtext("a:summary", "", name) for entry in feed.findall("a:entry", name)]
     assert said[0].startswith("No planner is ranked on this board yet.")
-    assert said[1].startswith("Of 6 ranked planners, Kestrel-2 leads: hazard clearance compliance")
+    assert said[1].startswith(
+        "1 new entry (brake-late to rank 3); 1 moved up (Kestrel-2 to rank 1);"
+    )
+    assert "Of 6 ranked planners, Kestrel-2 leads: hazard clearance compliance" in said[1]
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"
 
 

@@ -155,7 +155,7 @@ def test_the_board_takes_the_player_when_it_comes_into_sight_and_others_join_in_
     visit: Any,
 ) -> None:
     page = visit("/?phase=sample", viewport={"width": 1440, "height": 900})
-    page.locator("#scenes").scroll_into_view_if_needed()
+    page.evaluate("document.getElementById('scenes').scrollIntoView()")
     page.locator("#scenes .mo").first.wait_for()
     assert page.locator("#scenes .mo").count() == 6
     page.select_option("#scenes select[name=with] >> nth=0", "s0000003kq")

@@ -61,6 +61,7 @@ def create_teams() -> None:
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("pending_since", TIME),
         sa.Column("registration_note", sa.String()),
+        sa.Column("registered_from", sa.String()),
         sa.UniqueConstraint("name"),
         sa.UniqueConstraint("name_skeleton"),
         sa.UniqueConstraint("slug"),

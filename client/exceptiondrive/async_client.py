@@ -1,0 +1,170 @@
+"""The SDK for asyncio: each method is `Client`'s own, run in a thread of its own pool.
+
+>>> async with AsyncClient() as client:
+...     submission = await client.submit("planner.json", phase="dev", method="Planner")
+...     view = await submission.wait()
+
+Retries, keys, checks and errors are those of `Client`, to the letter. A task that is cancelled stops
+waiting; a request that is under way ends by itself.
+"""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from exceptiondrive.client import Client, OnChange, Submission
+from exceptiondrive_schemas.python310 import Self
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+
+MAX_THREADS = 8
+"""So many requests of one client run at once; the others wait for their turn."""
+Result = TypeVar("Result")
+P = ParamSpec("P")
+Async = Callable[Concatenate["AsyncClient", P], Coroutine[Any, Any, Result]]
+
+
+def _of(method: Callable[Concatenate[Client, P], Result]) -> Async[P, Result]:
+    """Return a method of `Client` as one to be awaited."""
+
+    @wraps(method)
+    async def call(client: "AsyncClient", /, *args: P.args, **kwargs: P.kwargs) -> Result:
+        return await client.run(method, client.client, *args, **kwargs)
+
+    return call
+
+
+def _following(
+    method: Callable[Concatenate[Client, P], Submission],
+) -> "Async[P, AsyncSubmission]":
+    """Return a method of `Client` that gives a submission as one that gives it to be awaited."""
+
+    @wraps(method)
+    async def call(
+        client: "AsyncClient", /, *args: P.args, **kwargs: P.kwargs
+    ) -> "AsyncSubmission":
+        return AsyncSubmission(client, await client.run(method, client.client, *args, **kwargs))
+
+    return call
+
+
+class AsyncClient:
+    """`Client` to be awaited; its arguments are those of `Client`.
+
+    Attributes:
+        client: The client whose methods are run.
+    """
+
+    def __init__(self, server: str | None = None, token: str | None = None, **more: Any) -> None:
+        self.client = Client(server, token, **more)
+        self._threads = ThreadPoolExecutor(MAX_THREADS, "exceptiondrive")
+
+    def __repr__(self) -> str:
+        return f"<AsyncClient of {self.client.server}>"
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connections, once what is under way has ended."""
+        await asyncio.to_thread(self._threads.shutdown)
+        self.client.close()
+
+    async def run(
+        self, function: Callable[P, Result], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Result:
+        """Run a function in a thread of this client, and return what it returns."""
+        call = partial(function, *args, **kwargs)
+        return await asyncio.get_running_loop().run_in_executor(self._threads, call)
+
+    submit = _following(Client.submit)
+    submission = _following(Client.submission)
+    add_contact = _of(Client.add_contact)
+    check = _of(Client.check)
+    choose = _of(Client.choose)
+    contacts = _of(Client.contacts)
+    download = _of(Client.download)
+    edit = _of(Client.edit)
+    edits = _of(Client.edits)
+    is_on_board = _of(Client.is_on_board)
+    leaderboard = _of(Client.leaderboard)
+    leaderboard_csv = _of(Client.leaderboard_csv)
+    manifest = _of(Client.manifest)
+    mark_read = _of(Client.mark_read)
+    me = _of(Client.me)
+    notices = _of(Client.notices)
+    outlook = _of(Client.outlook)
+    phase = _of(Client.phase)
+    phases = _of(Client.phases)
+    protocol = _of(Client.protocol)
+    protocol_of = _of(Client.protocol_of)
+    publish = _of(Client.publish)
+    quota = _of(Client.quota)
+    receipt = _of(Client.receipt)
+    receipt_keys = _of(Client.receipt_keys)
+    set_wishes = _of(Client.set_wishes)
+    remove_contact = _of(Client.remove_contact)
+    split = _of(Client.split)
+    status = _of(Client.status)
+    submissions = _of(Client.submissions)
+    unpublish = _of(Client.unpublish)
+    withdraw = _of(Client.withdraw)
+
+    def page_url(self, submission_id: str) -> str:
+        """Address of the page of a submission, from upload to rank, for members of its team."""
+        return self.client.page_url(submission_id)
+
+
+class AsyncSubmission:
+    """`Submission` to be awaited."""
+
+    def __init__(self, client: AsyncClient, submission: Submission) -> None:
+        self._client = client
+        self._submission = submission
+
+    def __repr__(self) -> str:
+        return repr(self._submission).replace("<Submission", "<AsyncSubmission")
+
+    @property
+    def id(self) -> str:
+        """Id, as `exceptiondrive status ID` takes it."""
+        return self._submission.id
+
+    @property
+    def view(self) -> SubmissionView:
+        """What the server said last."""
+        return self._submission.view
+
+    @property
+    def status(self) -> SubmissionStatus:
+        """Status, as last seen."""
+        return self._submission.status
+
+    @property
+    def page_url(self) -> str:
+        """Address of its page, from upload to rank; for members of the team."""
+        return self._submission.page_url
+
+    async def refresh(self) -> SubmissionView:
+        """Ask the server again."""
+        return await self._client.run(self._submission.refresh)
+
+    async def withdraw(self) -> SubmissionView:
+        """Take it off the board."""
+        return await self._client.run(self._submission.withdraw)
+
+    async def wait(
+        self, timeout_s: float | None = None, on_change: OnChange | None = None
+    ) -> SubmissionView:
+        """Wait until it is scored, and for its rank; as `Submission.wait`, with its errors.
+
+        `on_change` is called in a thread.
+        """
+        pauses = self._submission.waiting(timeout_s, on_change)
+        while (pause_s := await self._client.run(next, pauses, None)) is not None:
+            await asyncio.sleep(pause_s)
+        return self.view

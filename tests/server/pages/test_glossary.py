@@ -1,0 +1,37 @@
+"""Words with a pop-over: each that a template asks for is explained, and each explained is asked for."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.server.pages.reading import read
+
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_server.web.glossary import TERMS
+from exceptiondrive_server.web.templating import FOLDER
+
+TEMPLATES = sorted(Path(FOLDER).parent.glob("*/templates/**/*.html"))
+ASKED = re.compile(r"""\b(?:term|what)\(\s*"([a-z0-9_]+)\"""")
+METRICS = {key for challenge in CHALLENGES.values() for key in challenge.metric_keys}
+METRICS |= {metric.key for each in CHALLENGES.values() for metric in each.of_controls}
+
+
+def test_every_term_of_a_template_is_explained_and_none_is_left_over() -> None:
+    asked = {key for path in TEMPLATES for key in ASKED.findall(path.read_text())}
+    assert asked - TERMS.keys() == set()
+    assert TERMS.keys() - METRICS - asked == set()
+
+
+def test_every_metric_has_its_words() -> None:
+    assert METRICS <= TERMS.keys()
+    assert all(term.title and term.meaning.endswith(".") for term in TERMS.values())
+
+
+@pytest.mark.parametrize("path", ["/", "/?phase=strategy", "/entries/s0000000kq"])
+async def test_a_page_holds_each_meaning_once_that_it_asks_for(shown_site: Any, path: str) -> None:
+    page = read((await shown_site.get(path)).text)
+    asked = {button["popovertarget"] for button in page.all("button") if button["popovertarget"]}
+    ids = [node["id"] for node in page.all() if node["id"]]
+    assert asked
+    assert all(ids.count(target) == 1 for target in asked)
