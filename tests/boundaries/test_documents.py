@@ -22,6 +22,7 @@ SECTION = re.compile(r"docs/protocol\.md sections? (\d)(?: and (\d))?")
 FILE = re.compile(r"`(?:server/\.\.\./)?((?:[\w-]+/)*\w+\.(?:py|toml|html|conf))(?:::\w+)?`")
 NO_NOUNS = {"migrations"}
 OF_READERS = {
+    "evaluate.py",
     "config.toml",
     "exceptiondrive/config.toml",
     "floors.toml",

@@ -259,7 +259,7 @@ def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterat
     digits = protocol.publication if protocol else None
     for name, row in sheet.extra.items():
         if hcc is not None and name.startswith(SENSITIVITY):
-            averages = ("hcc_macro_family", "macro_family"), ("hcc_micro", "micro")
+            averages = [(f"hcc_{key}", words) for key, words in AGGREGATES.items()]
             parts = [f"{title} {metric_text(hcc, row.get(k), digits)}" for k, title in averages]
             factor = name.removeprefix(SENSITIVITY)
             yield Text(f"HCC % at {factor} times d_safe: {', '.join(parts)}", style="dim")
