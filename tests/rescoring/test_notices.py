@@ -38,7 +38,7 @@ from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.lease import new_item
 
 Stage = Any
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
 @dataclass

@@ -152,7 +152,7 @@ def test_the_overview_says_what_workers_refused_and_suspect(
     words = "The floors of split sample refused what phase dev asks: waypoints is 1, it must lie"
     assert page.count(words) == 1
     assert "Phase dev has submissions that change a few samples at a time" in page
-    for address in ("/organize/audit?subject=sample", "/organize/submissions/similar/dev"):
+    for address in ("/organize/audit?subject=sample", "/organize/similar/dev"):
         assert f'href="{address}"' in page
         assert organizer.get(address).status_code == 200
 

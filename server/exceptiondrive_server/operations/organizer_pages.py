@@ -114,7 +114,7 @@ def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) ->
         yield words, f"/organize/audit?subject={quote(held.subject)}", "See the audit log", "bad"
     for phase in dict.fromkeys(line.subject for line in found.probing):
         words = f"Phase {phase} has submissions that change a few samples at a time: probing?"
-        yield words, f"/organize/submissions/similar/{phase}", "See which", "warn"
+        yield words, f"/organize/similar/{phase}", "See which", "warn"
     if found.pending:
         verb = "waits" if len(found.pending) == 1 else "wait"
         words = f"{counted(len(found.pending), 'team')} {verb} for your approval."
