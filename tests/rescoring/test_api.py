@@ -7,7 +7,7 @@ from typing import Any
 
 Api = Any
 Stage = Any
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 REASON = {"reason": "because"}
 
 

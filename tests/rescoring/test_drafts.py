@@ -17,7 +17,7 @@ from exceptiondrive_records.work.tables import Job, WorkState
 Stage = Any
 Make = Callable[..., str]
 pytestmark = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
 def refused(what: Callable[[], object]) -> str:

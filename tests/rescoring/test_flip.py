@@ -26,7 +26,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker import work
 
 Stage = Any
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
 def test_boards_are_compared_before_the_transaction_and_not_in_it(

@@ -20,7 +20,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.parametrize("database_url", ["sqlite"], indirect=True),
 ]
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 LONGEST_MS = 60_000
 
 
@@ -60,7 +60,7 @@ def start_run(page: Page, site: str, toml: str) -> None:
     page.goto(f"{site}/organize/protocols/new")
     page.fill("textarea[name=toml]", toml)
     page.click("button:text-is('Check')")
-    expect(page.locator(".verdict")).to_contain_text("2.0 -> 9.5 m")
+    expect(page.locator(".verdict")).to_contain_text("2.0 -> 4.5 m")
     page.click("button:text-is('Add protocol 1.1')")
     page.click("tr:has-text('1.1') a:has-text('Rescore')")
     page.select_option("select[name=phase]", "dev")

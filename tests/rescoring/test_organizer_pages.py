@@ -19,7 +19,7 @@ from exceptiondrive_server.web.settings import ServerSettings
 
 Stage = Any
 Make = Callable[..., str]
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 SITE = "https://server.test"
 RUNS = "/organize/rescoring"
 
@@ -88,7 +88,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     toml = make_protocol("1.1", *D_SAFE)
     checked = organizer.document(toml, "check").text
     assert "required clearance" in checked
-    assert "9.5 m" in checked
+    assert "4.5 m" in checked
     assert "regrade only, 3 sheets" in checked
     assert organizer.document(toml, "add").headers["location"].endswith("done=protocol_added")
     run_id = organizer.draft()

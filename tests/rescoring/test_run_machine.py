@@ -68,7 +68,7 @@ class Updates(RuleBasedStateMachine):
 
     @initialize()
     def begin_with_a_board(self) -> None:
-        self.stage.add_protocol(new_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 9.5"))
+        self.stage.add_protocol(new_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 4.5"))
         for _ in range(2):
             self.submit()
         self.stage.work()

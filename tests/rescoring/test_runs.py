@@ -21,7 +21,7 @@ from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import Job, WorkState
 
 Stage = Any
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 WIDER = ("footprint_width_m = 1.85", "footprint_width_m = 1.95")
 
 
@@ -271,7 +271,7 @@ def test_every_board_that_was_public_keeps_its_address_and_drafts_have_none(
     assert newest.board == draft
     assert newest.comparison == f"/api/v1/rescoring/{run_id}"
     assert newest.what_changed == (
-        "required clearance of task SE1 (occluded pedestrian) 2.0 -> 9.5 m",
+        "required clearance of task SE1 (occluded pedestrian) 2.0 -> 4.5 m",
     )
 
 

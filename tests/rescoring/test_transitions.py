@@ -18,7 +18,7 @@ from exceptiondrive_schemas.rescoring import (
 from exceptiondrive_server.rescoring.steps import RUN_STEPS, offered
 
 Stage = Any
-D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 9.5")
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
 def test_a_run_that_has_ended_goes_nowhere() -> None:

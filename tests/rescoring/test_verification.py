@@ -95,7 +95,7 @@ def test_a_verification_is_a_run_that_can_only_be_cancelled(
     with pytest.raises(Conflict, match="verifies sheets"):
         stage.rollback(run_id)
     stage.submit(2.5, "late")
-    stage.ready(make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 9.5"))  # both go their way
+    stage.ready(make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 4.5"))  # both go their way
     stage.step("cancel", run_id)
     stage.verify_all()
     with stage.database.read() as session:
