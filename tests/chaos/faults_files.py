@@ -5,7 +5,6 @@ import json
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -138,14 +137,19 @@ def _until_it_is_back(run: Run, do_harm: Callable[[Path], object]) -> str:
     do_harm(path)
     run.topology.worker.start()
     run.topology.wait_until(lambda: run.topology.readiness().get("live_workers"), "workers")
+    refusals = _n_refusals(run)
     calls = [run.upload(), run.upload("beta")]
-    time.sleep(2.5)
+    run.topology.wait_until(lambda: _n_refusals(run) > refusals, "a worker to refuse the split")
     assert all(run.job_of(call).attempts == 0 for call in calls), "an attempt was used up"
     assert all(run.job_of(call).state is WorkState.QUEUED for call in calls)
     path.write_bytes(whole)
     run.settle()
     assert all(run.status_of(call) is SubmissionStatus.SCORED for call in calls)
     return "stayed queued with 0 attempts; scored when the file was back"
+
+
+def _n_refusals(run: Run) -> int:
+    return run.topology.worker.log.read_text().count("split unavailable: its jobs stay queued")
 
 
 def _changed(whole: bytes) -> bytes:

@@ -151,9 +151,13 @@ class System:
 
     def kill_workers(self) -> None:
         """SIGKILL to the worker and to every process that scores; the launcher starts another."""
+        self.signal_workers(signal.SIGKILL)
+
+    def signal_workers(self, number: signal.Signals) -> None:
+        """Send a signal to the worker and to every process that scores."""
         for pid in self._worker_pids():
             try:
-                os.kill(pid, signal.SIGKILL)
+                os.kill(pid, number)
             except ProcessLookupError:
                 pass
 

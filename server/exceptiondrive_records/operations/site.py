@@ -1,6 +1,7 @@
-"""The links of every page, which organizers set while the server runs."""
+"""What holds for the whole site: the links of every page, and what is being made at the start."""
 
 import re
+from datetime import timedelta
 
 from sqlalchemy.orm import Session
 
@@ -41,6 +42,25 @@ def set_site_links(session: Session, change: SiteLinks, *, actor: str) -> SiteLi
         session.merge(SiteSetting(name=_NAME, value=after.model_dump(), changed_at=now))
         audit(session, actor, "site links changed", "site", changed)
     return after
+
+
+_PREPARING = "preparing"
+_PREPARING_AT_LONGEST = timedelta(minutes=10)
+"""What was said longer ago is of a process that died."""
+
+
+def say_preparing(session: Session, words: str) -> None:
+    """Let pages say what is being made before there is anything to see; no words end it."""
+    row = SiteSetting(name=_PREPARING, value={"words": words}, changed_at=database_now(session))
+    session.merge(row)
+
+
+def preparing(session: Session) -> str:
+    """Return what is being made now, in a sentence; empty where nothing is."""
+    row = session.get(SiteSetting, _PREPARING)
+    if row is None or row.changed_at + _PREPARING_AT_LONGEST < database_now(session):
+        return ""
+    return str(row.value["words"])
 
 
 def _checked(links: SiteLinks) -> SiteLinks:

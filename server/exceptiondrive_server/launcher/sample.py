@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tokens import issue_token, verify_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.operations.site import say_preparing
 from exceptiondrive_records.phases.phases import create_phase, find_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import Submission
@@ -102,19 +103,35 @@ def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -
     Raises:
         LaunchError: A step failed; its own words are part of the text.
     """
+    try:
+        _fill(database, layout, server_url, say)
+    finally:
+        _tell(database, lambda words: None, "")
+
+
+def _fill(database: Database, layout: Layout, server_url: str, say: Say) -> None:
     worker = find_command("exceptiondrive-worker")
     environment = worker_environment(layout, {**os.environ, **layout.environment(os.environ)})
+    _tell(database, say, "making its scenes and their hazards")
     _step([worker, "seed-sample"], environment)
     seed_sample(database, layout)
     listing = layout.planners / "planners.json"
     if not listing.exists():
         layout.planners.mkdir(parents=True, exist_ok=True)
-        say("sample: making the files of the synthetic planners")
+        _tell(database, say, "making the files of the synthetic planners")
         _step([worker, "make-planners", str(layout.planners)], environment)
     planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
     missing = [planner for planner in planners if not _is_known(database, planner)]
     if missing:
+        _tell(database, say, f"{len(missing)} synthetic planners are submitted and scored")
         _submit_all(missing, layout, server_url, say, partial(_submission_of, database))
+
+
+def _tell(database: Database, say: Say, doing: str) -> None:
+    """Say what is being made on the terminal and, until the first board stands, on the page."""
+    say(f"sample: {doing}")
+    with database.write() as session:
+        say_preparing(session, f"The sample is being made: {doing}." if doing else "")
 
 
 def _make_phase(session: Session, challenge: ChallengeId, phase: SamplePhase) -> None:

@@ -46,6 +46,8 @@ class Site:
     links: SiteLinks = field(default_factory=SiteLinks)
     delay: str = ""
     """Why scoring is delayed; empty while it keeps up."""
+    preparing: str = ""
+    """What is being made before there is anything to see; empty where nothing is."""
 
 
 def theme_of(text: str | None) -> Theme:
@@ -70,7 +72,7 @@ def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
     theme, here, origin = looks_of(request)
     holder = holder_of(request)
-    links, delay = services_of(request).site_state.now()
+    links, delay, preparing = services_of(request).site_state.now()
     return Site(
         theme,
         here,
@@ -80,6 +82,7 @@ def site_of(request: Request, current: str) -> Site:
         is_organizer=holder is Holder.ORGANIZER,
         links=links,
         delay=delay,
+        preparing=preparing,
     )
 
 

@@ -5,7 +5,7 @@ import time
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.operations.site import site_links
+from exceptiondrive_records.operations.site import preparing, site_links
 from exceptiondrive_records.operations.status import scoring_delay
 from exceptiondrive_schemas.site import SiteLinks
 
@@ -18,15 +18,16 @@ class SiteState:
     def __init__(self, database: Database, heartbeat_ttl_s: float) -> None:
         self._database = database
         self._ttl_s = heartbeat_ttl_s
-        self._said = (SiteLinks(), "")
+        self._said = (SiteLinks(), "", "")
         self._read_at_s = -CLOCK_S
 
-    def now(self) -> tuple[SiteLinks, str]:
-        """Return the links, and why scoring is delayed or nothing."""
+    def now(self) -> tuple[SiteLinks, str, str]:
+        """Return the links; why scoring is delayed, or nothing; what is being made, or nothing."""
         if time.monotonic() - self._read_at_s >= CLOCK_S:
             try:
                 with self._database.read() as session:
-                    self._said = site_links(session), scoring_delay(session, ttl_s=self._ttl_s)
+                    delay = scoring_delay(session, ttl_s=self._ttl_s)
+                    self._said = site_links(session), delay, preparing(session)
             except SQLAlchemyError:  # pages that need no records are shown all the same
                 pass
             self._read_at_s = time.monotonic()
