@@ -15,7 +15,6 @@ from exceptiondrive_scoring.split_lint import LintWarning
 from exceptiondrive_worker.split_store import (
     MAX_SPLIT_BYTES,
     SplitStore,
-    SplitUnavailableError,
     SplitUnreadableError,
     family_counts,
     load_split,
@@ -63,11 +62,9 @@ def publish_split_file(
     Raises:
         SplitUnavailableError: There is no file for this name.
     """
-    paths = [path for path in splits.files() if path.parent.name == name]
-    if not paths:
-        raise SplitUnavailableError(f"there is no split file for {name!r}")
-    registered = _register(database, splits, paths[0], protocol)
-    digest, _ = files.put_stream([paths[0].read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
+    path = splits.current_file(name)
+    registered = _register(database, splits, path, protocol)
+    digest, _ = files.put_stream([path.read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
     with database.write() as session:
         publish_split(session, name, registered.manifest.revision, digest, ACTOR)
     return registered
