@@ -14,6 +14,7 @@ from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_server.routes import ROUTES
 from exceptiondrive_worker.sample_pictures import publish_pictures
 from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.splits_admin import current_split
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,7 +105,7 @@ def show_a_picture(life: "Life") -> str:
     folder = life.worker.splits_dir / "veiled-split" / "pictures"
     folder.mkdir()
     (folder / "v1.edited.png").write_bytes(png(64, 40))
-    publish_pictures(life.database, files, splits, "veiled-split", "CC0")
+    publish_pictures(life.database, files, *current_split(splits, "veiled-split"), "CC0")
     with life.database.read() as session:
         row = session.scalars(select(SamplePictureRow)).one()
     return row.file_digest.removeprefix("sha256:")

@@ -34,7 +34,7 @@ from exceptiondrive_worker.sample_pictures import (
     remove_pictures,
 )
 from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits_admin import current_split, register_all_splits
 
 LICENCE = "Made up by a test, CC0 1.0"
 
@@ -62,7 +62,9 @@ class Shelf:
         (self.folder / "pictures" / name).write_bytes(data)
 
     def show(self, licence: str = LICENCE) -> int:
-        return publish_pictures(self.database, self.files, self.splits, "tiny", licence)
+        return publish_pictures(
+            self.database, self.files, *current_split(self.splits, "tiny"), licence
+        )
 
     @property
     def rows(self) -> list[SamplePictureRow]:
@@ -109,7 +111,7 @@ def test_what_lies_there_now_takes_the_place_of_what_was_shown(shelf: Shelf) -> 
     (after,) = shelf.rows
     assert after.file_digest != before.file_digest
     assert after.licence == "CC BY 4.0, after the reader asked"
-    remove_pictures(shelf.database, shelf.splits, "tiny")
+    remove_pictures(shelf.database, shelf.ref)
     assert shelf.rows == []
     with shelf.database.read() as session:
         assert not shows_picture(session, "tiny", after.file_digest)
@@ -126,7 +128,7 @@ def test_the_worker_shows_no_picture_of_a_withheld_split_and_stores_none(
     with pytest.raises(PicturesRefusedError, match="not public"):
         shelf.show()
     with pytest.raises(PicturesRefusedError, match="not public"):
-        remove_pictures(shelf.database, shelf.splits, "tiny")
+        remove_pictures(shelf.database, shelf.ref)
     assert shelf.rows == []
     assert not [path for path in (tmp_path / "uploads").rglob("*") if path.is_file()]
 

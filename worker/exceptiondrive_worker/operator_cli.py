@@ -41,7 +41,11 @@ from exceptiondrive_worker.split_store import (
     read_split,
 )
 from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
-from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
+from exceptiondrive_worker.splits_admin import (
+    current_split,
+    publish_split_file,
+    register_all_splits,
+)
 from exceptiondrive_worker.work import OlderScorerError, refuse_if_older
 
 app = typer.Typer(
@@ -149,9 +153,10 @@ def publish_pictures_of(
 ) -> None:
     """Show the pictures beside a public split on its pages, in the place of those shown before."""
     settings = load_settings(WorkerSettings)
-    files, splits = FileStore(settings.file_store_url), SplitStore(settings.splits_dir)
+    split, folder = current_split(SplitStore(settings.splits_dir), name)
+    files = FileStore(settings.file_store_url)
     with _records(settings) as database:
-        n_shown = publish_pictures(database, files, splits, name, licence)
+        n_shown = publish_pictures(database, files, split, folder, licence)
     typer.echo(f"{name}: {n_shown} pictures are shown, under: {printable(licence)}")
 
 
@@ -159,8 +164,9 @@ def publish_pictures_of(
 def remove_pictures_of(name: str) -> None:
     """Show no picture of a public split any more."""
     settings = load_settings(WorkerSettings)
+    split, _ = current_split(SplitStore(settings.splits_dir), name)
     with _records(settings) as database:
-        remove_pictures(database, SplitStore(settings.splits_dir), name)
+        remove_pictures(database, split)
     typer.echo(f"{name}: no picture is shown any more")
 
 

@@ -24,7 +24,6 @@ from exceptiondrive_records.splits.pictures import show_pictures
 from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_worker.split_store import SplitStore, read_split
 from exceptiondrive_worker.splits_admin import ACTOR
 
 MAX_STORED_BYTES = 2 * 2**30
@@ -37,50 +36,42 @@ class PicturesRefusedError(ValueError):
 
 
 def publish_pictures(
-    database: Database, files: FileStore, splits: SplitStore, name: str, licence: str
+    database: Database, files: FileStore, split: SplitRef, folder: Path, licence: str
 ) -> int:
-    """Show what lies in the folder of pictures beside the current file of a public split.
+    """Show the pictures beside a public split in the place of those that were shown.
 
     Args:
         database: The system of record.
         files: Where the pictures are stored, by their content.
-        splits: Where split and pictures lie.
-        name: Of the split.
+        split: Whose samples they show.
+        folder: Of the split.
         licence: What stands under each picture.
 
     Returns:
         How many are shown.
 
     Raises:
-        SplitUnavailableError: There is no file for this name.
         PicturesRefusedError: The split is withheld, there are no pictures, or one is none.
         InvalidRecord: A picture is of no sample of the split, or the licence says nothing.
     """
-    ref = _current(splits, name)
     with database.read() as session:
-        _public(session, ref)
-    rows = list(_stored(files, splits.current_file(name).parent / PICTURES))
+        _public(session, split)
+    rows = list(_stored(files, folder / PICTURES))
     if not rows:
-        raise PicturesRefusedError(f"there are no pictures in {name}/{PICTURES}")
+        raise PicturesRefusedError(f"there are no pictures in {split.name}/{PICTURES}")
     with database.write() as session:
-        show_pictures(session, _public(session, ref), rows, licence, ACTOR)
+        show_pictures(session, _public(session, split), rows, licence, ACTOR)
     return len(rows)
 
 
-def remove_pictures(database: Database, splits: SplitStore, name: str) -> None:
+def remove_pictures(database: Database, split: SplitRef) -> None:
     """Show no picture of a public split any more; the stored files go with a later sweep.
 
     Raises:
-        SplitUnavailableError: There is no file for this name.
         PicturesRefusedError: The split is withheld: none was ever shown.
     """
     with database.write() as session:
-        show_pictures(session, _public(session, _current(splits, name)), [], "", ACTOR)
-
-
-def _current(splits: SplitStore, name: str) -> SplitRef:
-    split = read_split(splits.current_file(name))
-    return SplitRef(name=split.name, revision=split.revision)
+        show_pictures(session, _public(session, split), [], "", ACTOR)
 
 
 def _public(session: Session, ref: SplitRef) -> PublicSplit:

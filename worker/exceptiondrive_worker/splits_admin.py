@@ -10,7 +10,7 @@ from exceptiondrive_records.splits.splits import list_splits, publish_split, reg
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.split import Manifest, Split
+from exceptiondrive_schemas.split import Manifest, Split, SplitRef
 from exceptiondrive_scoring.split_lint import LintWarning
 from exceptiondrive_worker.split_store import (
     MAX_SPLIT_BYTES,
@@ -68,6 +68,18 @@ def publish_split_file(
     with database.write() as session:
         publish_split(session, name, registered.manifest.revision, digest, ACTOR)
     return registered
+
+
+def current_split(splits: SplitStore, name: str) -> tuple[SplitRef, Path]:
+    """Return which split the current file of a name is, and the folder in which it lies.
+
+    Raises:
+        SplitUnavailableError: There is no file for this name.
+        SplitUnreadableError: It is no split.
+    """
+    path = splits.current_file(name)
+    split = read_split(path)
+    return SplitRef(name=split.name, revision=split.revision), path.parent
 
 
 def _register(
