@@ -5,6 +5,7 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 """
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 from exceptiondrive.checking import manifest_of
@@ -20,6 +21,7 @@ from exceptiondrive.inputs import (
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, check
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitRef
@@ -81,14 +83,28 @@ def sound_file(
     return SoundFile(checked.document, known, rules, checked.report)
 
 
-def score(document: CheckedDocument, split: Split, protocol: ProtocolDocument) -> ScoreSheet:
-    """Score a sound file: measure, grade, aggregate (docs/protocol.md sections 2 and 3)."""
+def score(
+    document: CheckedDocument,
+    split: Split,
+    protocol: ProtocolDocument,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> ScoreSheet:
+    """Score a sound file: measure, grade, aggregate (docs/protocol.md sections 2 and 3).
+
+    Args:
+        document: What was handed in.
+        split: The split with its regions.
+        protocol: Everything besides.
+        on_step: Is told each step as it begins.
+    """
     from exceptiondrive_scoring.challenge import SCORING, document_columns, exact_sheet
 
+    on_step(f"measuring {counted(len(split.counted), 'sample')}")
     arrays = _arrays(split, protocol)
     scoring = SCORING[document.challenge]
     answers = document_columns(document, [sample.sample_id for sample in split.counted])
     measured = scoring.measure(answers, arrays, protocol.geometry)
+    on_step("grading")
     split_ref = SplitRef(name=split.name, revision=split.revision)
     of_controls = None
     if split.controls:

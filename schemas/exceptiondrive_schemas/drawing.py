@@ -204,7 +204,7 @@ def _span(values: Iterable[float]) -> tuple[float, float]:
 
 
 CAPTION_KEYS = ("hcc", "hpr", "cts")
-TICK_ROOM_PX = 36
+TICK_ROOM_PX = 46
 MINUS = "\u2212"
 
 

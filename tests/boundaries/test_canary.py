@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import text
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.base import Base
@@ -127,7 +127,7 @@ class Site:
             rows = [
                 repr(tuple(row))
                 for table in Base.metadata.sorted_tables
-                for row in connection.execute(select(table))
+                for row in connection.execute(text(f'SELECT * FROM "{table.name}"'))
             ]
         files = [path.read_bytes() for path in sorted(self.folder.glob("records.sqlite3*"))]
         return b"".join([*(row.encode() for row in rows), *files])

@@ -12,6 +12,8 @@ from tests.chaos.topology import PHASE, TEAMS, Topology
 from tests.support import documents
 from tests.support.documents import digest_of
 
+from exceptiondrive_schemas.problems import ProblemCode
+
 _TIMEOUT_S = 20.0
 _PAUSE_S = 0.5
 _GIVE_UP_AFTER_S = 90.0
@@ -106,7 +108,7 @@ class Clients:
     def _post(self, data: bytes, team: str) -> Call:
         began_s, digest = self.history.now_s(), digest_of(data)
         method = f"m{int(digest[-6:], 16) % 3}"
-        status, submission_id, wait = None, None, None
+        status, submission_id, wait, is_busy = None, None, None, False
         try:
             answer = self._http.post(
                 "/submissions",
@@ -117,10 +119,12 @@ class Clients:
             status, wait = answer.status_code, answer.headers.get("Retry-After")
             if status in (200, 202):
                 submission_id = answer.json()["id"]
+            elif status == 429:
+                is_busy = answer.json()["code"] == ProblemCode.TOO_MANY_REQUESTS
         except httpx.HTTPError:
             pass
         took_s = self.history.now_s() - began_s
-        return Call(team, digest, method, began_s, took_s, status, submission_id, wait)
+        return Call(team, digest, method, began_s, took_s, status, submission_id, wait, is_busy)
 
     def _headers(self, team: str) -> dict[str, str]:
         return {"Authorization": f"Bearer {self.topology.tokens[team]}"}

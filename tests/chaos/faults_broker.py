@@ -6,6 +6,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import redis
+from tests.chaos.history import Call
 from tests.chaos.junk import JUNK
 from tests.chaos.run import Run, percentile, slowest_s
 
@@ -49,7 +50,7 @@ def down_at_submit(run: Run) -> str:
         run.clients.stream(12, every_s=down_s / 12)
         run.clients.join()
         calls = run.calls_since(start_s)
-        assert [call.status for call in calls] == [202] * 12, "an upload was not taken"
+        assert [call.status for call in calls] == [202] * 12, _told(calls)
         assert {run.status_of(call) for call in calls} <= {Status.RECEIVED, Status.QUEUED}
         time.sleep(max(0.0, down_s - (time.monotonic() - began)))
     took_s = run.settle()
@@ -75,6 +76,10 @@ def flush(run: Run) -> str:
     assert longest_s <= _BEGUN_WITHIN_S, f"one was begun {longest_s:.1f} s after"
     begun = f"the {len(waiting.jobs)} that waited were begun within {longest_s:.1f} s"
     return f"{begun}; settled {took_s:.1f} s after the stream"
+
+
+def _told(calls: list[Call]) -> str:
+    return f"not every upload was taken: {[call.status for call in calls]}"
 
 
 def _n_calls(client: redis.Redis, command: str) -> int:
@@ -105,7 +110,7 @@ def freeze(run: Run) -> str:
             run.clients.join()
             time.sleep(0.5)
     calls = run.calls_since(start_s)
-    assert all(call.status == 202 for call in calls), "an upload was not taken"
+    assert all(call.status == 202 for call in calls), _told(calls)
     p99_s = percentile([call.took_s for call in calls], 0.99)
     took_s = run.settle()
     assert p99_s < _P99_UPLOAD_S, f"99 % of the uploads took up to {p99_s:.1f} s"
@@ -124,7 +129,7 @@ def out_of_memory(run: Run) -> str:
         client.config_set("maxmemory", "64mb")
     took_s, calls = run.settle(), run.calls_since(start_s)
     assert is_full, "the broker was not full"
-    assert [call.status for call in calls] == [202] * 6, "an upload was not taken"
+    assert [call.status for call in calls] == [202] * 6, _told(calls)
     run.require_scored(calls)
     return f"6 of 6 taken, settled {took_s:.1f} s after there was room again"
 

@@ -18,6 +18,8 @@ class Call:
     status: int | None
     submission_id: str | None
     retry_after: str | None = None
+    is_busy: bool = False
+    """Told that the team sends too much at once, and to come again."""
 
     @property
     def is_accepted(self) -> bool:
@@ -26,7 +28,7 @@ class Call:
     @property
     def is_refused(self) -> bool:
         """Told for certain that nothing was taken: a client error, not an outage."""
-        return self.status is not None and 400 <= self.status < 500
+        return self.status is not None and 400 <= self.status < 500 and not self.is_busy
 
 
 @dataclass(frozen=True)

@@ -271,7 +271,7 @@ def test_page_and_csv_say_the_numbers_of_the_board(job: Job, phase: str) -> None
         words = _row_of(page, submission_id)
         assert entry["method"] in words
         for metric in ("hcc", "ur"):
-            assert f"{100 * entry['metrics'][metric]:.2f}" in words
+            assert f"{100 * entry['metrics'][metric]:.1f}" in words
         if entry["rank"]:
             assert str(entry["rank"]) in words
 

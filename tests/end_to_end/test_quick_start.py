@@ -22,7 +22,7 @@ from tests.support.distributions import ROOT, build
 from tests.support.processes import wait_until
 from tests.support.system import System, running_system
 
-pytestmark = [pytest.mark.slow]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # pip installs
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def paste(block: str, system: System, folder: Path, token: str) -> str:
         input=f"{token}\n",
         capture_output=True,
         text=True,
-        timeout=280,
+        timeout=600,
         check=False,
     )
     if done.returncode and "pip install" in block and "No matching distribution" in done.stderr:

@@ -92,6 +92,25 @@ def test_a_closed_phase_offers_no_submission(life: "Life") -> None:
     assert "Test has closed" in life.get("/feed.atom?phase=test").text
 
 
+@pytest.mark.parametrize(
+    ("dates", "takes_files"),
+    [
+        ({}, True),
+        ({"opens_at": FAR_AWAY}, False),
+        ({"closes_at": LONG_AGO}, False),
+        ({"closes_at": LONG_AGO, "policy": {"late_entries": "own_view"}}, True),
+    ],
+)
+def test_only_where_files_are_taken_does_the_board_tell_how_to_submit(
+    life: "Life", dates: dict[str, Any], takes_files: bool
+) -> None:
+    life.make_phase(split="plain", **dates)
+    main = life.get("/?phase=test").text.split("<main", 1)[1].split("</main>")[0]
+    assert ("on the board</h2>" in main) == takes_files
+    assert ("exceptiondrive submit" in main) == takes_files
+    assert "Rules, data and dates of Test" in main
+
+
 def front(life: "Life") -> str:
     found = re.search(r'href="/phases/([a-z]+)"', life.get("/").text)
     assert found is not None

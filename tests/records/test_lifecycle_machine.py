@@ -109,7 +109,8 @@ class Lifecycle(RuleBasedStateMachine):
             self.answer(claim, what, keeps=flag)
 
     def submit(self, content: int, *, wakes: bool) -> None:
-        accepted = self.world.submit(f"file {content % 5}", method=f"m{content % 3}")
+        file = content % 5  # the same file under another name is refused
+        accepted = self.world.submit(f"file {file}", method=f"m{file % 3}")
         if accepted.job_id is None:
             assert accepted.is_duplicate
             return

@@ -61,11 +61,20 @@ def test_an_accepted_upload_is_a_submission_and_a_queued_job(world: World) -> No
 
 def test_the_same_bytes_again_give_the_first_submission(world: World) -> None:
     first = world.submit("file")
-    again = world.submit("file", method="other name")
+    again = world.submit("file")
     assert again.is_duplicate
     assert again.job_id is None
     assert again.submission.id == first.submission.id
     with world.database.read() as session:
+        assert session.query(Job).count() == 1
+
+
+def test_the_same_bytes_under_another_name_are_refused_and_change_nothing(world: World) -> None:
+    first = world.submit("file")
+    with pytest.raises(Conflict, match=f"exceptiondrive edit {first.submission.id}"):
+        world.submit("file", method="other name")
+    with world.database.read() as session:
+        assert [row.method for row in session.query(Submission)] == ["method"]
         assert session.query(Job).count() == 1
 
 

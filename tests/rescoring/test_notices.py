@@ -119,7 +119,8 @@ def told(stage: Stage, make_protocol: Callable[..., str], channel: Channel, addr
         )
         if channel is Channel.EMAIL:
             confirm_contact(session, contact.id, contact.secret or "")
-            session.execute(delete(Delivery))  # it asked already
+    with stage.owner.write() as session:
+        session.execute(delete(Delivery))  # it asked already
     stage.apply(stage.ready(make_protocol("1.1", *D_SAFE)))
     return contact.secret or ""
 

@@ -76,7 +76,7 @@ def everything_recorded(world: World) -> str:
         return "\n".join(
             repr(tuple(row))
             for table in Base.metadata.sorted_tables
-            for row in connection.execute(select(table))
+            for row in connection.execute(text(f'SELECT * FROM "{table.name}"'))
         )
 
 

@@ -8,6 +8,7 @@ import typer
 from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
+from exceptiondrive.cli.progress import StepLine
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import outlook_view, report_view, sheet_view
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
@@ -104,8 +105,11 @@ def evaluate(
     the exact score sheet. Below it stands what the file looks like. Needs the extra `evaluate` (numpy) and a split with regions: see `split
     download`.
     """
-    sound = sound_file(options.given(file), split, protocol)
-    sheet = score(sound.document, sound.split, sound.protocol)
+    given = options.given(file)
+    with StepLine(is_shown=not json) as tell:
+        tell(f"reading {given.name}")
+        sound = sound_file(given, split, protocol)
+        sheet = score(sound.document, sound.split, sound.protocol, tell)
     if per_sample is not None:
         rows = sample_results(sound.document, sound.split, sound.protocol)
         form = parquet_bytes if per_sample.suffix == ".parquet" else csv_text

@@ -1,10 +1,14 @@
 """Progress on stderr, and only where a person sees it."""
 
+from threading import Timer
+
 from rich.progress import (
     BarColumn,
     DownloadColumn,
     Progress,
+    SpinnerColumn,
     TextColumn,
+    TimeElapsedColumn,
     TimeRemainingColumn,
     TransferSpeedColumn,
 )
@@ -50,6 +54,39 @@ class TransferBar:
         """Move the bar; it is shown from the first byte on, so that a question before it is read."""
         self._bar.start()
         self._bar.update(self._task, completed=done, total=total or None)
+
+
+STEPS_AFTER_S = 1.0
+"""From when on steps are told: what is quick says nothing."""
+
+
+class StepLine:
+    """A line that says which step goes on, and for how long all of them have."""
+
+    def __init__(self, *, is_shown: bool) -> None:
+        self._line = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            TimeElapsedColumn(),
+            console=console(stderr=True),
+            transient=True,
+            disable=not (is_shown and has_terminal()),
+        )
+        self._task = self._line.add_task("", total=None)
+        self._later = Timer(STEPS_AFTER_S, self._line.start)
+
+    def __enter__(self) -> Self:
+        self._later.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._later.cancel()
+        self._later.join()
+        self._line.stop()
+
+    def __call__(self, step: str) -> None:
+        """Say the next step."""
+        self._line.update(self._task, description=step)
 
 
 class WaitLine:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, Challenge
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
@@ -438,9 +438,9 @@ class BoardPage:
         A phase whose split is withheld shows those of another one.
         """
         can_be_drawn = any(
-            link.split_is_public and link.challenge is PLANNING for link in self.phases
+            link.split_is_public and link.challenge.has_waypoints for link in self.phases
         )
-        if self.board is None or self.challenge is not PLANNING or not can_be_drawn:
+        if self.board is None or not self.challenge.has_waypoints or not can_be_drawn:
             return None
         return urlencode(board_fields(self.board, self.is_current))
 

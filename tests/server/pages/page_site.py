@@ -42,6 +42,7 @@ from exceptiondrive_schemas.protocol import (
 )
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
+    ClearanceCurve,
     Coverage,
     Plausibility,
     ProtocolRef,
@@ -288,11 +289,17 @@ def fill(site: Site, board: Board) -> None:
 
 
 def publish_late_view(site: Site, board: Board) -> None:
-    """Make a phase `late` whose late view is led by an entry that its board does not hold."""
+    """Make a phase `late` whose late view is led by an entry that its board does not hold.
+
+    The sheet of that entry has a clearance curve in fine steps.
+    """
     site.create_phase("late")
     late = board.entries[0].model_copy(update={"submission_id": "l0000000kq", "is_late": True})
     in_time = tuple(entry for entry in board.entries if entry.submission_id != "s0000000kq")
     main = board.model_copy(update={"phase": "late", "entries": in_time})
     both = main.model_copy(update={"view": "late", "entries": (late, *in_time)})
     site.publish(main, both)
-    site.keep_submission(late, "late")
+    kept = tuple(0.9 * (1 - step / 40) for step in range(41))
+    curve = ClearanceCurve(step=0.05, micro=kept, macro_family=kept)
+    sheet = sheet_of(late).model_copy(update={"clearance_curve": curve})
+    site.keep_submission(late, "late", sheet)

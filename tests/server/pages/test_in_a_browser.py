@@ -400,6 +400,41 @@ def test_phone_rows_are_cards_that_keep_the_roles_of_a_table(visit: Visit) -> No
     assert box["height"] == 64
 
 
+@pytest.mark.parametrize("path", ["/entries/s0000005kq", "/entries/l0000000kq", PATHS[9]])
+@pytest.mark.parametrize("width", [390, 820])
+def test_no_text_of_a_drawing_is_smaller_than_ten_pixels(
+    visit: Visit, path: str, width: int
+) -> None:
+    page = visit.open(path, width=width)
+    sizes = page.locator("main svg text:visible").evaluate_all(
+        "texts => texts.map((text) => { const {a, b} = text.getScreenCTM();"
+        " return parseFloat(getComputedStyle(text).fontSize) * Math.hypot(a, b); })"
+    )
+    assert min(sizes) >= 10
+
+
+def test_slanted_labels_under_bars_stay_in_the_drawing(visit: Visit) -> None:
+    for width, scheme in ((390, "light"), (390, "dark"), (1440, "light")):
+        page = visit.open("/entries/l0000000kq", width=width, color_scheme=scheme)
+        bars = page.locator("svg.bars")
+        box = bars.bounding_box()
+        assert box is not None
+        for label in bars.locator("text").all():
+            own = label.bounding_box()
+            assert own is not None
+            assert own["x"] >= box["x"]
+            assert own["y"] >= box["y"]
+            assert own["y"] + own["height"] <= box["y"] + box["height"]
+
+
+def test_no_interval_of_the_board_is_dashed(visit: Visit) -> None:
+    page = visit.open("/")
+    dashes = page.locator("#board-rows .pm svg *").evaluate_all(
+        "marks => marks.map((mark) => getComputedStyle(mark).strokeDasharray)"
+    )
+    assert set(dashes) == {"none"}
+
+
 def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:
     page = visit.open("/", color_scheme="dark")
     page.emulate_media(media="print")
