@@ -181,6 +181,17 @@ class SplitStore:
         ]
         return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
 
+    def current_file(self, name: str) -> Path:
+        """Return the current file of a split.
+
+        Raises:
+            SplitUnavailableError: There is none for this name.
+        """
+        found = next((path for path in self.files() if path.parent.name == name), None)
+        if found is None:
+            raise SplitUnavailableError(f"there is no split file for {name!r}")
+        return found
+
     def floors(self, name: str) -> SplitFloors:
         """Return the floors of a split as they stand now.
 
