@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from tests.build.deciding import PEOPLE, decisions, record
 from tests.build.shop import make_shop
 from tests.support.documents import planning_file
@@ -49,6 +50,40 @@ def shop(read: Path, tmp_path: Path) -> Path:
 
 def run(*command: str | Path) -> Result:
     return CliRunner().invoke(app, [str(part) for part in command])
+
+
+def set_freeze(shop: Path, before: str, after: str) -> None:
+    file = shop / "workshop.toml"
+    text = file.read_text()
+    assert before in text
+    file.write_text(text.replace(before, after, 1))
+
+
+def test_pictures_lie_beside_the_split_where_the_settings_and_a_licence_say_so(shop: Path) -> None:
+    assert "pictures" not in frozen(shop, "without")
+    set_freeze(shop, "pictures = false", "pictures = true")
+    out = shop / "frozen" / "with"
+    assert run("freeze", out, "--workshop", shop).exit_code == 0
+    counted = {sample.sample_id for sample in read_split(out / "split.json.gz").counted}
+    both = {f"{key}.{shows}.jpg" for key in counted for shows in ("source", "edited")}
+    assert {path.name for path in (out / "pictures").iterdir()} == both
+    key = min(counted)
+    with (
+        Image.open(out / "pictures" / f"{key}.source.jpg") as source,
+        Image.open(out / "pictures" / f"{key}.edited.jpg") as edited,
+    ):
+        assert source.format == edited.format == "JPEG"
+        assert source.size == edited.size
+        assert source.tobytes() != edited.tobytes()
+
+
+def test_without_a_licence_no_pictures_are_put_there(shop: Path) -> None:
+    set_freeze(shop, "pictures = false", "pictures = true")
+    set_freeze(shop, 'licence = "CC0"', 'licence = ""')
+    result = run("freeze", shop / "frozen" / "none", "--workshop", shop)
+    assert result.exit_code == 2
+    assert "there is no licence to" in result.output
+    assert not (shop / "frozen" / "none").exists()
 
 
 def frozen(shop: Path, name: str, *options: str | Path) -> dict[str, bytes]:

@@ -5,9 +5,16 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from sqlalchemy import select
 from tests.phases.browsing import visitor
+from tests.support.made_pictures import png
 
+from exceptiondrive_records.splits.splits import find_split, publish_split
+from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_server.routes import ROUTES
+from exceptiondrive_worker.sample_pictures import publish_pictures
+from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.splits_admin import current_split
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,6 +58,7 @@ def addresses(names: dict[str, str]) -> Iterator[str]:
         "version": "1.0",
         "form": "csv",
         "file": "planner.json",
+        "digest": names["digest"],
     }
     for template in public_paths():
         path = re.sub(r"{(\w+)[^}]*}", lambda found: values.get(found[1], "planning"), template)
@@ -80,14 +88,34 @@ def veiled(life: "Life", make_split: "Callable[..., Any]") -> dict[str, str]:
     key = life.submit("alpha", speeds, "Planner", "veiled-split", "veiled-phase")
     life.work()
     assert life.json(f"/api/v1/entries/{key}")["phase"] == "veiled-phase"
+    digest = show_a_picture(life)
+    assert life.get(f"/splits/veiled-split/pictures/{digest}.jpg").status_code == 200
     life.change({"visibility": "hidden"}, "veiled-phase")
-    return {"phase": "veiled-phase", "split": "veiled-split", "key": key, "run": "nosuchrun"}
+    return {"phase": "veiled-phase", "split": "veiled-split", "key": key, "run": "nosuchrun"} | {
+        "digest": digest
+    }
+
+
+def show_a_picture(life: "Life") -> str:
+    """Make the split public, with a picture of one sample; return the digest of what is served."""
+    files, splits = life.context.files, SplitStore(life.worker.splits_dir)
+    with life.database.write() as session:  # without its file, which holds marked coordinates
+        revision = find_split(session, "veiled-split").revision
+        publish_split(session, "veiled-split", revision, "sha256:" + "5" * 64, "test")
+    folder = life.worker.splits_dir / "veiled-split" / "pictures"
+    folder.mkdir()
+    (folder / "v1.edited.png").write_bytes(png(64, 40))
+    publish_pictures(life.database, files, *current_split(splits, "veiled-split"), "CC0")
+    with life.database.read() as session:
+        row = session.scalars(select(SamplePictureRow)).one()
+    return row.file_digest.removeprefix("sha256:")
 
 
 def test_no_public_address_tells_a_hidden_phase_from_none(
     life: "Life", veiled: dict[str, str]
 ) -> None:
     absent = {"phase": "absent-phase", "split": "absent-split", "key": "0" * 16, "run": "nosuchrun"}
+    absent["digest"] = "0" * 64
     asked = dict(zip(addresses(veiled), addresses(absent), strict=True))
     assert len(asked) > 200
     for client in (life.client, visitor(life, "beta")):

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.made_pictures import png
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker import operator_cli
+from exceptiondrive_worker.split_store import read_split
 
 MakeSplit = Callable[..., Split]
 
@@ -182,3 +184,20 @@ def test_an_unknown_lane_is_refused(operate: Operate) -> None:
 
 def test_without_a_sign_of_life_the_health_check_fails(operate: Operate) -> None:
     assert operate("heartbeat-age")[:2] == (1, "no sign of life\n")
+
+
+def test_pictures_are_shown_and_taken_away_by_command(operate: Operate, tmp_path: Path) -> None:
+    operate("make-sample")
+    operate("register-splits")
+    folder = tmp_path / "splits" / "sample"
+    (folder / "pictures").mkdir()
+    sample_id = read_split(folder / "split.json.gz").samples[0].sample_id
+    (folder / "pictures" / f"{sample_id}.source.png").write_bytes(png(64, 40))
+    show = ("publish-pictures", "sample", "--licence", "CC0 1.0")
+    code, _, err = operate(*show)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "is not public" in err
+    operate("seed-sample")
+    assert operate(*show)[:2] == (0, "sample: 1 pictures are shown, under: CC0 1.0\n")
+    assert operate("publish-pictures", "sample")[0] == 2, "the licence is asked for"
+    assert operate("remove-pictures", "sample")[:2] == (0, "sample: no picture is shown any more\n")

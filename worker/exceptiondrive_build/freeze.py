@@ -5,14 +5,11 @@ they were taken and however often the work broke off. Regions go into `split.jso
 """
 
 import gzip
-import io
 import json
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-
-from PIL import Image
 
 from exceptiondrive_build.agreement import agreement, outcome
 from exceptiondrive_build.candidates import Candidate
@@ -21,6 +18,7 @@ from exceptiondrive_build.datasheet_text import html_of, markdown_of
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.numbers import audit, cells, deciders, stages
 from exceptiondrive_build.records import Kind, Record
+from exceptiondrive_build.small_jpeg import LONGEST_SIDE_PX, PICTURES, small_jpeg
 from exceptiondrive_build.values import Corners, Edited
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import canonical_json
@@ -90,6 +88,10 @@ def freeze(
             withdrawn, a control or an example is not there, or the split cannot be scored.
     """
     split = _split(workshop, candidates, previous)
+    settings = workshop.settings
+    if (settings.datasheet.examples or settings.freeze.pictures) and not settings.licence:
+        advice = "Say in workshop.toml under which `licence` they may be."
+        raise BuildError("Pictures are to be shown, and there is no licence to.", advice)
     if previous is not None and not words:
         raise BuildError("A revision says in words what changed.", "Add --words.")
     _refuse_faults(split, workshop)
@@ -294,9 +296,6 @@ def _examples(
 ) -> Iterator[Example]:
     """Pairs that the settings name. The family is told only of what is not in the split."""
     chosen = workshop.settings.datasheet.examples
-    if chosen and not workshop.settings.licence:
-        advice = "Say in workshop.toml under which `licence` they may be."
-        raise BuildError("Example pictures are named, and no licence to show them.", advice)
     _refuse_some(
         [key for key in chosen if key not in candidates or not candidates[key].pictures],
         "are examples in workshop.toml, and have no edited pictures",
@@ -305,24 +304,30 @@ def _examples(
     taken = {sample.sample_id for sample in split.samples}
     titles = {family.id: family.title for family in workshop.protocol.families}
     for key in chosen:
-        candidate = candidates[key]
-        assert isinstance(candidate.edited, Edited)
-        view, edited = next(iter(candidate.edited.images.items()))
+        source, edited = _pictures(workshop, candidates[key])
         yield Example(
-            caption="" if key in taken else titles[candidate.task.family],
-            source=_shown(workshop.image(candidate.keyframe.camera(view).image)),
-            edited=_shown(workshop.image(edited)),
+            caption="" if key in taken else titles[candidates[key].task.family],
+            source=b64encode(small_jpeg(source, EXAMPLE_WIDTH_PX)[0]),
+            edited=b64encode(small_jpeg(edited, EXAMPLE_WIDTH_PX)[0]),
         )
 
 
-def _shown(data: bytes) -> bytes:
-    """A smaller JPEG, base64, without what cameras write into files."""
-    with Image.open(io.BytesIO(data)) as picture:
-        small = picture.convert("RGB")
-    small.thumbnail((EXAMPLE_WIDTH_PX, EXAMPLE_WIDTH_PX))
-    kept = io.BytesIO()
-    small.save(kept, "JPEG", quality=85)
-    return b64encode(kept.getvalue())
+def pictures(
+    workshop: Workshop, candidates: Mapping[str, Candidate], split: Split
+) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of the pictures that the settings want beside the split."""
+    for sample in split.counted if workshop.settings.freeze.pictures else ():
+        both = _pictures(workshop, candidates[sample.sample_id])
+        for shows, data in zip(("source", "edited"), both, strict=True):
+            jpeg, _, _ = small_jpeg(data, LONGEST_SIDE_PX)
+            yield f"{PICTURES}/{sample.sample_id}.{shows}.jpg", jpeg
+
+
+def _pictures(workshop: Workshop, candidate: Candidate) -> tuple[bytes, bytes]:
+    """The first edited view: as it was, and as it became."""
+    assert isinstance(candidate.edited, Edited)
+    view, edited = next(iter(candidate.edited.images.items()))
+    return workshop.image(candidate.keyframe.camera(view).image), workshop.image(edited)
 
 
 def _provenance(

@@ -2,8 +2,9 @@
 
 import json as json_module
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ import typer
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.freeze import auxiliary, freeze, gzipped
+from exceptiondrive_build.freeze import auxiliary, freeze, gzipped, pictures
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.values import Withdrawn
 from exceptiondrive_build.workshop import Workshop
@@ -99,7 +100,7 @@ def freeze_split(
         if auxiliary_set:
             rest = auxiliary(shop, candidates, frozen.split)
             files[f"{rest.name}.json.gz"] = gzipped(rest)
-    _write(out, files)
+        _write(out, chain(files.items(), pictures(shop, candidates, frozen.split)))
     sheet = frozen.datasheet
     typer.echo(
         f"{out}: {sheet.name}, {sheet.n_samples:,} samples, {sheet.n_controls:,} controls, "
@@ -146,14 +147,15 @@ def _read(path: Path) -> Split:
         raise BuildError(str(error)) from None
 
 
-def _write(folder: Path, files: Mapping[str, bytes]) -> None:
+def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
     """Write all files or none: a folder that is there is whole."""
     if folder.exists():
         raise BuildError(f"{folder} is there already.", "A frozen split is never written over.")
     part = folder.with_name(f"{folder.name}.part")
     try:
         part.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for name, data in files.items():
+        for name, data in files:
+            (part / name).parent.mkdir(mode=0o700, exist_ok=True)
             (part / name).write_bytes(data)
             if name.endswith(".gz") or name == "provenance.jsonl":
                 (part / name).chmod(0o600)

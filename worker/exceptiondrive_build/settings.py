@@ -114,6 +114,10 @@ class FreezeSection(Document):
     recorded_is_public: bool = Field(
         default=False, description="the manifest tells it to participants"
     )
+    pictures: bool = Field(
+        default=False,
+        description="the first camera's pictures of each sample lie beside it; needs `licence`",
+    )
     controls: tuple[str, ...] = Field(
         default=(), description="sample ids whose region no good driver would heed"
     )

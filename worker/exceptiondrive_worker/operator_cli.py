@@ -25,6 +25,11 @@ from exceptiondrive_schemas.protocol import (
 from exceptiondrive_worker.process import configure_logging, run_worker, youngest_heartbeat_age_s
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
+from exceptiondrive_worker.sample_pictures import (
+    PicturesRefusedError,
+    publish_pictures,
+    remove_pictures,
+)
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_floors import FloorsUnreadableError
@@ -32,11 +37,16 @@ from exceptiondrive_worker.split_store import (
     SplitStore,
     SplitUnavailableError,
     SplitUnreadableError,
+    close_to_others,
     load_split,
     read_split,
 )
 from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
-from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
+from exceptiondrive_worker.splits_admin import (
+    current_split,
+    publish_split_file,
+    register_all_splits,
+)
 from exceptiondrive_worker.work import OlderScorerError, refuse_if_older
 
 app = typer.Typer(
@@ -57,6 +67,7 @@ _KNOWN_ERRORS = (
     SplitUnavailableError,
     FloorsUnreadableError,
     OlderScorerError,
+    PicturesRefusedError,
     OSError,
 )
 
@@ -70,6 +81,7 @@ def run(
     settings = load_settings(WorkerSettings)
     with _records(settings) as database:  # its connections must not reach the processes that score
         refuse_if_older(database)
+    close_to_others(settings.splits_dir)
     run_worker(settings, _lanes(lanes), concurrency)
 
 
@@ -134,6 +146,30 @@ def publish_split(name: str, protocol: ProtocolOption = None) -> None:
     with _records(settings) as database:
         registered = publish_split_file(database, files, splits, name, _protocol(protocol))
     typer.echo(f"{name} is public now, at {registered.manifest.revision}")
+
+
+@app.command("publish-pictures")
+def publish_pictures_of(
+    name: str,
+    licence: Annotated[str, typer.Option(help="Under which they may be shown, in words.")],
+) -> None:
+    """Show the pictures beside a public split on its pages, in the place of those shown before."""
+    settings = load_settings(WorkerSettings)
+    split, folder = current_split(SplitStore(settings.splits_dir), name)
+    files = FileStore(settings.file_store_url)
+    with _records(settings) as database:
+        n_shown = publish_pictures(database, files, split, folder, licence)
+    typer.echo(f"{name}: {n_shown} pictures are shown, under: {printable(licence)}")
+
+
+@app.command("remove-pictures")
+def remove_pictures_of(name: str) -> None:
+    """Show no picture of a public split any more."""
+    settings = load_settings(WorkerSettings)
+    split, _ = current_split(SplitStore(settings.splits_dir), name)
+    with _records(settings) as database:
+        remove_pictures(database, split)
+    typer.echo(f"{name}: no picture is shown any more")
 
 
 @app.command("make-sample")

@@ -8,7 +8,9 @@ here leaves the worker: the manifest carries sample ids only.
 
 import gzip
 import json
+import os
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -164,6 +166,13 @@ def family_counts(split: Split, protocol: ProtocolDocument) -> dict[str, int]:
     return {family.id: counts[family.id] for family in protocol.families if counts[family.id]}
 
 
+def close_to_others(folder: Path) -> None:
+    """Let nobody but its owner into the folder of splits, if that is who asks and the folder can be changed."""
+    with suppress(OSError):
+        if folder.stat().st_uid == os.geteuid():
+            folder.chmod(0o700)
+
+
 class SplitStore:
     """Finds splits by name and revision, and keeps each loaded one for this process."""
 
@@ -180,6 +189,17 @@ class SplitStore:
             for path in (*folder.glob("split*.json"), *folder.glob("split*.json.gz"))
         ]
         return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
+
+    def current_file(self, name: str) -> Path:
+        """Return the current file of a split.
+
+        Raises:
+            SplitUnavailableError: There is none for this name.
+        """
+        found = next((path for path in self.files() if path.parent.name == name), None)
+        if found is None:
+            raise SplitUnavailableError(f"there is no split file for {name!r}")
+        return found
 
     def floors(self, name: str) -> SplitFloors:
         """Return the floors of a split as they stand now.

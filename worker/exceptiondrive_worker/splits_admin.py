@@ -10,12 +10,11 @@ from exceptiondrive_records.splits.splits import list_splits, publish_split, reg
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.split import Manifest, Split
+from exceptiondrive_schemas.split import Manifest, Split, SplitRef
 from exceptiondrive_scoring.split_lint import LintWarning
 from exceptiondrive_worker.split_store import (
     MAX_SPLIT_BYTES,
     SplitStore,
-    SplitUnavailableError,
     SplitUnreadableError,
     family_counts,
     load_split,
@@ -63,14 +62,24 @@ def publish_split_file(
     Raises:
         SplitUnavailableError: There is no file for this name.
     """
-    paths = [path for path in splits.files() if path.parent.name == name]
-    if not paths:
-        raise SplitUnavailableError(f"there is no split file for {name!r}")
-    registered = _register(database, splits, paths[0], protocol)
-    digest, _ = files.put_stream([paths[0].read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
+    path = splits.current_file(name)
+    registered = _register(database, splits, path, protocol)
+    digest, _ = files.put_stream([path.read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
     with database.write() as session:
         publish_split(session, name, registered.manifest.revision, digest, ACTOR)
     return registered
+
+
+def current_split(splits: SplitStore, name: str) -> tuple[SplitRef, Path]:
+    """Return which split the current file of a name is, and the folder in which it lies.
+
+    Raises:
+        SplitUnavailableError: There is no file for this name.
+        SplitUnreadableError: It is no split.
+    """
+    path = splits.current_file(name)
+    split = read_split(path)
+    return SplitRef(name=split.name, revision=split.revision), path.parent
 
 
 def _register(

@@ -77,6 +77,7 @@ RIGHTS = MappingProxyType(
         "protocols": (RI, R, R),
         "receipt_keys": (RI, NONE, NONE),
         "rescoring_runs": (RIU, R, RU),
+        "sample_pictures": (R, RID, R),
         "score_sheets": (R, RI, R),  # only workers score
         "sessions": (RIUD, NONE, NONE),
         "sign_in_attempts": (RIUD, NONE, NONE),

@@ -20,6 +20,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
+from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
@@ -189,6 +190,7 @@ def violations(session: Session) -> list[Violation]:
     found += _audit_chain(session)
     found += broken_boards(session)
     found += drawings_of_withheld_splits(session)
+    found += pictures_of_withheld_splits(session)
     return found
 
 

@@ -71,6 +71,35 @@ class EntryDrawingsRow(Base):
     created_at: Mapped[datetime]
 
 
+class SamplePictureRow(Base):
+    """A camera picture of one sample, stored by its content.
+
+    As with drawings, the database itself refuses a row whose split is not public.
+    """
+
+    __tablename__ = "sample_pictures"
+    __table_args__ = (
+        ForeignKeyConstraint(
+            ["split_name", "split_revision", "public_file_digest"],
+            ["splits.name", "splits.revision", "splits.public_file_digest"],
+        ),
+        Index("ix_sample_pictures_file", "file_digest"),
+    )
+    split_name: Mapped[str] = mapped_column(primary_key=True)
+    split_revision: Mapped[str] = mapped_column(primary_key=True)
+    sample_id: Mapped[str] = mapped_column(primary_key=True)
+    shows: Mapped[str] = mapped_column(primary_key=True)
+    """`source`, the original scene, or `edited`, the scene with hazard."""
+    public_file_digest: Mapped[str]
+    file_digest: Mapped[str]
+    """Of a JPEG in the file store."""
+    width_px: Mapped[int]
+    height_px: Mapped[int]
+    licence: Mapped[str]
+    """Under which it may be shown, in the operator's words."""
+    created_at: Mapped[datetime]
+
+
 class ProtocolDrawingRow(Base):
     """The made-up sample under a protocol, by the digest of what it depends on."""
 

@@ -12,6 +12,7 @@ from typing import Literal
 
 from markupsafe import Markup
 
+from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_schemas.drawing import (
     DrawnSample,
     Outline,
@@ -133,6 +134,8 @@ class Motion:
     url: str | None
     runs: tuple[Run, ...]
     time_step_s: float
+    pictures: tuple[SamplePictureRow, ...] = ()
+    """What cameras saw, and what it was edited into, where the licence lets it be shown."""
 
     @property
     def first(self) -> SampleDrawing:
@@ -194,7 +197,10 @@ class Motion:
 
 
 def motion(
-    runs: Sequence[tuple[str, SampleDrawing]], protocol: ProtocolDocument, url: str | None = None
+    runs: Sequence[tuple[str, SampleDrawing]],
+    protocol: ProtocolDocument,
+    url: str | None = None,
+    pictures: tuple[SamplePictureRow, ...] = (),
 ) -> Motion:
     """Lay the drawings of one sample over each other.
 
@@ -202,6 +208,7 @@ def motion(
         runs: Name and drawing of each entry; all of the same sample.
         protocol: Under which they were drawn.
         url: Of the first one's own page.
+        pictures: Of this sample, where there are some to be shown.
     """
     first = runs[0][1]
     left, right, top, bottom = PLOT
@@ -218,6 +225,7 @@ def motion(
         url=url,
         runs=tuple(Run(name, sample, view, axes) for name, sample in runs),
         time_step_s=protocol.geometry.time_step_s,
+        pictures=pictures,
     )
 
 

@@ -1,6 +1,6 @@
 """What the entry and compare pages read from the records."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -21,6 +21,8 @@ from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
+from exceptiondrive_records.splits.pictures import pictures_of
+from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_records.submissions.edits import facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.submissions.views import published_sheet
@@ -64,6 +66,8 @@ class EntryData:
     """What was uploaded, and when; None for reported entries and while names are hidden."""
     past: tuple[PastPosition, ...]
     drawings: EntryDrawings | None
+    pictures: Mapping[str, tuple[SamplePictureRow, ...]]
+    """Of the drawn samples, by their id."""
     told: EntryFacts
     """What the team tells of the method now."""
 
@@ -80,6 +84,8 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     phase = session.get(Phase, board.phase)
     if entry is None or phase is None:
         raise NotFound("entry", key)
+    drawings = _drawings(session, submission, board) if submission else None
+    drawn_ids = [each.drawing.sample_id for each in drawings.samples] if drawings else []
     return EntryData(
         board=board,
         entry=entry,
@@ -89,7 +95,8 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         sheet=_sheet(session, key, board) if submission else None,
         submission=None if is_anonymous(phase) else submission,
         past=_past(session, submission) if submission else (),
-        drawings=_drawings(session, submission, board) if submission else None,
+        drawings=drawings,
+        pictures=pictures_of(session, board.split, drawn_ids),
         told=facts_of_entries(session, phase.id, [key]).get(key, EntryFacts()),
     )
 

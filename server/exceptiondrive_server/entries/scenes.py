@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.splits.drawings import drawn_submissions, entry_drawings
+from exceptiondrive_records.splits.pictures import pictures_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings, SampleDrawing
@@ -101,7 +102,7 @@ def read_scenes(session: Session, query: BoardQuery, keys: Sequence[str] = ()) -
     chosen = chosen[:MAX_SHOWN]
     offered = [*drawn[:MAX_OFFERED], *(entry for entry in chosen if entry in drawn[MAX_OFFERED:])]
     drawings = [_drawings_of(session, shown.board, entry) for entry in chosen]
-    scenes = tuple(_scenes(shown, chosen, drawings))
+    scenes = tuple(_scenes(session, shown, chosen, drawings))
     return Scenes(asked, shown, tuple(chosen), tuple(offered), scenes)
 
 
@@ -134,9 +135,14 @@ def _drawings_of(session: Session, board: Board, entry: BoardEntry) -> EntryDraw
 
 
 def _scenes(
-    shown: BoardPage, chosen: Sequence[BoardEntry], drawings: Sequence[EntryDrawings]
+    session: Session,
+    shown: BoardPage,
+    chosen: Sequence[BoardEntry],
+    drawings: Sequence[EntryDrawings],
 ) -> Iterator[Motion]:
     assert shown.board is not None
+    drawn_ids = [each.drawing.sample_id for each in drawings[0].samples]
+    pictures = pictures_of(session, shown.board.split, drawn_ids)
     path, _, query = entry_url(chosen[0], shown.board, shown.is_current).partition("?")
     for family in shown.protocol.families:
         runs: list[tuple[str, SampleDrawing]] = []
@@ -146,4 +152,5 @@ def _scenes(
                 runs.append((entry.method, scene))
         if runs:
             url = f"{path}/samples/scene-{family.id}" + (f"?{query}" if query else "")
-            yield motion(runs, shown.protocol, url)
+            shots = pictures.get(runs[0][1].sample_id, ())
+            yield motion(runs, shown.protocol, url, shots)

@@ -315,7 +315,15 @@ def panels(reading: EntryData) -> tuple[Panel, ...]:
 def motions(reading: EntryData, drawn: tuple[Panel, ...]) -> tuple[Motion, ...]:
     """Return drawn samples of an entry in motion."""
     name = reading.entry.method
-    return tuple(motion([(name, each.sample)], reading.protocol, each.url) for each in drawn)
+    return tuple(
+        motion(
+            [(name, each.sample)],
+            reading.protocol,
+            each.url,
+            reading.pictures.get(each.sample.sample_id, ()),
+        )
+        for each in drawn
+    )
 
 
 @template_filter

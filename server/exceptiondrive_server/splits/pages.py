@@ -1,4 +1,4 @@
-"""The page of a split: how it was made, as its datasheet says. No split is ever opened here."""
+"""The page of a split, as its datasheet says, and pictures of public ones. No split is opened here."""
 
 from base64 import b64encode
 from typing import Annotated
@@ -9,9 +9,12 @@ from fastapi.responses import Response
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.protocols.protocols import latest_protocol
-from exceptiondrive_records.splits.shown import shown_revisions
+from exceptiondrive_records.splits.pictures import shows_picture
+from exceptiondrive_records.splits.shown import is_kept_back, shown_revisions
+from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.responses import page
+from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
+from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
 from exceptiondrive_server.web.templating import template_filter
 
 router = APIRouter(include_in_schema=False)
@@ -23,6 +26,7 @@ WORDS = (
     ("maintenance", "Who keeps it"),
     ("contact", "Contact"),
 )
+MAX_PICTURE_BYTES = 32 * 2**20
 STAGES = {
     "screen": "Screening",
     "edit": "Editing",
@@ -61,6 +65,36 @@ def show_split(
         words=WORDS,
         stages=STAGES,
     )
+
+
+@router.get("/splits/{name}/pictures/{digest}.jpg")
+def show_picture(
+    request: Request,
+    services: ServicesOf,
+    name: Annotated[str, Path(max_length=64)],
+    digest: Annotated[str, Path(max_length=64)],
+) -> Response:
+    """Give a picture of a sample of a public split that is shown; of others there is none."""
+    file_digest = f"sha256:{digest}"
+    with services.database.read() as session:
+        is_shown = shows_picture(session, name, file_digest) and not is_kept_back(session, name)
+    if not is_shown:
+        raise NotFound("picture", digest)
+    return conditional(
+        request,
+        lambda: services.files.read(file_digest, limit_bytes=MAX_PICTURE_BYTES),
+        "image/jpeg",
+        etag=digest,
+        max_age_s=FOR_EVER_S,
+        headers=SECURITY_HEADERS,
+    )
+
+
+@template_filter
+def picture_address(picture: SamplePictureRow) -> str:
+    """Where a picture of a sample is served, named by its content."""
+    digest = picture.file_digest.removeprefix("sha256:")
+    return f"/splits/{picture.split_name}/pictures/{digest}.jpg"
 
 
 @template_filter

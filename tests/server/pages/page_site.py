@@ -25,6 +25,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.drawings import find_public_split, keep_entry_drawings
 from exceptiondrive_records.splits.splits import publish_split, register_split
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import want_board
@@ -77,6 +78,7 @@ class Services:
     def __init__(self, database: Database) -> None:
         self.database = database
         self.settings = ServerSettings()
+        self.files = FileStore("memory:///")
         self.provider = None
         self.kept_pages = KeptPages()
         self.site_state = SiteState(database, heartbeat_ttl_s=60)

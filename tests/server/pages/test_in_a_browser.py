@@ -283,6 +283,20 @@ def test_a_tap_on_a_phone_opens_the_rest_of_a_row(visit: Visit) -> None:
     assert row.locator("td.split").is_visible()
 
 
+@pytest.mark.parametrize("part", [".pm b", ".tm", ".wk", "chevron"])
+def test_a_tap_anywhere_but_on_a_link_opens_a_row_of_a_phone(visit: Visit, part: str) -> None:
+    page = visit.open("/", width=390, has_touch=True, is_mobile=True)
+    row = page.locator("#board-rows tr[id]:has(.tm):has(.wk)").first
+    row.scroll_into_view_if_needed()
+    target = row if part == "chevron" else row.locator(part).first
+    box = target.bounding_box()
+    assert box is not None
+    across = box["width"] - 16 if part == "chevron" else box["width"] / 2
+    page.touchscreen.tap(box["x"] + across, box["y"] + box["height"] / 2)
+    expect(row.locator(".xp")).to_be_checked()
+    expect(row.locator(".split")).to_be_visible()
+
+
 def test_a_flag_says_why_in_a_pop_over_without_script(visit: Visit) -> None:
     page = visit.open("/", java_script_enabled=False)
     row = page.locator("tr:has(.pn:text-is('nerve'))")

@@ -193,6 +193,24 @@ def create_splits() -> None:
     op.create_index(
         "uq_splits_public", "splits", ["name", "revision", "public_file_digest"], unique=True
     )
+    op.create_table(
+        "sample_pictures",
+        sa.Column("split_name", sa.String(), primary_key=True),
+        sa.Column("split_revision", sa.String(), primary_key=True),
+        sa.Column("sample_id", sa.String(), primary_key=True),
+        sa.Column("shows", sa.String(), primary_key=True),
+        sa.Column("public_file_digest", sa.String(), nullable=False),
+        sa.Column("file_digest", sa.String(), nullable=False),
+        sa.Column("width_px", sa.Integer(), nullable=False),
+        sa.Column("height_px", sa.Integer(), nullable=False),
+        sa.Column("licence", sa.String(), nullable=False),
+        sa.Column("created_at", TIME, nullable=False),
+        sa.ForeignKeyConstraint(
+            ["split_name", "split_revision", "public_file_digest"],
+            ["splits.name", "splits.revision", "splits.public_file_digest"],
+        ),
+    )
+    op.create_index("ix_sample_pictures_file", "sample_pictures", ["file_digest"])
 
 
 def create_phases() -> None:

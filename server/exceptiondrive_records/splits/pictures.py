@@ -1,0 +1,114 @@
+"""Pictures of samples as the server may know them: of public splits, under a licence in words.
+
+The table refuses what is of no public split (`tables.SamplePictureRow`), as it does with drawings.
+"""
+
+from collections.abc import Iterable, Iterator
+
+from sqlalchemy import ColumnElement, and_, delete, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import InvalidRecord, Violation
+from exceptiondrive_records.splits.drawings import PublicSplit
+from exceptiondrive_records.splits.splits import manifest_of
+from exceptiondrive_records.splits.tables import SamplePictureRow, SplitRow
+from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.split import SplitRef
+
+MAX_LICENCE_LENGTH = 300
+
+
+def show_pictures(
+    session: Session,
+    split: PublicSplit,
+    pictures: Iterable[SamplePictureRow],
+    licence: str,
+    actor: str,
+) -> None:
+    """Show these pictures of a split in the place of those that were shown; none take all away.
+
+    Args:
+        session: Of a write transaction.
+        split: Whose samples they show.
+        pictures: Sample, what it shows, stored file and size; the rest is filled in here.
+        licence: What stands under each; of no pictures it says nothing.
+        actor: Who shows them.
+
+    Raises:
+        InvalidRecord: A sample is not of the split, or the licence is no line of words.
+        IntegrityError: The split is not public.
+    """
+    shown = list(pictures)
+    if shown and not (licence.strip() and licence.isprintable()):
+        raise InvalidRecord(
+            "Say in one line of words under which licence the pictures may be shown."
+        )
+    if len(licence) > MAX_LICENCE_LENGTH:
+        raise InvalidRecord(f"The words of the licence are longer than {MAX_LICENCE_LENGTH}.")
+    known = set(manifest_of(session, split.ref.name, split.ref.revision).sample_ids)
+    strange = sorted({picture.sample_id for picture in shown} - known)
+    if strange:
+        raise InvalidRecord(
+            f"{len(strange)} samples with pictures are not in split {split.ref.name!r} at "
+            f"{split.ref.revision}, {strange[0]!r} first."
+        )
+    session.execute(delete(SamplePictureRow).where(*_is_of(split.ref)))
+    now = database_now(session)
+    for picture in shown:
+        picture.split_name, picture.split_revision = split.ref.name, split.ref.revision
+        picture.public_file_digest = split.file_digest
+        picture.licence, picture.created_at = licence.strip(), now
+    session.add_all(shown)
+    session.flush()
+    files = sorted((each.sample_id, each.shows, each.file_digest) for each in shown)
+    detail = {
+        "revision": split.ref.revision,
+        "n_pictures": len(files),
+        "digest": content_digest(files),
+        "licence": licence.strip(),
+    }
+    audit(session, actor, "pictures shown", split.ref.name, detail)
+
+
+def pictures_of(
+    session: Session, split: SplitRef, sample_ids: Iterable[str]
+) -> dict[str, tuple[SamplePictureRow, ...]]:
+    """Return the pictures of samples, the original scene first; who has none is absent."""
+    wanted = SamplePictureRow.sample_id.in_(set(sample_ids))
+    order = SamplePictureRow.sample_id, SamplePictureRow.shows.desc()
+    rows = session.scalars(select(SamplePictureRow).where(*_is_of(split), wanted).order_by(*order))
+    found: dict[str, tuple[SamplePictureRow, ...]] = {}
+    for row in rows:
+        found[row.sample_id] = (*found.get(row.sample_id, ()), row)
+    return found
+
+
+def shows_picture(session: Session, split_name: str, file_digest: str) -> bool:
+    """Whether a stored file is a picture of a split that is shown."""
+    stands = SamplePictureRow.split_name == split_name, SamplePictureRow.file_digest == file_digest
+    return (
+        session.scalars(select(SamplePictureRow.sample_id).where(*stands).limit(1)).first()
+        is not None
+    )
+
+
+def pictures_of_withheld_splits(session: Session) -> Iterator[Violation]:
+    """Yield every picture whose split is not public, or is another file: there must be none."""
+    is_its_split = and_(
+        SplitRow.name == SamplePictureRow.split_name,
+        SplitRow.revision == SamplePictureRow.split_revision,
+        SplitRow.public_file_digest == SamplePictureRow.public_file_digest,
+    )
+    query = select(SamplePictureRow).outerjoin(SplitRow, is_its_split)
+    for row in session.scalars(query.where(SplitRow.name.is_(None))):
+        text = f"split {row.split_name} is not public: delete the row from sample_pictures"
+        yield Violation("picture of a withheld split", row.sample_id, text)
+
+
+def _is_of(split: SplitRef) -> tuple[ColumnElement[bool], ColumnElement[bool]]:
+    return (
+        SamplePictureRow.split_name == split.name,
+        SamplePictureRow.split_revision == split.revision,
+    )

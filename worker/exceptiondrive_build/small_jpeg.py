@@ -1,0 +1,47 @@
+"""Pictures as readers get them: small JPEGs made anew of the pixels."""
+
+import io
+
+from PIL import Image, ImageOps
+
+PICTURES = "pictures"
+"""Name of the folder of pictures beside a split."""
+FORMATS = ("JPEG", "PNG", "WEBP")
+LONGEST_SIDE_PX = 1280
+MAX_PIXELS = 40_000_000
+MAX_FILE_BYTES = 32 * 2**20
+
+
+class PictureUnreadableError(ValueError):
+    """It is no picture that is shown."""
+
+
+def small_jpeg(data: bytes, longest_side_px: int) -> tuple[bytes, int, int]:
+    """Make a picture small, upright and bare of what cameras write into files.
+
+    Args:
+        data: A JPEG, PNG or WebP file.
+        longest_side_px: It is scaled down to this.
+
+    Returns:
+        A JPEG, its width and its height in pixels.
+
+    Raises:
+        PictureUnreadableError: It is no such picture, or too large.
+    """
+    if len(data) > MAX_FILE_BYTES:
+        raise PictureUnreadableError(f"the picture is larger than {MAX_FILE_BYTES} bytes")
+    try:
+        with Image.open(io.BytesIO(data), formats=FORMATS) as picture:
+            if picture.width * picture.height > MAX_PIXELS:
+                raise PictureUnreadableError(f"the picture has more than {MAX_PIXELS} pixels")
+            small = ImageOps.exif_transpose(picture).convert("RGB")
+    except PictureUnreadableError:
+        raise
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        raise PictureUnreadableError("it is no JPEG, PNG or WebP picture") from None
+    small.thumbnail((longest_side_px, longest_side_px))
+    small.info.clear()  # comments would be written again
+    kept = io.BytesIO()
+    small.save(kept, "JPEG", quality=85)
+    return kept.getvalue(), small.width, small.height

@@ -1,0 +1,115 @@
+"""Pictures of a public split's samples: read from beside the split, made small, and shown.
+
+`NAME/pictures/ID.source.jpg` is the original scene of sample ID, `ID.edited.jpg` the scene with
+hazard; `.png` and `.webp` do, too. What is stored is always a JPEG made anew of the pixels: nothing
+that a camera wrote into its file, and nothing that a browser could take for anything else.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_build.small_jpeg import (
+    LONGEST_SIDE_PX,
+    MAX_FILE_BYTES,
+    PICTURES,
+    PictureUnreadableError,
+    small_jpeg,
+)
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.splits.drawings import PublicSplit, find_public_split
+from exceptiondrive_records.splits.pictures import show_pictures
+from exceptiondrive_records.splits.tables import SamplePictureRow
+from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_worker.splits_admin import ACTOR
+
+MAX_STORED_BYTES = 2 * 2**30
+"""Of all pictures of a split together."""
+_NAME = re.compile(r"(?P<sample_id>.+)\.(?P<shows>source|edited)\.(?:jpe?g|png|webp)")
+
+
+class PicturesRefusedError(ValueError):
+    """These pictures are not shown: the split is withheld, or one of them is none."""
+
+
+def publish_pictures(
+    database: Database, files: FileStore, split: SplitRef, folder: Path, licence: str
+) -> int:
+    """Show the pictures beside a public split in the place of those that were shown.
+
+    Args:
+        database: The system of record.
+        files: Where the pictures are stored, by their content.
+        split: Whose samples they show.
+        folder: Of the split.
+        licence: What stands under each picture.
+
+    Returns:
+        How many are shown.
+
+    Raises:
+        PicturesRefusedError: The split is withheld, there are no pictures, or one is none.
+        InvalidRecord: A picture is of no sample of the split, or the licence says nothing.
+    """
+    with database.read() as session:
+        _public(session, split)
+    rows = list(_stored(files, folder / PICTURES))
+    if not rows:
+        raise PicturesRefusedError(f"there are no pictures in {split.name}/{PICTURES}")
+    with database.write() as session:
+        show_pictures(session, _public(session, split), rows, licence, ACTOR)
+    return len(rows)
+
+
+def remove_pictures(database: Database, split: SplitRef) -> None:
+    """Show no picture of a public split any more; the stored files go with a later sweep.
+
+    Raises:
+        PicturesRefusedError: The split is withheld: none was ever shown.
+    """
+    with database.write() as session:
+        show_pictures(session, _public(session, split), [], "", ACTOR)
+
+
+def _public(session: Session, ref: SplitRef) -> PublicSplit:
+    public = find_public_split(session, ref)
+    if public is None:
+        raise PicturesRefusedError(
+            f"split {ref.name!r} is not public at {ref.revision}: no picture of it is ever shown"
+        )
+    return public
+
+
+def _stored(files: FileStore, folder: Path) -> Iterator[SamplePictureRow]:
+    """Store the pictures of a folder, and yield what is recorded of each."""
+    n_bytes, seen = 0, set()
+    for path in sorted(folder.glob("*")):
+        found = _NAME.fullmatch(path.name)
+        if found is None:
+            raise PicturesRefusedError(
+                f"{path.name} is not named ID.source or ID.edited, and .jpg, .png or .webp"
+            )
+        key = found["sample_id"], found["shows"]
+        if key in seen:
+            raise PicturesRefusedError(f"{path.name} stands there a second time, as another kind")
+        seen.add(key)
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+        try:
+            jpeg, width_px, height_px = small_jpeg(data, LONGEST_SIDE_PX)
+        except PictureUnreadableError as refused:
+            raise PicturesRefusedError(f"{path.name}: {refused}") from None
+        n_bytes += len(jpeg)
+        if n_bytes > MAX_STORED_BYTES:
+            raise PicturesRefusedError(f"the pictures take more than {MAX_STORED_BYTES} bytes")
+        digest, _ = files.put_stream([jpeg], limit_bytes=MAX_FILE_BYTES)
+        yield SamplePictureRow(
+            sample_id=key[0],
+            shows=key[1],
+            file_digest=digest,
+            width_px=width_px,
+            height_px=height_px,
+        )
