@@ -163,6 +163,7 @@ def _open_phase(base: Path, environment: dict[str, str]) -> str:
             split="bench",
             protocol="1.0",
             quota_per_day=50,
+            quota_total=None,
             rejected_per_day=50,
         )
         create_phase(session, new, actor="bench")

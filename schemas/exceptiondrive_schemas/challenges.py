@@ -19,10 +19,10 @@ from exceptiondrive_schemas.python310 import Self
 
 
 class HeadlineWords(Document):
-    """The page's headline, chosen by the leader's share of all samples in the second primary metric.
+    """The page's headline, chosen by the leader's second primary metric in the average that ranks.
 
     `{often}` is set as "about once in 3", `{cases}` as "about one hazard in 3", `{rest}` as
-    `{often}` of the other samples.
+    `{often}` of one minus that.
     """
 
     question: str

@@ -370,6 +370,7 @@ class Topology:
                     split="sample",
                     protocol="1.0",
                     quota_per_day=1000,
+                    quota_total=None,
                     rejected_per_day=1000,
                 ),
                 actor="chaos",

@@ -44,6 +44,10 @@ def last_line(api: "Api") -> AuditLine:
     return line
 
 
+def badges(browser: "TeamBrowser", page: str) -> list[str]:
+    return re.findall(r'class="badge st [^"]*">([^<]*)<', browser.get(page).text)
+
+
 def settings(browser: "TeamBrowser", page: str) -> dict[str, str]:
     """What the fields of a page hold, as a browser would send them."""
     text = browser.get(page).text
@@ -163,3 +167,22 @@ def test_the_life_of_a_phase_is_steered_with_reasons(api: "Api", one: "TeamBrows
     assert one.post(reveal, {"reason": "the prizes"}, page=reveal).status_code == 303
     assert one.get(f"{here}/no-such").status_code == 404
     assert one.get(f"{PHASES}/no-such").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("dates", "word"),
+    [
+        ({"opens_at": "2099-01-01T00:00"}, "upcoming"),
+        ({}, "open"),
+        ({"opens_at": "2020-01-01T00:00", "closes_at": "2020-02-01T00:00"}, "closed"),
+    ],
+)
+def test_a_phase_is_said_to_be_upcoming_open_or_closed(
+    one: "TeamBrowser", dates: dict[str, str], word: str
+) -> None:
+    form = settings(one, f"{PHASES}/new") | {"id": "next", "title": "Next"}
+    form |= {"challenge": "planning", "split": "sample", "protocol": "1.0", **dates}
+    assert one.send(f"{PHASES}/new", form).status_code == 303
+    assert badges(one, f"{PHASES}/next")[0] == word
+    row = one.get(PHASES).text.split('href="/organize/phases/next"')[1]
+    assert re.findall(r'class="badge st [^"]*">([^<]*)<', row)[0] == word

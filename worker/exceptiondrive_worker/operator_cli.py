@@ -37,6 +37,7 @@ from exceptiondrive_worker.split_store import (
     SplitStore,
     SplitUnavailableError,
     SplitUnreadableError,
+    close_to_others,
     load_split,
     read_split,
 )
@@ -80,6 +81,7 @@ def run(
     settings = load_settings(WorkerSettings)
     with _records(settings) as database:  # its connections must not reach the processes that score
         refuse_if_older(database)
+    close_to_others(settings.splits_dir)
     run_worker(settings, _lanes(lanes), concurrency)
 
 

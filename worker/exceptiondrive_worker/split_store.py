@@ -8,7 +8,9 @@ here leaves the worker: the manifest carries sample ids only.
 
 import gzip
 import json
+import os
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -162,6 +164,13 @@ def family_counts(split: Split, protocol: ProtocolDocument) -> dict[str, int]:
     family_of = {task.id: task.family for task in protocol.tasks}
     counts = Counter(family_of[sample.task] for sample in split.counted)
     return {family.id: counts[family.id] for family in protocol.families if counts[family.id]}
+
+
+def close_to_others(folder: Path) -> None:
+    """Let nobody but its owner into the folder of splits, if that is who asks and the folder can be changed."""
+    with suppress(OSError):
+        if folder.stat().st_uid == os.geteuid():
+            folder.chmod(0o700)
 
 
 class SplitStore:

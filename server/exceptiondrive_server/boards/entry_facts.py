@@ -95,6 +95,12 @@ def is_barred(entry: BoardEntry) -> bool:
     return bars_leading(flag.code for flag in entry.flags)
 
 
+@template_filter
+def is_listed(entry: BoardEntry) -> bool:
+    """Whether a scored entry stands on the board without a rank."""
+    return entry.source == "scored" and entry.rank is None
+
+
 def find_entry(board: Board, key: str) -> BoardEntry | None:
     """Return the entry with this key, if it stands on the board."""
     return next((entry for entry in board.entries if entry_key(entry) == key), None)

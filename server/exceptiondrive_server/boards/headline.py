@@ -10,7 +10,7 @@ from datetime import datetime
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.boards.entry_facts import flags_of, primary_metrics
+from exceptiondrive_server.boards.entry_facts import flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import (
     Digits,
@@ -47,7 +47,7 @@ def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Di
     if board is None:
         return Headline(words.headline.question, ("No board has been published yet.",), ())
     ranked = [entry for entry in board.entries if entry.rank is not None]
-    n_listed = sum([bool(entry.unranked_flags) for entry in board.entries])
+    n_listed = sum([is_listed(entry) for entry in board.entries])
     note = f"{words.subjects} ranked" + ("" if ranked else " yet")
     note += f", {n_listed} listed" if n_listed else ""
     facts = (
@@ -61,9 +61,9 @@ def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Di
 
 
 def _title(board: Board, challenge: Challenge) -> str:
-    """One sentence about the leader, counted over all samples; a question where there is none."""
+    """One sentence about the leader, by the average that ranks; a question where there is none."""
     second, words = primary_metrics(challenge)[1], challenge.words.headline
-    share = board.leader.micro.get(second.key) if board.leader else None
+    share = board.leader.metrics.get(second.key) if board.leader else None
     if share is None:
         return words.question
     sentence = next(text for least, text in words.by_share if share >= least)

@@ -132,6 +132,7 @@ def _shown(
             shown=families_of(board),
             plot=dot_plot(board, best_entries(board), digits),
             tasks=same_tasks.value,
+            protocol=protocol,
         ),
         metrics=_metrics(Same(table.builder.challenge), average),
         compared_fields=board_fields(board, is_current),
@@ -448,6 +449,12 @@ class BoardPage:
     def submit_url(self) -> str:
         """Where a submission to the phase begins."""
         return f"/submit?phase={self.phase.id}" if self.phase else "/submit"
+
+    @property
+    def check_command(self) -> tuple[str, str]:
+        """The command that checks a file against the phase's samples, in two parts."""
+        phase = self.phase.id if self.phase else "sample"
+        return f"exceptiondrive check {self.challenge.words.code.file}", f"--phase {phase}"
 
     @property
     def submit_command(self) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.method_facts import LABELS, FactsOfBoard, MethodFacts
-from exceptiondrive_server.boards.entry_facts import challenge_of, values_of
+from exceptiondrive_server.boards.entry_facts import challenge_of, is_listed, values_of
 from exceptiondrive_server.boards.query import BY_RANK, SOURCES, Average, BoardQuery
 
 _NOTHING_TOLD = MethodFacts()
@@ -40,7 +40,7 @@ def sort_entries(
     known.sort(key=lambda pair: pair[0], reverse=descending)
     if key == BY_RANK:  # what has no rank stands by the first metric, the best first
         unknown.sort(key=_by_first_metric(board, average))
-    found = sorted([*(e for _, e in known), *unknown], key=lambda e: bool(e.unranked_flags))
+    found = sorted([*(e for _, e in known), *unknown], key=is_listed)
     return [entry for source in SOURCES for entry in found if entry.source == source]
 
 

@@ -33,7 +33,6 @@ from exceptiondrive_server.launcher.layout import (
     find_command,
     service_plans,
     shared_environment,
-    withheld_splits,
     worker_environment,
 )
 from exceptiondrive_server.launcher.users import own_user_of_server
@@ -84,7 +83,7 @@ class Launcher:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
         shared = shared_environment(self.layout, self.address, given_url or folder.url)
         self._migrate(shared)
-        user, words = own_user_of_server(self.layout.data, withheld_splits())
+        user, words = own_user_of_server(self.layout.data)
         self.say(words)
         if given_url:
             self.say("broker: the one of EXCEPTIONDRIVE_BROKER_URL")

@@ -158,11 +158,6 @@ def shared_environment(layout: Layout, address: Address, broker_url: str) -> dic
     }
 
 
-def withheld_splits() -> Path:
-    """Return where the worker finds splits, as its settings say."""
-    return Path(os.environ.get("EXCEPTIONDRIVE_SPLITS_DIR", "hidden_splits"))
-
-
 def worker_environment(layout: Layout, shared: Mapping[str, str]) -> dict[str, str]:
     """Return what the worker alone is told besides: where its private store is."""
     private = str(layout.private.resolve())

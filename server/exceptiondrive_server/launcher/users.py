@@ -28,12 +28,11 @@ _ONE_USER = (
 )
 
 
-def own_user_of_server(data: Path, withheld: Path) -> tuple[int | None, str]:
+def own_user_of_server(data: Path) -> tuple[int | None, str]:
     """Prepare the data folder for a server of its own user.
 
     Args:
         data: The data folder; what the server writes in it becomes its own, all else stays root's.
-        withheld: Where withheld splits lie; it is closed to everybody but root.
 
     Returns:
         The user, or None where it cannot be had; and a sentence for who started this.
@@ -48,8 +47,6 @@ def own_user_of_server(data: Path, withheld: Path) -> tuple[int | None, str]:
         data.chmod(_SHARED_FOLDER)
         for path in own:
             _give(path)
-        if withheld.is_dir():
-            withheld.chmod(0o700)
     except OSError as error:
         raise LaunchError(f"cannot share {data} with the server's user: {error.strerror}") from None
     why = _why_not(data)

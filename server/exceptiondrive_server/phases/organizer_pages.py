@@ -10,6 +10,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.phases.changes import (
     feature_phase,
@@ -47,6 +48,7 @@ from exceptiondrive_server.web.organizer_frame import (
     take_step,
 )
 from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.templating import template_filter
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,14 @@ HISTORY = 50
 SETTINGS = fields_of(PhaseSettings)
 
 
+@template_filter
+def stage(phase: PhaseView, at: datetime) -> str:
+    """Say whether a phase is `open`, `upcoming` or `closed` at a moment."""
+    if phase.is_open:
+        return "open"
+    return "upcoming" if phase.opens_at is not None and at < phase.opens_at else "closed"
+
+
 @router.get("")
 def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """List the phases."""
@@ -140,8 +150,15 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
             for one in list_phases(session, with_hidden=True)
         ]
         splits = [one for one in list_splits(session) if one.part is None]
+        seen_at = database_now(session)
     return organizer_page(
-        request, browser, "phases/organizer_phases.html", "phases", phases=phases, splits=splits
+        request,
+        browser,
+        "phases/organizer_phases.html",
+        "phases",
+        phases=phases,
+        splits=splits,
+        seen_at=seen_at,
     )
 
 
@@ -303,7 +320,7 @@ def _phase(
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
-        now = phase_now(session, phase)
+        now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
     return _page(
         request,
@@ -313,6 +330,7 @@ def _phase(
         phase=seen,
         made_of=(),
         now=now,
+        seen_at=seen_at,
         steps=[step for step in PHASE_STEPS.values() if step.is_offered(seen)],
         lines=[one for one in lines if one.line.action != "board published"],
     )

@@ -186,7 +186,17 @@ def made_boards(draw: Any, challenge_id: ChallengeId, phase: str) -> Board:
         update = {"rank": rank, "rank_interval": ends if has_intervals else None}
         ranked.append(entry.model_copy(update=update))
         values.append(value)
-    because = {"unranked_flags": ("stands_still",), "unranked_because": "flagged: it stands still"}
+    because = draw(
+        st.sampled_from(
+            [
+                {
+                    "unranked_flags": ("stands_still",),
+                    "unranked_because": "flagged: it stands still",
+                },
+                {"unranked_because": "66.67% of the scenes are answered; ranking takes 99%"},
+            ]
+        )
+    )
     references = [_entry(draw, challenge, "reference", has_intervals) for _ in range(2)]
     pairs = combinations(ranked[:3], 2) if draw(st.booleans()) else ()
     return Board(

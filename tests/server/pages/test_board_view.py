@@ -8,9 +8,11 @@ from tests.server.pages.invented_board import KEYS, STILL
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_server.boards.families import Hardness, families_of
 from exceptiondrive_server.boards.queries import own_board
 from exceptiondrive_server.boards.query import BY_RANK, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
+from exceptiondrive_server.web.templating import macro
 
 
 def view(board: Board, protocol: ProtocolDocument, **query: Any) -> BoardTable:
@@ -134,8 +136,31 @@ def test_listed_entries_stand_below_the_ranked_ones_whatever_the_sort(
     board = lively_board.model_copy(update={"entries": (*others[:6], listed, *others[6:])})
     for sort in ("rank", "-hcc", "ur", "method"):
         rows = view(board, protocol, sort=sort).blocks[0].rows
-        assert rows[-1].entry is listed
-        assert rows[-1].rank_words == "it stands still"
+        assert [row.entry.rank is None for row in rows] == [False] * 5 + [True] * 2
+        (words,) = (row.rank_words for row in rows[-2:] if row.entry is listed)
+        assert words == "it stands still"
+
+
+def test_tasks_that_are_not_told_are_counted(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    table = view(lively_board, protocol)
+    tasks = tuple(Hardness(task.id, task.title, 12, 0.5, 0.6, 6) for task in protocol.tasks)
+
+    def said(told: tuple[Hardness, ...], least: int) -> str:
+        publication = protocol.publication.model_copy(update={"min_samples_per_cell": least})
+        section = macro("boards/families.html", "families_section")(
+            table=table,
+            shown=families_of(lively_board),
+            plot=None,
+            tasks=told,
+            protocol=protocol.model_copy(update={"publication": publication}),
+        )
+        return " ".join(str(section).split())
+
+    assert "6 of 21 tasks, with fewer than 10 scenes, are not told." in said(tasks[:15], 10)
+    assert "1 of 21 tasks, with no scene, are not told." in said(tasks[1:], 1)
+    assert "not told" not in said(tasks, 10)
 
 
 def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round() -> None:

@@ -10,10 +10,10 @@ from exceptiondrive_server.web.numbers import Digits
 
 
 def with_ur(board: Board, ur: float) -> Board:
-    """The leader alone, with this share of all samples in the hazard."""
+    """The leader alone, with this unsafe rate by the average that ranks."""
     entry = board.entries[0]
-    micro = {**entry.micro, "ur": ur}
-    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}),)})
+    metrics = {**entry.metrics, "ur": ur}
+    return board.model_copy(update={"entries": (entry.model_copy(update={"metrics": metrics}),)})
 
 
 def flagged(board: Board, *places: int) -> Board:
@@ -42,7 +42,7 @@ def flagged(board: Board, *places: int) -> Board:
         (0.0, "The leading planner stays out of the hazard every time."),
     ],
 )
-def test_the_title_counts_the_leaders_samples(lively_board: Board, ur: float, title: str) -> None:
+def test_the_title_says_the_leaders_number(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title == title
 
 
@@ -52,8 +52,17 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
     assert facts == {
         "Samples scored": "240 pairs of scenes",
         "Tasks": "21 tasks in 6 families",
-        "Planners": "6 planners ranked",
+        "Planners": "6 planners ranked, 1 listed",
     }
+
+
+@pytest.mark.parametrize("flags", [(), ("stands_still",)])
+def test_what_takes_no_rank_is_counted_whyever(lively_board: Board, flags: tuple[str, ...]) -> None:
+    *_, last = (entry for entry in lively_board.entries if entry.rank is not None)
+    unranked = last.model_copy(update={"rank": None, "unranked_flags": flags})
+    entries = [unranked if entry is last else entry for entry in lively_board.entries]
+    board = lively_board.model_copy(update={"entries": tuple(entries)})
+    assert headline(board, PLANNING, 21, Digits()).facts[2].note == "planners ranked, 2 listed"
 
 
 def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
