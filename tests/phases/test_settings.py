@@ -45,7 +45,7 @@ def test_a_change_touches_what_is_sent_and_leaves_an_audit_line(life: "Life") ->
     assert changed["policy"]["freezes_at"] == LATER
     line = life.json("/api/v1/organizer/audit?limit=1", "organizer")[0]
     assert (line["action"], line["subject"]) == ("phase changed", "test")
-    assert line["detail"] == {"quota_total": [None, 7], "late_entries": ["refused", "own_view"]}
+    assert line["detail"] == {"quota_total": [20, 7], "late_entries": ["refused", "own_view"]}
 
 
 @pytest.mark.parametrize(

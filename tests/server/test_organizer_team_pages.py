@@ -125,7 +125,7 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
 ) -> None:
     new = f"{PHASES}/new"
     form = settings(organizer, new)
-    assert (form["quota_per_day"], form["late_entries"]) == ("3", "refused")
+    assert (form["quota_per_day"], form["late_entries"]) == ("", "refused")
     form |= {"id": "final", "title": "Final", "challenge": "planning", "split": "sample"}
     form |= {"protocol": "1.0", "closes_at": "2099-11-21T12:00", "anonymous": "yes"}
     wrong = organizer.send(new, {**form, "quota_per_day": "0", "opens_at": "soon"})
@@ -147,7 +147,7 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     assert line.action == "phase changed"
     assert line.detail == {
         "closes_at": ["2099-11-21T12:00:00Z", "2099-12-01T00:00:00Z"],
-        "quota_total": [None, 9],
+        "quota_total": [20, 9],
     }
     assert "phase changed" in organizer.get(here).text
     past = organizer.send(here, {**form, "closes_at": "2001-01-01T00:00"})
