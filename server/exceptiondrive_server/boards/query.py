@@ -203,12 +203,19 @@ def documented() -> dict[str, Any]:
     properties = BoardQuery.model_json_schema()["properties"]
     names = ("challenge", "phase", "protocol", "as_of", "sort", "view", "source")
     texts = {"search": "q", "facts": "fact"}
+    fact = "|".join(f"{field}:{value}" for field, values in LABELS.items() for value in values)
+    forms = {"facts": {"pattern": f"^({fact})(,({fact}))*$"}}
     return {
         "parameters": [
             *(_parameter(name, properties[name]) for name in names),
             *(
                 _parameter(
-                    asked, {"type": "string", "description": properties[name]["description"]}
+                    asked,
+                    {
+                        "type": "string",
+                        "description": properties[name]["description"],
+                        **forms.get(name, {}),
+                    },
                 )
                 for name, asked in texts.items()
             ),
