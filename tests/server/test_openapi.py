@@ -108,6 +108,7 @@ def wrong_bodies_are_refused(ctx: CheckContext, response: Any, case: "Case[Any]"
 REFUSED_BY_MEANING = {
     "PATCH /api/v1/organizer/phases/{phase_id}": "1.0 is a whole number to JSON Schema alone",
     "PATCH /api/v1/submissions/{submission_id}": "names hold no signs that cannot be shown",
+    "PATCH /api/v1/organizer/site": "links are addresses, texts hold no signs that cannot be shown",
     "POST /api/v1/contacts": "an address fits its channel",
     "POST /api/v1/organizer/phases": "names hold no signs that cannot be shown",
     "POST /api/v1/organizer/protocols": "the body is a protocol",
