@@ -378,6 +378,7 @@ def create_boards() -> None:
         sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
         sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), nullable=False),
         sa.Column("at", TIME, nullable=False),
+        sa.Column("news", sa.Text(), nullable=False),
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
 
