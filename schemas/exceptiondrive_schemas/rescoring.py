@@ -288,6 +288,8 @@ class VerifyItemView(Document):
     expected_digest: str
     found_digest: str | None
     note: str | None
+    asked_at: datetime | None = None
+    ended_at: datetime | None = None
 
 
 class VerificationView(Document):
@@ -325,6 +327,7 @@ NotificationKind = Literal[
     "failed",
     "overtaken",
     "phase_ends",
+    "message",
     "confirm_address",
 ]
 Wish = Literal["updates", "scored", "failed", "overtaken", "phase_ends"]

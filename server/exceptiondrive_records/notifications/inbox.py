@@ -3,15 +3,16 @@
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.db.identifiers import checked_text, random_id
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import new_item
-from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.base import canonical_json, content_digest
 from exceptiondrive_schemas.rescoring import (
     ChangedEntry,
     Comparison,
@@ -95,7 +96,7 @@ def put_notice(
     session: Session,
     team_id: int,
     view: NotificationView,
-    wish: Wish,
+    wish: Wish | None,
     *,
     run_id: str | None = None,
     subject: str | None = None,
@@ -106,7 +107,7 @@ def put_notice(
         session: Of a write transaction.
         team_id: Whose inbox.
         view: What is told.
-        wish: Only addresses with this wish are told.
+        wish: Only addresses with this wish are told; None: every confirmed one.
         run_id: The rescoring run behind it.
         subject: What it is about, where nothing of its kind is told twice.
     """
@@ -118,6 +119,57 @@ def put_notice(
     return row
 
 
+def write_about(
+    session: Session, submission_id: str, *, words: str, actor: str
+) -> NotificationView:
+    """Send a team what the organizers have to say about one of its submissions, at every address.
+
+    Args:
+        session: Of a write transaction.
+        submission_id: The submission.
+        words: What they say; each line is a paragraph.
+        actor: Who.
+
+    Raises:
+        NotFound: No such submission.
+        InvalidRecord: The words are empty, too long, or cannot be shown.
+    """
+    submission = session.get(Submission, submission_id)
+    if submission is None:
+        raise NotFound("submission", submission_id)
+    text = checked_text("note", words, max_length=4000, may_have_lines=True)
+    view = NotificationView(
+        id=random_id(),
+        kind="message",
+        team=session.get_one(Team, submission.team_id).name,
+        phase=submission.phase_id,
+        created_at=database_now(session),
+        title=f"The organizers wrote about {submission.method}",
+        what_changed=tuple(filter(None, map(str.strip, text.splitlines()))),
+        comparison=f"/submissions/{submission_id}",
+    )
+    put_notice(session, submission.team_id, view, None)
+    audit(
+        session,
+        actor,
+        "team told",
+        submission_id,
+        {"notice": view.id, "digest": content_digest(view)},
+    )
+    return view
+
+
+def notices_about(session: Session, submission_id: str) -> list[NotificationView]:
+    """Return what its team was told of a submission, newest first."""
+    query = (
+        select(Notification)
+        .join(Submission, Submission.team_id == Notification.team_id)
+        .where(Submission.id == submission_id, Notification.body.contains(submission_id))
+        .order_by(Notification.created_at.desc(), Notification.id)
+    )
+    return [_view(row) for row in session.scalars(query)]
+
+
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
     """Send a message to one address alone; it stands in no inbox."""
     row = _row(contact.team_id, view, None, contact.id)
@@ -126,14 +178,14 @@ def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> 
     _deliver(session, row, contact)
 
 
-def listening(session: Session, team_id: int, wish: Wish) -> list[ContactPoint]:
-    """Return the confirmed addresses of a team that want to be told of something."""
+def listening(session: Session, team_id: int, wish: Wish | None) -> list[ContactPoint]:
+    """Return the confirmed addresses of a team that want to be told of something; None: all."""
     query = select(ContactPoint).where(
         ContactPoint.team_id == team_id,
         ContactPoint.removed_at.is_(None),
         ContactPoint.confirmed_at.is_not(None),
     )
-    return [each for each in session.scalars(query) if wish in each.wishes.split()]
+    return [each for each in session.scalars(query) if wish is None or wish in each.wishes.split()]
 
 
 def _row(
