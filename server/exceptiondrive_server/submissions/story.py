@@ -33,6 +33,7 @@ from exceptiondrive_server.submissions.download import (
     tar_stream,
 )
 from exceptiondrive_server.submissions.receipts_api import statement_of
+from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.services import Services
 
 MOST_LINES = 2000
@@ -142,18 +143,21 @@ def _readme(story: SubmissionStory, receipt: Receipt | None, upload: str, missin
     n_equal = sum(item.state == "equal" for item in story.recomputed)
     signed = "There is no receipt: no score is shown under the protocol of its phase."
     if receipt is not None:
-        signed = "`receipt.json`: the score as the server signed it; `exceptiondrive verify-receipt` checks it."
+        signed = (
+            "`receipt.json`: the score as the server signed it; `exceptiondrive receipt verify "
+            "receipt.json` checks it."
+        )
     return f"""# {one.method} of {one.team}
 
-Submission `{one.id}` to the phase `{one.phase}`, received {one.received_at.isoformat()}: {one.status.value}.
+Submission `{one.id}` to the phase `{one.phase}`, received {minute(one.received_at)}: {one.status.value}.
 
 - `{upload}`: {missing or "the bytes that the team sent"} ({one.size_bytes} bytes, `{one.file_digest}`).
 - {signed}
 - `story.json`: all that the records say, newest first.
   - `submission`: as its team sees it, with score sheet, rank, and faults of the file.
   - `jobs`: each scoring under one protocol and split revision ({len(story.jobs)}).
-  - `recomputed`: each time the score was made again from the upload ({len(story.recomputed)}, of
-    them {n_equal} equal bit for bit).
+  - `recomputed`: each time the score was made again from the upload ({len(story.recomputed)},
+    {n_equal} equal bit for bit).
   - `edits`: what the team changed of its words about the method ({len(story.edits)}).
   - `notices`: what the team was told of it ({len(story.notices)}).
   - `audit`: its lines of the audit log ({len(story.audit)}), each with the hash that chains it;
