@@ -1,18 +1,19 @@
 """The inbox of a team, filled in the very transaction that changes its published numbers."""
 
+from collections.abc import Iterable
+
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.db.identifiers import checked_text, random_id
+from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import new_item
-from exceptiondrive_schemas.base import canonical_json, content_digest
+from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.rescoring import (
     ChangedEntry,
     Comparison,
@@ -92,6 +93,42 @@ def _changed(comparison: Comparison) -> list[EntryChange]:
     return [entry for entry in comparison.entries if entry.change != "none"]
 
 
+def tell_team(
+    session: Session,
+    team: Team,
+    kind: NotificationKind,
+    title: str,
+    sentences: Iterable[str],
+    *,
+    address: str = "/my/notices",
+    phase: str = "",
+    subject: str | None = None,
+) -> Notification:
+    """Tell a team what organizers did or wrote: in its inbox, and at every confirmed address.
+
+    Args:
+        session: Of a write transaction.
+        team: Who is told.
+        kind: Of the notification.
+        title: In one line.
+        sentences: What there is to say.
+        address: Where there is more, below the server's own.
+        phase: Which it concerns; empty: none in particular.
+        subject: What it is about, where nothing of its kind is told twice.
+    """
+    view = NotificationView(
+        id=random_id(),
+        kind=kind,
+        team=team.name,
+        phase=phase,
+        created_at=database_now(session),
+        title=title,
+        what_changed=tuple(sentences),
+        comparison=address,
+    )
+    return put_notice(session, team.id, view, None, subject=subject)
+
+
 def put_notice(
     session: Session,
     team_id: int,
@@ -107,7 +144,7 @@ def put_notice(
         session: Of a write transaction.
         team_id: Whose inbox.
         view: What is told.
-        wish: Only addresses with this wish are told; None: every confirmed one.
+        wish: Only addresses with this wish are told; None: every one that is confirmed.
         run_id: The rescoring run behind it.
         subject: What it is about, where nothing of its kind is told twice.
     """
@@ -117,46 +154,6 @@ def put_notice(
     for contact in listening(session, team_id, wish):
         _deliver(session, row, contact)
     return row
-
-
-def write_about(
-    session: Session, submission_id: str, *, words: str, actor: str
-) -> NotificationView:
-    """Send a team what the organizers have to say about one of its submissions, at every address.
-
-    Args:
-        session: Of a write transaction.
-        submission_id: The submission.
-        words: What they say; each line is a paragraph.
-        actor: Who.
-
-    Raises:
-        NotFound: No such submission.
-        InvalidRecord: The words are empty, too long, or cannot be shown.
-    """
-    submission = session.get(Submission, submission_id)
-    if submission is None:
-        raise NotFound("submission", submission_id)
-    text = checked_text("note", words, max_length=4000, may_have_lines=True)
-    view = NotificationView(
-        id=random_id(),
-        kind="message",
-        team=session.get_one(Team, submission.team_id).name,
-        phase=submission.phase_id,
-        created_at=database_now(session),
-        title=f"The organizers wrote about {submission.method}",
-        what_changed=tuple(filter(None, map(str.strip, text.splitlines()))),
-        comparison=f"/submissions/{submission_id}",
-    )
-    put_notice(session, submission.team_id, view, None)
-    audit(
-        session,
-        actor,
-        "team told",
-        submission_id,
-        {"notice": view.id, "digest": content_digest(view)},
-    )
-    return view
 
 
 def notices_about(session: Session, submission_id: str) -> list[NotificationView]:
@@ -179,13 +176,13 @@ def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> 
 
 
 def listening(session: Session, team_id: int, wish: Wish | None) -> list[ContactPoint]:
-    """Return the confirmed addresses of a team that want to be told of something; None: all."""
+    """Return the confirmed addresses of a team that want to be told of something; None: all of them."""
     query = select(ContactPoint).where(
         ContactPoint.team_id == team_id,
         ContactPoint.removed_at.is_(None),
         ContactPoint.confirmed_at.is_not(None),
     )
-    return [each for each in session.scalars(query) if wish is None or wish in each.wishes.split()]
+    return [one for one in session.scalars(query) if wish is None or wish in one.wishes.split()]
 
 
 def _row(

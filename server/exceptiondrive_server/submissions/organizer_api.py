@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from pydantic import Field
 
-from exceptiondrive_records.notifications.inbox import write_about
+from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
 from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.rescoring.verification import verification_view
@@ -117,7 +117,8 @@ def post_note(
 ) -> NotificationView:
     """Tell its team something about it: in its inbox, and at every confirmed address."""
     with services.database.write() as session:
-        return write_about(session, submission_id, words=note.words, actor=organizer.actor)
+        told = write_about(session, submission_id, words=note.words, actor=organizer.actor)
+        return NotificationView.model_validate_json(told.body)
 
 
 @router.post("/submissions/{submission_id}/retry", operation_id="retrySubmission")

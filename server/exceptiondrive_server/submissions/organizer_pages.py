@@ -10,7 +10,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.notifications.inbox import write_about
+from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
 from exceptiondrive_records.rescoring.runs import verify_submission
@@ -69,7 +69,7 @@ WORDS = FormField(
     "words",
     "What the team is told",
     "lines",
-    "in its inbox, and at every confirmed address; each line is a paragraph",
+    "in its inbox, and at every confirmed address; a blank line begins a paragraph",
     is_required=True,
     max_length=4000,
 )

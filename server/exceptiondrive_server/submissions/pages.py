@@ -21,7 +21,7 @@ from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.notifications.inbox import count_unread
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
-from exceptiondrive_records.phases.policy import has_closed
+from exceptiondrive_records.phases.policy import can_change
 from exceptiondrive_records.protocols.protocols import latest_protocol
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
@@ -266,7 +266,7 @@ def show_submission(
         found = find_submission(session, submission_id, team_id=own_team(browser.principal))
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
-        ended = has_closed(phase, database_now(session))
+        ended = not can_change(phase, found, database_now(session))
         sheet = score_tables(session, seen)
         edits = edits_of(session, seen.id)
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
