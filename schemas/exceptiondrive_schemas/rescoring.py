@@ -290,6 +290,8 @@ class VerifyItemView(Document):
     expected_digest: str
     found_digest: str | None
     note: str | None
+    asked_at: datetime | None = None
+    ended_at: datetime | None = None
 
 
 class VerificationView(Document):
