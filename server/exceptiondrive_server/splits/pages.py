@@ -12,6 +12,7 @@ from exceptiondrive_records.protocols.protocols import latest_protocol
 from exceptiondrive_records.splits.pictures import shows_picture
 from exceptiondrive_records.splits.shown import is_kept_back, shown_revisions
 from exceptiondrive_records.splits.tables import SamplePictureRow
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
@@ -61,6 +62,7 @@ def show_split(
         sheet=found[0].datasheet,
         revisions=rows,
         phases=phases,
+        challenges=CHALLENGES,
         families=families,
         words=WORDS,
         stages=STAGES,
