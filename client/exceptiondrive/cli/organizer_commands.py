@@ -6,7 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
+from exceptiondrive.cli import (
+    options,
+    participation_commands,
+    phase_commands,
+    rescore_commands,
+    site_commands,
+)
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -274,6 +280,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "tokens": list_tokens,
             "issue-token": issue_token,
             "revoke-token": revoke_token,
+            **participation_commands.TEAM_COMMANDS,
         },
     ),
     "phases": (
@@ -293,7 +300,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "Protocol updates: score in the background, compare, apply.",
         rescore_commands.COMMANDS,
     ),
-    "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
+    "submissions": (
+        "Submissions of all teams.",
+        {"retry": retry_submission, "disqualify": participation_commands.disqualify_submission},
+    ),
     "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
@@ -313,4 +323,5 @@ def register(app: typer.Typer) -> None:
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
     organizer.command("similar")(similar)
+    organizer.command("message")(participation_commands.send_message)
     app.add_typer(organizer, name="organizer")

@@ -25,6 +25,7 @@ def show_phase(
         phase = shown_phase(session, phase_id, with_hidden=may_see)
         link = phase_link(session, phase, True)
         protocol = find_protocol(session, phase.protocol_digest).version
+        terms_required = phase.policy.terms_required
     return page(
         request,
         "phases/phase.html",
@@ -33,4 +34,5 @@ def show_phase(
         text=phase.page,
         protocol=protocol,
         quota_total=phase.quota_total,
+        terms_required=terms_required,
     )
