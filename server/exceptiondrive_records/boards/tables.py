@@ -16,7 +16,7 @@ class BoardRow(Base):
     __tablename__ = "boards"
     __table_args__ = (UniqueConstraint("phase_id", "number"),)
     id: Mapped[int] = mapped_column(primary_key=True)
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"))
     protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
     split_revision: Mapped[str]
     number: Mapped[int]
@@ -51,6 +51,6 @@ class BoardFlip(Base):
     __tablename__ = "board_flips"
     __table_args__ = (Index("ix_board_flips_phase", "phase_id", "at"),)
     id: Mapped[int] = mapped_column(primary_key=True)
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
-    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"))
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"))
+    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id", ondelete="CASCADE"))
     at: Mapped[datetime]
