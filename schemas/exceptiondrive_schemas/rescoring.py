@@ -326,6 +326,11 @@ NotificationKind = Literal[
     "overtaken",
     "phase_ends",
     "confirm_address",
+    "message",
+    "disqualified",
+    "reinstated",
+    "allowance",
+    "team_changed",
 ]
 Wish = Literal["updates", "scored", "failed", "overtaken", "phase_ends"]
 """What an address may be told of: protocol updates, and what goes on between them."""

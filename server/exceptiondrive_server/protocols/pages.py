@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.protocols.shown import shown_protocols
@@ -18,7 +19,7 @@ from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.browser_session import principal_of_browser
-from exceptiondrive_server.web.responses import page
+from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
 _SELF_DESCRIPTION = ("version", "title", "changes")
@@ -33,33 +34,38 @@ def show_featured_protocol(services: ServicesOf) -> Response:
 
 
 @router.get("/protocols/{version}")
-def show_protocol(request: Request, services: ServicesOf, version: str) -> Response:
+def show_protocol(request: Request, version: str) -> Response:
     """Show the rules of a protocol; a draft to organizers alone."""
-    with services.database.read() as session:
+
+    def read(session: Session) -> Reading:
         may_see = sees_hidden(principal_of_browser(session, request))
-        versions = shown_protocols(session, with_drafts=may_see) or [packaged_protocol(NEWEST)]
-        protocol = next((one for one in versions if version in (one.version, one.digest)), None)
-        if protocol is None:
-            raise NotFound("protocol", version)
-        drawing = protocol_drawing(session, protocol)
-        splits = splits_under(session, protocol.digest)
-    place = versions.index(protocol)
+        return _protocol(session, version, with_drafts=may_see)
+
+    return public_page(request, "protocols/protocol.html", "protocol", read)
+
+
+def _protocol(session: Session, version: str, *, with_drafts: bool) -> Reading:
+    versions = shown_protocols(session, with_drafts=with_drafts) or [packaged_protocol(NEWEST)]
+    protocol = next((one for one in versions if version in (one.version, one.digest)), None)
+    if protocol is None:
+        raise NotFound("protocol", version)
+    drawing = protocol_drawing(session, protocol)
+    splits = splits_under(session, protocol.digest)
+    digests = [each.digest for each in versions]
+    place = digests.index(protocol.digest)
     previous = versions[place - 1] if place else None
     caution = protocol.grading.caution
-    return page(
-        request,
-        "protocols/protocol.html",
-        "protocol",
-        protocol=protocol,
-        versions=versions,
-        challenges=CHALLENGES.values(),
-        scene=scene_drawing(drawing, protocol),
-        strategies=sorted(Strategy, key=lambda strategy: caution[strategy.value]),
-        flags=FLAGS,
-        previous=previous,
-        splits=splits,
-        changes=protocol_changes(previous, protocol) if previous else (),
-    )
+    return (protocol.digest, digests, drawing.pictured, splits), lambda: {
+        "protocol": protocol,
+        "versions": versions,
+        "challenges": CHALLENGES.values(),
+        "scene": scene_drawing(drawing, protocol),
+        "strategies": sorted(Strategy, key=lambda strategy: caution[strategy.value]),
+        "flags": FLAGS,
+        "previous": previous,
+        "splits": splits,
+        "changes": protocol_changes(previous, protocol) if previous else (),
+    }
 
 
 class Change(NamedTuple):

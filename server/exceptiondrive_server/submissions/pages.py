@@ -22,7 +22,7 @@ from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.notifications.inbox import count_unread
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
-from exceptiondrive_records.phases.policy import has_closed
+from exceptiondrive_records.phases.policy import can_change, has_closed
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
@@ -276,7 +276,7 @@ def show_submission(
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
         protocol = find_protocol(session, phase.protocol_digest)
-        ended = has_closed(phase, database_now(session))
+        ended = not can_change(phase, found, database_now(session))
         entry = entries_on(session, phase.current_board_id).get(seen.id)
         edits = edits_of(session, seen.id)
     headline = protocol.grading.headline
