@@ -7,7 +7,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
-from exceptiondrive_schemas.board import BoardLeader
+from exceptiondrive_schemas.board import BoardLeader, BoardNews
 
 
 class BoardRow(Base):
@@ -54,3 +54,5 @@ class BoardFlip(Base):
     phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"))
     board_id: Mapped[int] = mapped_column(ForeignKey("boards.id", ondelete="CASCADE"))
     at: Mapped[datetime]
+    news: Mapped[BoardNews] = mapped_column(DocumentText(BoardNews))
+    """Whose scores are others since, for the history: so that no board need be read for that."""

@@ -11,6 +11,7 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.splits.pictures import shows_picture
 from exceptiondrive_records.splits.shown import is_kept_back, shown_revisions
 from exceptiondrive_records.splits.tables import SamplePictureRow
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
@@ -61,6 +62,7 @@ def show_split(
         sheet=found[0].datasheet,
         revisions=rows,
         phases=phases,
+        challenges=CHALLENGES,
         families=families,
         words=WORDS,
         stages=STAGES,

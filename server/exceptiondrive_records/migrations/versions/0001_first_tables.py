@@ -436,6 +436,7 @@ def create_boards() -> None:
             nullable=False,
         ),
         sa.Column("at", TIME, nullable=False),
+        sa.Column("news", sa.Text(), nullable=False),
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
 
