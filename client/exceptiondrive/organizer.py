@@ -51,7 +51,7 @@ class Organizer(Connection):
 
     def import_teams(self, csv: str) -> Record:
         """Make the `teams` of a table, each with a token that is answered once: all or none."""
-        return self._transport.post_once("/organizer/teams/import", {"csv": csv})
+        return self._transport.post_once("/organizer/team-imports", {"csv": csv})
 
     def set_allowance(
         self, team_id: str, phase_id: str, reason: str, limits: Mapping[str, Any]

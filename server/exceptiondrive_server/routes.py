@@ -68,7 +68,7 @@ _ORGANIZER_API = APIRouter(
 )
 """Every route demands the scope; every change leaves an audit line."""
 for _part in (
-    organizer_participation.router,  # before teams: `import` is no id of a team
+    organizer_participation.router,
     organizer_teams.router,
     organizer_accounts.router,
     organizer_phases.router,

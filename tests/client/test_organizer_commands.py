@@ -155,7 +155,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     merged = organize(running, "teams", "merge", "alef", "--into", "bet", *why)
     assert merged.stdout == "team bet has 0 submissions of alef\n"
     shown = organize(running, "teams", "show", "bet").stdout
-    assert "quota_total" in shown
+    assert "quota total" in shown
     terms = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.token}
     none = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms)
     assert (none.exit_code, "no terms to accept" in none.stderr) == (2, True)

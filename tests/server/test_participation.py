@@ -27,7 +27,7 @@ DEEDS: list[tuple[str, str, Any]] = [
     ("GET", "disqualifications", None),
     ("POST", "disqualifications/1/reinstate", WHY),
     ("PUT", "teams/alpha/allowances/dev", {**WHY, "quota_total": 2}),
-    ("POST", "teams/import", {"csv": "id,name\nx,X\n"}),
+    ("POST", "team-imports", {"csv": "id,name\nx,X\n"}),
     ("POST", "messages", {"title": "A", "text": "B"}),
 ]
 
@@ -185,7 +185,7 @@ def test_many_teams_are_imported_by_page_with_tokens_that_work(
     with api.database.read() as session:
         assert session.scalars(select(ContactPoint.address)).all() == ["a@example.com"]
     table = {"csv": "id,name\nnewer,Newer\n"}
-    by_api = api.post("/organizer/teams/import", "organizer", json=table)
+    by_api = api.post("/organizer/team-imports", "organizer", json=table)
     assert [one["id"] for one in by_api.json()["teams"]] == ["newer"]
 
 

@@ -273,7 +273,7 @@ def put_allowance(
         return AllowanceView(phase=phase_id) if row is None else allowance_view(row)
 
 
-@router.post("/teams/import", operation_id="importTeams", status_code=201)
+@router.post("/team-imports", operation_id="importTeams", status_code=201)
 def post_import(services: ServicesOf, organizer: Organizer, table: TeamTable) -> ImportedTeams:
     """Make the teams of a table with a token each: all of them, or none."""
     with services.database.write() as session:
