@@ -129,6 +129,12 @@ PROTECTIONS = (
         is_short=True,
     ),
     Protection(
+        "roles",
+        f"{SERVER}.web.organizer_rights:require_right",
+        _nothing,
+        "tests/access/test_roles.py::test_no_route_of_the_organizers_lacks_the_guard",
+    ),
+    Protection(
         "csrf-token",
         f"{SERVER}.web.browser_session:require_form_token",
         _nothing,
