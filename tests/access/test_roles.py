@@ -86,7 +86,7 @@ def organizer_routes() -> list[tuple[str, str]]:
     """Method and path of every route of the organizers, of the API and of the pages."""
     found = []
     for included in ROUTES.routes:
-        for route in included.effective_route_contexts():
+        for route in included.effective_route_contexts():  # type: ignore[attr-defined]
             if "/organize" in route.path:
                 found += [(method, route.path) for method in route.methods]
     return found

@@ -34,6 +34,8 @@ DONE: Mapping[str, str] = MappingProxyType(
         "submission_retried": "The submission is queued again, with all its attempts.",
         "protocol_added": "The protocol is added. No score changes until you rescore with it.",
         "protocol_known": "This very document is there already. Nothing was added.",
+        "protocol_confirmed": "The confirmation is kept. Workers believe it if its key is one of the split's.",
+        "confirmation_withdrawn": "The confirmation is withdrawn.",
         "run_drafted": "The run is drafted. Nothing is scored until you start it.",
         "run_started": "Scoring has begun, behind fresh submissions.",
         "run_paused": "The run is paused: no further sheet begins.",

@@ -12,7 +12,7 @@ from fastapi import Request
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.roles import OrganizerRole
-from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.problems import ProblemCode
@@ -56,7 +56,9 @@ def require_right(request: Request, services: Services, principal: Principal) ->
     """
     role = principal.role
     if role is None:
-        detail = "This is for organizers: it needs an organizer's token."
+        detail = "This is for organizers."
+        if principal.person_id is None:
+            detail += f" It needs a token with the scope {Scope.ORGANIZE.value!r}."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     needed = role_needed(request.method, route_of(request.scope))
     if not role.includes(needed):
@@ -76,8 +78,9 @@ def _phase_of(session: Session, named: Mapping[str, Any]) -> str | None:
     """Return the phase that the parameters of a path belong to."""
     if "phase_id" in named:
         return str(named["phase_id"])
-    for name, table in (("run_id", RescoringRun), ("submission_id", Submission)):
-        row = session.get(table, named[name]) if name in named else None
-        if row is not None:
-            return row.phase_id
-    return None
+    owner: RescoringRun | Submission | None = None
+    if "run_id" in named:
+        owner = session.get(RescoringRun, named["run_id"])
+    elif "submission_id" in named:
+        owner = session.get(Submission, named["submission_id"])
+    return None if owner is None else owner.phase_id

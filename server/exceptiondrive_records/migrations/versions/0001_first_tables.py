@@ -213,6 +213,23 @@ def create_splits() -> None:
         ),
     )
     op.create_index("ix_sample_pictures_file", "sample_pictures", ["file_digest"])
+    op.create_table(
+        "confirmations",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("split_name", sa.String(), nullable=False),
+        sa.Column("split_revision", sa.String(), nullable=False),
+        sa.Column("protocol_digest", sa.String(), nullable=False),
+        sa.Column("confirmation", sa.Text(), nullable=False),
+        sa.Column("confirmed_at", TIME, nullable=False),
+        sa.ForeignKeyConstraint(
+            ["split_name", "split_revision"], ["splits.name", "splits.revision"]
+        ),
+    )
+    op.create_index(
+        "ix_confirmations_asked",
+        "confirmations",
+        ["split_name", "split_revision", "protocol_digest"],
+    )
 
 
 def create_phases() -> None:
