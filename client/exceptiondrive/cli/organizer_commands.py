@@ -255,7 +255,13 @@ def list_confirmations(server: options.Server = None, json: options.Json = False
     """List what organizers signed: which split may be scored under which protocol."""
     with open_organizer(server) as organizer:
         found = organizer.confirmations()
-    show_result(found, json, _confirmations_table(found))
+    rows = [
+        {"id": one["id"], "protocol": said["protocol"], "key": said["public_key"], **said["split"]}
+        for one in found
+        for said in [one["confirmation"]]
+    ]
+    columns = ("id", "name", "revision", "protocol", "key")
+    show_result(found, json, records_table(rows, columns))
 
 
 def withdraw_confirmation(
@@ -268,21 +274,6 @@ def withdraw_confirmation(
     with open_organizer(server) as organizer:
         left = organizer.withdraw_confirmation(confirmation_id, reason)
     show_result(left, json, f"confirmation {confirmation_id} withdrawn")
-
-
-def _confirmations_table(found: Iterable[Mapping[str, Any]]) -> str:
-    rows = [
-        {
-            "id": one["id"],
-            "split": one["confirmation"]["split"]["name"],
-            "revision": one["confirmation"]["split"]["revision"],
-            "protocol": one["confirmation"]["protocol"],
-            "key": one["confirmation"]["public_key"],
-            "confirmed_at": one["confirmed_at"],
-        }
-        for one in found
-    ]
-    return records_table(rows, ("id", "split", "revision", "protocol", "key", "confirmed_at"))
 
 
 def list_splits(server: options.Server = None, json: options.Json = False) -> None:
