@@ -133,6 +133,12 @@ class PhasePolicy(Document):
         description="An entry stands on the board when its team publishes it. Fixed once there "
         "are submissions.",
     )
+    terms_required: bool = Field(
+        default=False,
+        title="Terms are accepted first",
+        description="A team submits once it has accepted the terms of the phase as they stand; "
+        "after a change of them, once more.",
+    )
 
 
 class PhaseSettings(Document):

@@ -288,6 +288,8 @@ class VerifyItemView(Document):
     expected_digest: str
     found_digest: str | None
     note: str | None
+    asked_at: datetime | None = None
+    ended_at: datetime | None = None
 
 
 class VerificationView(Document):
@@ -326,6 +328,11 @@ NotificationKind = Literal[
     "overtaken",
     "phase_ends",
     "confirm_address",
+    "message",
+    "disqualified",
+    "reinstated",
+    "allowance",
+    "team_changed",
 ]
 Wish = Literal["updates", "scored", "failed", "overtaken", "phase_ends"]
 """What an address may be told of: protocol updates, and what goes on between them."""

@@ -105,6 +105,8 @@ class SubmissionView(Document):
     """False: the phase keeps entries private, and the team has not published this one."""
     score_kept_back_since: datetime | None = None
     """The board froze then, and this phase keeps back the scores of what came later."""
+    disqualified_at: datetime | None = None
+    """It stands on no board since then; the team's notices say why."""
     known_as: str | None = None
     """The pseudonym of the team on the board of an anonymous phase."""
 
@@ -131,6 +133,8 @@ class Quota(Document):
     """How many may wait for their score at once."""
     waiting: int = 0
     """How many of them wait now."""
+    closes_at: datetime | None = None
+    """The later deadline that organizers granted to the team; None: that of the phase."""
 
 
 class PhaseView(PhaseSettings):
@@ -152,6 +156,10 @@ class PhaseView(PhaseSettings):
     now: PhaseNow | None = None
     quota: Quota | None = None
     """The asking team's own, when a token was sent."""
+    terms_version: str | None = None
+    """Which version of the terms a team accepts before it submits; None: none need be accepted."""
+    terms_accepted_at: datetime | None = None
+    """When the asking team accepted that version."""
 
 
 class Me(Document):

@@ -4,6 +4,7 @@ from exceptiondrive_records.accounts import tables as accounts
 from exceptiondrive_records.audit import tables as audit
 from exceptiondrive_records.boards import tables as boards
 from exceptiondrive_records.notifications import tables as notifications
+from exceptiondrive_records.participation import tables as participation
 from exceptiondrive_records.phases import tables as phases
 from exceptiondrive_records.protocols import tables as protocols
 from exceptiondrive_records.rescoring import tables as rescoring
@@ -17,6 +18,7 @@ __all__ = [
     "audit",
     "boards",
     "notifications",
+    "participation",
     "phases",
     "protocols",
     "rescoring",

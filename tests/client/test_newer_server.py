@@ -82,6 +82,8 @@ def made(schema: dict[str, Any]) -> Any:
             return find(from_regex(schema["pattern"], fullmatch=True), lambda _: True)
         case "string" if schema.get("format") == "date-time":
             return "2026-11-22T12:00:00Z"
+        case "string" if schema.get("format") == "date":
+            return "2026-11-22"
         case "string":
             return "text"
         case "boolean":

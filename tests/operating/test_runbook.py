@@ -38,7 +38,12 @@ CALL = re.compile(
 )
 
 
+ENTRYPOINT = re.compile(r"--entrypoint (\S+) \S+")
+"""`docker compose run --entrypoint PROGRAM SERVICE COMMAND`: the service is no command."""
+
+
 def calls(text: str) -> list[tuple[str, str, str]]:
+    text = ENTRYPOINT.sub(r"\1", text)
     return [
         (program, command, rest)
         for program, commands, rest in CALL.findall(text)

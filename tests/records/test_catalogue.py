@@ -11,6 +11,7 @@ from sqlalchemy.exc import DatabaseError
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases import phases
+from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols import protocols
 from exceptiondrive_records.splits import splits
@@ -184,7 +185,7 @@ def test_a_phase_is_open_from_its_first_moment_until_just_before_its_last(world:
     phase = create_phase(world, opens_at=opens_at, closes_at=closes_at)
     moment = timedelta(microseconds=1)
     times = [opens_at - moment, opens_at, closes_at - moment, closes_at]
-    assert [phases.is_open(phase, at) for at in times] == [False, True, True, False]
+    assert [is_open(phase, at) for at in times] == [False, True, True, False]
 
 
 def test_a_phase_view_carries_the_quota_of_the_asking_team(world: World) -> None:

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.best_run import best_run
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.disqualified import disqualified_ids
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
     is_late,
@@ -83,7 +84,8 @@ def entries_for_board(
     That is the latest scored submission of each (team, method) that came in time and is public, or
     the one that its team said where the phase lets it, or one of each team where the phase says so. The late view holds the latest late ones besides. A
     method whose latest submission was withdrawn falls back to the one before it, until the deadline:
-    withdrawn later, it leaves no entry, so that nobody picks after seeing the outcome.
+    withdrawn later, it leaves no entry, so that nobody picks after seeing the outcome. A disqualified
+    entry leaves its place empty: what it displaced does not come up.
 
     Args:
         session: To read with.
@@ -101,7 +103,12 @@ def entries_for_board(
     key = (protocol_digest, split_revision or phase.split_revision)
     scored = _scored_under(session, phase, *key)
     due = _due(session, phase, scored, view, *key)
-    public = {each.submission.id: each for each in scored if _is_public(phase, each.submission)}
+    out = disqualified_ids(session, phase.id)
+    public = {
+        each.submission.id: each
+        for each in scored
+        if _is_public(phase, each.submission) and each.submission.id not in out
+    }
     linked = [public.get(each.submission.linked_to or "") for each in due]
     told = [*due, *(each for each in linked if each is not None)]
     sheets = _sheets(session, [each.submission.id for each in told], *key)
@@ -218,6 +225,10 @@ def stood_at_deadline(phase: Phase) -> ColumnElement[bool]:
     return is_scored | (
         (Submission.status == SubmissionStatus.WITHDRAWN)
         & (Submission.withdrawn_at >= phase.closes_at)
+        & (
+            Submission.granted_until.is_(None)
+            | (Submission.withdrawn_at >= Submission.granted_until)
+        )
         & exists().where(ScoreSheetRow.submission_id == Submission.id)
     )
 
@@ -238,8 +249,9 @@ def _due(
     due = _of_teams(in_time) if shows_one else _of_methods(in_time, pick)
     if view == "late" and not is_split_revealed(session, phase):
         due += _of_methods(each for each in public if is_late(phase, each.submission))
-    is_there = SubmissionStatus.SCORED
-    return sorted((each for each in due if each.submission.status is is_there), key=_by_arrival)
+    out = disqualified_ids(session, phase.id)
+    stands = [each for each in due if _is_scored(each.submission) and each.submission.id not in out]
+    return sorted(stands, key=_by_arrival)
 
 
 def _withdrawn_since(session: Session, phase: Phase) -> list[_Scored]:

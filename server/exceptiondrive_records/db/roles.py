@@ -52,7 +52,6 @@ _SUBMISSIONS = _all_but(
     "submissions",
     "id",
     "phase_id",
-    "team_id",
     "file_digest",
     "size_bytes",
     "received_at",
@@ -62,12 +61,14 @@ RIGHTS = MappingProxyType(
     {
         # table: (api, worker, reconciler)
         _VERSIONS: (R, R, R),
+        "allowances": (RIUD, R, R),
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
         "confirmations": (RID, R, R),  # workers believe a signature, not a row
         "contact_points": (RIUD, R, R),
+        "disqualifications": (RIU, R, R),
         "entry_drawings": (R, RI, R),
         "invitations": (RIUD, NONE, NONE),
         "memberships": (RID, NONE, NONE),
@@ -87,6 +88,7 @@ RIGHTS = MappingProxyType(
         "splits": (R, RIU, R),
         "submission_edits": (RI, NONE, NONE),
         "submissions": (_SUBMISSIONS, _STATUS, _STATUS),
+        "terms_acceptances": (RID, NONE, R),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),
         "work": (RIUD, RIU, RIUD),  # by kind: `WORK_RIGHTS`

@@ -8,7 +8,13 @@ from exceptiondrive_records.boards.ranking import stood_at_deadline
 from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
-from exceptiondrive_records.phases.policy import has_closed, hid_scores, is_late
+from exceptiondrive_records.phases.policy import (
+    can_change,
+    deadline_of,
+    has_closed,
+    hid_scores,
+    is_late,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.phase_settings import RunRule
@@ -38,9 +44,10 @@ def choose(
             "This phase shows all methods of a team, each by its newest run: there is nothing to "
             "choose. Withdraw a run, and the one before it stands again."
         )
-    if has_closed(phase, now):
+    if not can_change(phase, submission, now):
         raise Conflict(
-            f"The deadline was {phase.closes_at:%Y-%m-%d %H:%M} UTC: the choice stands as it is."
+            f"The deadline was {deadline_of(phase, submission):%Y-%m-%d %H:%M} UTC: "
+            "the choice stands as it is."
         )
     if is_late(phase, submission):
         raise Conflict("This entry came after the deadline; it stands on the late view alone.")

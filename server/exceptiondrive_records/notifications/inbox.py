@@ -1,5 +1,7 @@
 """The inbox of a team, filled in the very transaction that changes its published numbers."""
 
+from collections.abc import Iterable
+
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
@@ -91,11 +93,47 @@ def _changed(comparison: Comparison) -> list[EntryChange]:
     return [entry for entry in comparison.entries if entry.change != "none"]
 
 
+def tell_team(
+    session: Session,
+    team: Team,
+    kind: NotificationKind,
+    title: str,
+    sentences: Iterable[str],
+    *,
+    address: str = "/my/notices",
+    phase: str = "",
+    subject: str | None = None,
+) -> Notification:
+    """Tell a team what organizers did or wrote: in its inbox, and at every confirmed address.
+
+    Args:
+        session: Of a write transaction.
+        team: Who is told.
+        kind: Of the notification.
+        title: In one line.
+        sentences: What there is to say.
+        address: Where there is more, below the server's own.
+        phase: Which it concerns; empty: none in particular.
+        subject: What it is about, where nothing of its kind is told twice.
+    """
+    view = NotificationView(
+        id=random_id(),
+        kind=kind,
+        team=team.name,
+        phase=phase,
+        created_at=database_now(session),
+        title=title,
+        what_changed=tuple(sentences),
+        comparison=address,
+    )
+    return put_notice(session, team.id, view, None, subject=subject)
+
+
 def put_notice(
     session: Session,
     team_id: int,
     view: NotificationView,
-    wish: Wish,
+    wish: Wish | None,
     *,
     run_id: str | None = None,
     subject: str | None = None,
@@ -106,7 +144,7 @@ def put_notice(
         session: Of a write transaction.
         team_id: Whose inbox.
         view: What is told.
-        wish: Only addresses with this wish are told.
+        wish: Only addresses with this wish are told; None: every one that is confirmed.
         run_id: The rescoring run behind it.
         subject: What it is about, where nothing of its kind is told twice.
     """
@@ -118,6 +156,17 @@ def put_notice(
     return row
 
 
+def notices_about(session: Session, submission_id: str) -> list[NotificationView]:
+    """Return what its team was told of a submission, newest first."""
+    query = (
+        select(Notification)
+        .join(Submission, Submission.team_id == Notification.team_id)
+        .where(Submission.id == submission_id, Notification.body.contains(submission_id))
+        .order_by(Notification.created_at.desc(), Notification.id)
+    )
+    return [_view(row) for row in session.scalars(query)]
+
+
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
     """Send a message to one address alone; it stands in no inbox."""
     row = _row(contact.team_id, view, None, contact.id)
@@ -126,14 +175,14 @@ def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> 
     _deliver(session, row, contact)
 
 
-def listening(session: Session, team_id: int, wish: Wish) -> list[ContactPoint]:
-    """Return the confirmed addresses of a team that want to be told of something."""
+def listening(session: Session, team_id: int, wish: Wish | None) -> list[ContactPoint]:
+    """Return the confirmed addresses of a team that want to be told of something; None: all of them."""
     query = select(ContactPoint).where(
         ContactPoint.team_id == team_id,
         ContactPoint.removed_at.is_(None),
         ContactPoint.confirmed_at.is_not(None),
     )
-    return [each for each in session.scalars(query) if wish in each.wishes.split()]
+    return [one for one in session.scalars(query) if wish is None or wish in one.wishes.split()]
 
 
 def _row(

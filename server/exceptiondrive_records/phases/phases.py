@@ -1,6 +1,5 @@
 """Phases: dated stages of a challenge, each with its own split, protocol and limits."""
 
-from datetime import datetime
 from typing import Any
 
 from sqlalchemy import select
@@ -10,9 +9,11 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_link, checked_slug, checked_text
+from exceptiondrive_records.phases.allowances import allowance_of, is_open_to
 from exceptiondrive_records.phases.policy import new_salt, phase_now
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.phases.terms import terms_accepted_at, terms_version
 from exceptiondrive_records.protocols.protocols import find_protocol, usual_protocol
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.work.board_requests import want_board
@@ -211,14 +212,6 @@ def list_phases(
     return list(session.scalars(query))
 
 
-def is_open(phase: Phase, now: datetime) -> bool:
-    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`."""
-    if phase.visibility != "shown":
-        return False
-    has_opened = phase.opens_at is None or phase.opens_at <= now
-    return has_opened and (phase.closes_at is None or now < phase.closes_at)
-
-
 def phase_view(
     session: Session, phase: Phase, *, max_upload_bytes: int, team_id: int | None = None
 ) -> PhaseView:
@@ -233,12 +226,19 @@ def phase_view(
         n_samples=whole.n_samples,
         protocol=find_protocol(session, phase.protocol_digest).version,
         protocol_digest=phase.protocol_digest,
-        is_open=is_open(phase, database_now(session)),
+        is_open=_is_open_now(session, phase, team_id),
         max_upload_bytes=max_upload_bytes,
         now=phase_now(session, phase),
         quota=None if team_id is None else quota_of(session, team_id, phase),
+        terms_version=terms_version(phase),
+        terms_accepted_at=None if team_id is None else terms_accepted_at(session, team_id, phase),
         **settings_of(phase),
     )
+
+
+def _is_open_now(session: Session, phase: Phase, team_id: int | None) -> bool:
+    own = None if team_id is None else allowance_of(session, team_id, phase.id)
+    return is_open_to(session, phase, own, database_now(session))
 
 
 def settings_of(phase: Phase) -> dict[str, Any]:

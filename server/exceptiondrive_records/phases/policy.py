@@ -70,7 +70,21 @@ def hid_scores(session: Session, phase: Phase) -> bool:
 
 def is_late(phase: Phase, submission: Submission) -> bool:
     """Whether a submission came after the deadline, judged by its first byte."""
-    return has_closed(phase, submission.arrived_at or submission.received_at)
+    deadline = deadline_of(phase, submission)
+    return deadline is not None and (submission.arrived_at or submission.received_at) >= deadline
+
+
+def deadline_of(phase: Phase, submission: Submission) -> datetime | None:
+    """Return until when a submission is in time: the phase's deadline, or its team's later one."""
+    if phase.closes_at is None:
+        return None
+    return max(phase.closes_at, submission.granted_until or phase.closes_at)
+
+
+def can_change(phase: Phase, submission: Submission, now: datetime) -> bool:
+    """Whether its deadline is still to come, so that its team may choose what stands."""
+    deadline = deadline_of(phase, submission)
+    return deadline is None or now < deadline
 
 
 def phase_now(session: Session, phase: Phase) -> PhaseNow:

@@ -9,6 +9,8 @@ from exceptiondrive_records.db.errors import (
     QuotaExceeded,
     RejectedCapExceeded,
 )
+from exceptiondrive_records.participation.tables import Allowance
+from exceptiondrive_records.phases.allowances import allowance_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
@@ -34,20 +36,24 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
         Submission.team_id == team_id, Submission.phase_id == phase.id
     )
     used_total, used_today, rejected_today, waiting = map(int, session.execute(query).one())
-    remaining = max(0, phase.quota_per_day - used_today)
-    if phase.quota_total is not None:
-        remaining = min(remaining, max(0, phase.quota_total - used_total))
+    own = allowance_of(session, team_id, phase.id) or Allowance()
+    per_day = own.quota_per_day or phase.quota_per_day
+    total = own.quota_total or phase.quota_total
+    remaining = max(0, per_day - used_today)
+    if total is not None:
+        remaining = min(remaining, max(0, total - used_total))
     return Quota(
-        per_day=phase.quota_per_day,
+        per_day=per_day,
         used_today=used_today,
         remaining_today=remaining,
-        total=phase.quota_total,
+        total=total,
         used_total=used_total,
         resets_at=next_day(now),
         rejected_per_day=phase.rejected_per_day,
         rejected_today=rejected_today,
         concurrent=phase.quota_concurrent,
         waiting=waiting,
+        closes_at=own.closes_at,
     )
 
 

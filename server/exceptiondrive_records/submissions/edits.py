@@ -16,7 +16,7 @@ from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_link, checked_name
-from exceptiondrive_records.phases.policy import has_closed, is_anonymous
+from exceptiondrive_records.phases.policy import can_change, is_anonymous
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import (
     checked_description,
@@ -132,7 +132,7 @@ def _require_free_name(
     session: Session, phase: Phase, submission: Submission, runs: list[Submission], now: datetime
 ) -> None:
     others = _other_runs(session, submission, submission.method)
-    if has_closed(phase, now) and any(other not in runs for other in others):
+    if not can_change(phase, submission, now) and any(other not in runs for other in others):
         raise Conflict(
             f"Your team has another method {submission.method!r} in this phase. After the deadline "
             "two methods cannot become one: which run stands would change. Choose another name."

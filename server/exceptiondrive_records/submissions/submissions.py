@@ -16,11 +16,15 @@ from exceptiondrive_records.db.identifiers import (
     checked_text,
     random_id,
 )
-from exceptiondrive_records.phases.phases import find_phase, is_open
+from exceptiondrive_records.participation.tables import Allowance
+from exceptiondrive_records.phases.allowances import allowance_of, is_open_to
+from exceptiondrive_records.phases.disqualified import require_not_disqualified
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import takes_late_entries
 from exceptiondrive_records.phases.quotas import require_quota
 from exceptiondrive_records.phases.scoring_keys import shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.phases.terms import require_terms
 from exceptiondrive_records.submissions.tables import ReceiptKeyRow, ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
@@ -197,7 +201,7 @@ def accept(
         InvalidRecord: A text or link cannot be used.
         Conflict: The counterpart has no score, the same bytes are there with other words, or the
             key names another upload.
-        NotAllowed: The team registered itself and waits for approval.
+        NotAllowed: The team waits for approval, is disqualified, or has not accepted the terms.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
         RejectedCapExceeded: Too many files were rejected today.
@@ -239,6 +243,7 @@ def accept(
         received_at=now,
         status_at=now,
         arrived_at=arrival(arrived_at, now),
+        granted_until=_granted_until(session, team_id, phase),
         idempotency_key=idempotency_key,
     )
     job = new_job(submission, phase.protocol_digest, phase.split_revision, Lane.LIVE, True, now)
@@ -266,6 +271,11 @@ def _last_facts(
     return session.scalars(query.limit(1)).first()
 
 
+def _granted_until(session: Session, team_id: int, phase: Phase) -> datetime | None:
+    allowance = allowance_of(session, team_id, phase.id)
+    return None if allowance is None else allowance.closes_at
+
+
 def require_acceptable(
     session: Session,
     team_id: int,
@@ -288,13 +298,16 @@ def require_acceptable(
     if team is None:
         raise NotFound("team", str(team_id))
     require_approved(team)
+    require_not_disqualified(session, team_id, phase, file_digest)
     now = database_now(session)
     first = _same_upload(session, team_id, phase, file_digest, idempotency_key, now)
     first = first or _same_bytes(session, team_id, phase, file_digest)
     if first is not None:
         require_same_link(first, linked_to)
         return first
-    _require_open(session, phase, arrival(arrived_at, now))
+    require_terms(session, team_id, phase)
+    allowance = allowance_of(session, team_id, phase.id)
+    _require_open(session, phase, allowance, arrival(arrived_at, now))
     require_quota(session, team_id, phase)
     require_counterpart(session, team_id, phase, linked_to)
     return None
@@ -325,7 +338,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
         NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
-    _lock_jobs(session, submission_id)
+    lock_jobs(session, submission_id)
     submission = session.get(
         Submission, submission_id, with_for_update=True, populate_existing=True
     )
@@ -340,7 +353,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     submission.status = SubmissionStatus.WITHDRAWN
     submission.status_at = submission.withdrawn_at = now
     cancel_jobs_of(session, submission_id, now)
-    for protocol_digest, split_revision in _scored_under(session, submission_id):
+    for protocol_digest, split_revision in scored_under(session, submission_id):
         want_board(session, submission.phase_id, protocol_digest, split_revision)
     audit(session, actor, "submission withdrawn", submission_id, {"was": before})
     return submission
@@ -456,8 +469,10 @@ def _same_bytes(
     ).first()
 
 
-def _require_open(session: Session, phase: Phase, now: datetime) -> None:
-    if is_open(phase, now) or takes_late_entries(session, phase, now):
+def _require_open(
+    session: Session, phase: Phase, allowance: Allowance | None, now: datetime
+) -> None:
+    if is_open_to(session, phase, allowance, now) or takes_late_entries(session, phase, now):
         return
     if phase.visibility != "shown":
         raise PhaseClosed(phase.title, f"is {phase.visibility}")
@@ -466,13 +481,14 @@ def _require_open(session: Session, phase: Phase, now: datetime) -> None:
     raise PhaseClosed(phase.title, f"closed at {phase.closes_at:%Y-%m-%d %H:%M} UTC")
 
 
-def _lock_jobs(session: Session, submission_id: str) -> None:
+def lock_jobs(session: Session, submission_id: str) -> None:
     """Wait for whoever claims or ends its jobs, in their order: the job first, then its submission."""
     jobs = select(Job.id).where(Job.submission_id == submission_id).order_by(Job.id)
     session.execute(jobs.with_for_update())
 
 
-def _scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+def scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+    """Return the protocols and split revisions under which a submission has a sheet."""
     query = select(ScoreSheetRow.protocol_digest, ScoreSheetRow.split_revision).where(
         ScoreSheetRow.submission_id == submission_id
     )

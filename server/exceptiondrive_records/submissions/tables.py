@@ -58,6 +58,8 @@ class Submission(Base):
     """The counterpart that its board entry is compared with."""
     arrived_at: Mapped[datetime | None]
     """When its first byte came, where that was noted: the deadline is judged by it."""
+    granted_until: Mapped[datetime | None]
+    """A later deadline that its team was granted: what came before it is not late."""
     chosen_at: Mapped[datetime | None]
     """When the team chose it for the board, or a rule for its method; the latest choice counts."""
     chosen_rule: Mapped[RunRule] = mapped_column(String, default="this")

@@ -10,6 +10,7 @@ from exceptiondrive_records.boards.boards import entries_on, entry_ids
 from exceptiondrive_records.boards.ranking import replaced_by
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.entries.selection import rule_of
+from exceptiondrive_records.phases.disqualified import disqualified_since
 from exceptiondrive_records.phases.policy import (
     frozen_since,
     is_anonymous,
@@ -58,6 +59,7 @@ def view(
     shows_sheet = is_scored and hidden_since is None
     shown = entries_on(session, phase.current_board_id).get(submission.id) if is_scored else None
     replaced = replaced_by(session, submission)
+    disqualified_at = disqualified_since(session, submission)
     run_rule, is_chosen = rule_of(session, submission)
     is_published = not phase.policy.entries_private or submission.published_at is not None
     return SubmissionView(
@@ -88,6 +90,7 @@ def view(
         and shown is None
         and replaced is None
         and is_published
+        and disqualified_at is None
         and _is_board_coming(session, phase, submission),
         is_duplicate=is_duplicate,
         is_late=is_late(phase, submission),
@@ -96,6 +99,7 @@ def view(
         run_rule=run_rule,
         is_published=is_published,
         score_kept_back_since=hidden_since,
+        disqualified_at=disqualified_at,
         known_as=pseudonym_of_team(phase, team.id)
         if is_anonymous(phase) and not team.is_reference
         else None,

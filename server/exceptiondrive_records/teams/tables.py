@@ -20,6 +20,8 @@ class Team(Base):
         unique=True, default=lambda made: skeleton(made.get_current_parameters()["name"])
     )
     """The name as an eye reads it: no two teams stand on a board under the same one."""
+    affiliation: Mapped[str] = mapped_column(default="")
+    """Where its people work or study, for organizers alone."""
     is_reference: Mapped[bool]
     created_at: Mapped[datetime]
     pending_since: Mapped[datetime | None]

@@ -49,6 +49,18 @@ def create_team(
     return team
 
 
+def require_free_name(session: Session, team: Team) -> None:
+    """Refuse the new name of a team that another one has, or that looks like another's.
+
+    Raises:
+        Conflict: There is one.
+    """
+    same = (Team.name_skeleton == skeleton(team.name)) & (Team.id != team.id)
+    with session.no_autoflush:
+        if session.scalar(select(exists().where(same))):
+            raise Conflict(f"There is a team with a name that looks like {team.name!r} already.")
+
+
 def find_team(session: Session, slug: str) -> Team:
     """Return the team with this slug.
 

@@ -17,6 +17,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
+from exceptiondrive_schemas.participation import DisqualificationNote
 from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import (
@@ -283,6 +284,8 @@ class BoardPage:
     board_digest: str = ""
     facts_at: datetime | None = None
     """When a team of the phase changed its facts last."""
+    disqualified: tuple[DisqualificationNote, ...] = ()
+    """What readers are told of who stands on no board any more."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
 

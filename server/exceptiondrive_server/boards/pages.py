@@ -1,7 +1,5 @@
 """Routes of the board page, of the list of all boards, of exports and of the feed."""
 
-from collections.abc import Callable
-
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
@@ -28,21 +26,19 @@ from exceptiondrive_server.boards.queries import (
     read_history,
     read_phases,
 )
-from exceptiondrive_server.boards.query import AskedBoard, asked_board
+from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.responses import (
     SECURITY_HEADERS,
-    kept_page,
-    looks_of,
+    Reading,
     origin_of,
     page,
-    site_of,
+    public_page,
 )
-from exceptiondrive_server.web.services import Services, services_of
-from exceptiondrive_server.web.templating import render
+from exceptiondrive_server.web.services import services_of
 
 router = APIRouter(include_in_schema=False)
 front = APIRouter(include_in_schema=False)
@@ -56,31 +52,21 @@ def show_board(request: Request) -> Response:
 
     What visitors see is kept until the records say otherwise.
     """
-    services = services_of(request)
-    if holder_of(request) is not Holder.VISITOR:
-        return _signed_in_board(request, services)
     if _is_sent_by_form(request):
         return RedirectResponse(asked_board(request).url(), status_code=303)
-    kept = services.kept_pages.current(
-        looks_of(request), services.database.state, lambda: _public_board(request, services)
-    )
-    return kept_page(request, kept)
+    if holder_of(request) is not Holder.VISITOR:
+        return _signed_in_board(request)
+    return public_page(request, "boards/board.html", "board", lambda it: _public_board(it, request))
 
 
-def _public_board(request: Request, services: Services) -> tuple[object, Callable[[], str]]:
-    """What the page follows from, and what makes it of that."""
-    with services.database.read() as session:
-        board = read_board(session, asked_board(request))
-    site = site_of(request, "board")
-    made_of = site, board.outline
-    return made_of, lambda: render("boards/board.html", site=site, page=board, own=None)
+def _public_board(session: Session, request: Request) -> Reading:
+    board = read_board(session, asked_board(request))
+    return board.outline, lambda: {"page": board, "own": None}
 
 
-def _signed_in_board(request: Request, services: Services) -> Response:
+def _signed_in_board(request: Request) -> Response:
     query = asked_board(request)
-    if _is_sent_by_form(request):
-        return RedirectResponse(query.url(), status_code=303)
-    with services.database.read() as session:
+    with services_of(request).database.read() as session:
         who = principal_of_browser(session, request)
         board = read_board(session, query, with_hidden=who is not None and who.is_organizer)
         ids = _own_submissions(session, who, board.phase)
@@ -103,33 +89,36 @@ def _own_submissions(
 
 
 @router.get("/history")
-def show_history(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+def show_history(request: Request, query: AskedBoard) -> Response:
     """Show every board that a phase ever had."""
-    with services.database.read() as session:
-        phases, phase = read_phases(session, query)
-        if phase is None:
-            raise NotFound("phase of the challenge", "any")
-        lines = board_history(session, phase.id)
-        has_late_view = late_board(session, phase.id) is not None
-        who, now = leads(session, phase.id), database_now(session)
-        row = shown_phase(session, phase.id)
-        digits = Digits.of(find_protocol(session, row.protocol_digest).publication)
+    return public_page(request, "boards/history.html", "board", lambda it: _history(it, query))
+
+
+def _history(session: Session, query: BoardQuery) -> Reading:
+    phases, phase = read_phases(session, query)
+    if phase is None:
+        raise NotFound("phase of the challenge", "any")
+    lines, who = board_history(session, phase.id), leads(session, phase.id)
+    has_late_view = late_board(session, phase.id) is not None
+    now = database_now(session).replace(second=0, microsecond=0)  # the chart ends with this minute
+    row = shown_phase(session, phase.id)
+    digits = Digits.of(find_protocol(session, row.protocol_digest).publication)
     metric = phase.challenge.metrics[0]
-    return page(
-        request,
-        "boards/history.html",
-        "board",
-        phase=phase,
-        phases=phases,
-        lines=lines[:MAX_HISTORY],
-        n_more=max(0, len(lines) - MAX_HISTORY),
-        has_late_view=has_late_view,
-        chart=lead_chart(who, now, metric, digits),
-        narrow_chart=lead_chart(who, now, metric, digits, width=NARROW_PX[0]),
-        leaders={lead.number: lead.leader for lead in who},
-        metric=metric,
-        digits=digits,
-    )
+    newest = lines[:MAX_HISTORY]
+    listed = {line.board for line in newest}
+    shown = {
+        "phase": phase,
+        "phases": phases,
+        "lines": newest,
+        "n_more": len(lines) - len(newest),
+        "has_late_view": has_late_view,
+        "chart": lead_chart(who, now, metric, digits),
+        "narrow_chart": lead_chart(who, now, metric, digits, width=NARROW_PX[0]),
+        "leaders": {lead.number: lead.leader for lead in who if lead.number in listed},
+        "metric": metric,
+        "digits": digits,
+    }
+    return shown, lambda: shown
 
 
 @router.get("/reported/{challenge}")

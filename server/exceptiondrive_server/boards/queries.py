@@ -21,7 +21,9 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.phases.phases import is_open, list_phases
+from exceptiondrive_records.phases.allowances import is_open
+from exceptiondrive_records.phases.disqualified import disqualification_notes
+from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
 from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
@@ -82,6 +84,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         facts=facts_on(session, board) if board else NO_FACTS,
         board_digest=row.body_digest if row else "",
         facts_at=newest_edit_at(session, phase.id),
+        disqualified=disqualification_notes(session, phase),
     )
 
 

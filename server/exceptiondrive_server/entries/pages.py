@@ -2,6 +2,7 @@
 
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_server.boards.entry_facts import entry_key, find_entry
@@ -14,7 +15,7 @@ from exceptiondrive_server.entries.scenes import Scenes, read_scenes
 from exceptiondrive_server.entries.view import entry_page, sample_page
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
-from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
+from exceptiondrive_server.web.responses import SECURITY_HEADERS, Reading, public_page
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import render
 
@@ -22,40 +23,53 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.get("/entries/{key}")
-def show_entry(request: Request, services: ServicesOf, key: str) -> Response:
+def show_entry(request: Request, key: str) -> Response:
     """Show an entry as it stands on a board."""
-    return page(
-        request, "entries/entry.html", "board", **entry_page(_entry(request, services, key))
-    )
+
+    def read(session: Session) -> Reading:
+        reading = read_entry(session, key, _query(request))
+        return reading.outline, lambda: entry_page(reading)
+
+    return public_page(request, "entries/entry.html", "board", read)
 
 
 @router.get("/entries/{key}/samples/{place}")
-def show_sample(request: Request, services: ServicesOf, key: str, place: str) -> Response:
+def show_sample(request: Request, key: str, place: str) -> Response:
     """Show one drawn sample of an entry on a public split."""
-    shown = sample_page(_entry(request, services, key), place)
-    if shown is None:
-        raise NotFound("drawing", place)
-    return page(request, "entries/sample.html", "board", **shown)
+
+    def read(session: Session) -> Reading:
+        reading = read_entry(session, key, _query(request))
+        shown = sample_page(reading, place)
+        if shown is None:
+            raise NotFound("drawing", place)
+        return reading.outline, lambda: shown
+
+    return public_page(request, "entries/sample.html", "board", read)
 
 
 @router.get("/scenes")
-def show_scenes(request: Request, services: ServicesOf) -> Response:
+def show_scenes(request: Request) -> Response:
     """Show the scenes of a board in motion: its leader, and up to two more entries that are named."""
-    return page(request, "entries/scenes.html", "board", page=_scenes(request, services))
+
+    def read(session: Session) -> Reading:
+        scenes = _scenes(session, request)
+        return scenes.outline, lambda: {"page": scenes}
+
+    return public_page(request, "entries/scenes.html", "board", read)
 
 
 @router.get("/scenes.svg")
 def show_still_scenes(request: Request, services: ServicesOf) -> Response:
     """Give the same as one picture that stands still."""
-    body = render("entries/scenes.svg", page=_scenes(request, services)).encode()
+    with services.database.read() as session:
+        scenes = _scenes(session, request)
+    body = render("entries/scenes.svg", page=scenes).encode()
     return conditional(request, body, "image/svg+xml", headers=SECURITY_HEADERS)
 
 
-def _scenes(request: Request, services: Services) -> Scenes:
-    pairs = request.query_params.multi_items()
-    keys = [value for key, value in pairs if key == "with"]
-    with services.database.read() as session:
-        return read_scenes(session, BoardQuery.parse(pairs), keys)
+def _scenes(session: Session, request: Request) -> Scenes:
+    keys = [value for key, value in request.query_params.multi_items() if key == "with"]
+    return read_scenes(session, _query(request), keys)
 
 
 @router.get("/badges/{key}.svg")
@@ -73,21 +87,36 @@ def show_entry_picture(request: Request, services: ServicesOf, key: str) -> Resp
 
 
 @router.get("/compare")
-def show_comparison(request: Request, services: ServicesOf) -> Response:
+def show_comparison(request: Request) -> Response:
     """Compare two or more entries of one board; names that were typed become their keys."""
+    try:
+        return public_page(
+            request, "entries/compare.html", "compare", lambda it: _comparison(it, request)
+        )
+    except _NamesTyped as names:
+        return RedirectResponse(str(names), status_code=303)
+
+
+class _NamesTyped(Exception):  # noqa: N818 - no error: it holds the address with keys
+    pass
+
+
+def _comparison(session: Session, request: Request) -> Reading:
     pairs = request.query_params.multi_items()
-    with services.database.read() as session:
-        reading = read_comparison(session, BoardQuery.parse(pairs), pairs)
+    reading = read_comparison(session, _query(request), pairs)
     asked = [value for key, value in pairs if key in ("a", "b", "more") and value]
     board = reading.board.board
     if board and any(find_entry(board, value) is None for value in asked):
         kept = [(key, value) for key, value in pairs if key not in ("a", "b", "more")]
         keys = [entry_key(entry) for entry in reading.entries]
-        return RedirectResponse(compare_address(kept, keys), status_code=303)
-    return page(request, "entries/compare.html", "compare", **compare_page(reading))
+        raise _NamesTyped(compare_address(kept, keys))
+    return reading.board.outline, lambda: compare_page(reading)
+
+
+def _query(request: Request) -> BoardQuery:
+    return BoardQuery.parse(request.query_params.multi_items())
 
 
 def _entry(request: Request, services: Services, key: str) -> EntryData:
-    query = BoardQuery.parse(request.query_params.multi_items())
     with services.database.read() as session:
-        return read_entry(session, key, query)
+        return read_entry(session, key, _query(request))

@@ -1,6 +1,6 @@
 """What the entry and compare pages read from the records."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -21,7 +21,7 @@ from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
-from exceptiondrive_records.splits.pictures import pictures_of
+from exceptiondrive_records.splits.pictures import outline_of_pictures, pictures_of
 from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_records.submissions.edits import facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -35,7 +35,13 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
 from exceptiondrive_server.boards.entry_facts import find_entry, find_named
 from exceptiondrive_server.boards.page import BoardPage
-from exceptiondrive_server.boards.queries import read_board
+from exceptiondrive_server.boards.queries import (
+    choose_board,
+    choose_phase,
+    facts_on,
+    own_board,
+    read_board,
+)
 from exceptiondrive_server.boards.query import BoardQuery
 
 MOST_PROTOCOLS = 8
@@ -49,12 +55,18 @@ class PastPosition:
     entry: BoardEntry
     first_board: Board
     first_entry: BoardEntry
+    body_digests: tuple[str, str]
+    """Of both boards."""
 
 
 @dataclass(frozen=True)
 class EntryData:
-    """What the records say of an entry."""
+    """What the records say of an entry.
 
+    `outline` is what it is compared by, without a large document: two are equal if their pages are.
+    """
+
+    outline: Hashable
     board: Board
     entry: BoardEntry
     protocol: ProtocolDocument
@@ -79,25 +91,37 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         NotFound: No board shows it. Submissions that are on no board are their team's alone.
     """
     submission = _shown_submission(session, key)
-    board, is_current = _board_with(session, key, submission, query)
+    row, is_current = _board_with(session, key, submission, query)
+    board = own_board(parsed_board(row))
     entry = find_entry(board, key)
     phase = session.get(Phase, board.phase)
     if entry is None or phase is None:
         raise NotFound("entry", key)
     drawings = _drawings(session, submission, board) if submission else None
     drawn_ids = [each.drawing.sample_id for each in drawings.samples] if drawings else []
+    pictures = pictures_of(session, board.split, drawn_ids)
+    sheet = _sheet(session, key, board) if submission else None
+    past = _past(session, submission) if submission else ()
+    shown_submission = None if is_anonymous(phase) else submission
+    told = facts_on(session, board).get(key, EntryFacts())
     return EntryData(
+        outline=(
+            (row.body_digest, phase.title, is_current, shown_submission is None, told),
+            sheet and (tuple(sheet.families), tuple(sheet.tasks)),
+            tuple(each.body_digests for each in past),
+            (tuple(drawn_ids), outline_of_pictures(pictures.values())),
+        ),
         board=board,
         entry=entry,
         protocol=find_protocol(session, board.protocol.digest),
         phase_title=phase.title,
         is_current=is_current,
-        sheet=_sheet(session, key, board) if submission else None,
-        submission=None if is_anonymous(phase) else submission,
-        past=_past(session, submission) if submission else (),
+        sheet=sheet,
+        submission=shown_submission,
+        past=past,
         drawings=drawings,
-        pictures=pictures_of(session, board.split, drawn_ids),
-        told=facts_of_entries(session, phase.id, [key]).get(key, EntryFacts()),
+        pictures=pictures,
+        told=told,
     )
 
 
@@ -112,28 +136,26 @@ def _shown_submission(session: Session, key: str) -> Submission | None:
 
 def _board_with(
     session: Session, key: str, submission: Submission | None, query: BoardQuery
-) -> tuple[Board, bool]:
+) -> tuple[BoardRow, bool]:
     """The board asked for, else the current one, its late view, or the newest that shows the entry."""
     if submission is None or query.board is not None:
-        phase = query.phase or (submission.phase_id if submission else None)
-        asked = BoardQuery(phase=phase, board=query.board, protocol=query.protocol)
-        reading = read_board(session, asked)
-        if reading.board is None:
+        asked_phase = query.phase or (submission.phase_id if submission else None)
+        asked = BoardQuery(phase=asked_phase, board=query.board, protocol=query.protocol)
+        phase = choose_phase(session, asked)
+        row = choose_board(session, phase, asked) if phase else None
+        if phase is None or row is None:
             raise NotFound("entry", key)
-        return reading.board, reading.is_current
+        return row, row.id in (phase.current_board_id, phase.late_board_id)
     if submission.status == SubmissionStatus.WITHDRAWN or _is_kept_private(session, submission):
         raise NotFound("entry", key)
-    reading = read_board(session, BoardQuery(phase=submission.phase_id))
-    if reading.board and find_entry(reading.board, key):
-        return reading.board, True
-    if reading.has_late_view:
-        late = read_board(session, BoardQuery(phase=submission.phase_id, view="late")).board
-        if late and find_entry(late, key):
-            return late, True
-    row = newest_board_with(session, submission.id)
-    if row is None:
+    phase = find_phase(session, submission.phase_id)
+    now = boards_with(session, key, (phase.current_board_id, phase.late_board_id))
+    if now:
+        return now[0], True
+    last = newest_board_with(session, submission.id)
+    if last is None:
         raise NotFound("entry", key)
-    return parsed_board(row), False
+    return last, False
 
 
 @dataclass(frozen=True)
@@ -222,7 +244,8 @@ def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastPositi
     entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
-    return PastPosition(board, entry, first_board, first_entry)
+    digests = last.body_digest, first.body_digest
+    return PastPosition(board, entry, first_board, first_entry, digests)
 
 
 def _drawings(session: Session, submission: Submission, board: Board) -> EntryDrawings | None:

@@ -4,33 +4,31 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_server.boards.queries import phase_link
-from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
+from exceptiondrive_server.web.auth import sees_hidden
 from exceptiondrive_server.web.browser_session import principal_of_browser
-from exceptiondrive_server.web.responses import page
+from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
 
 
 @router.get("/phases/{phase_id}")
-def show_phase(
-    request: Request, services: ServicesOf, phase_id: Annotated[str, Path(max_length=64)]
-) -> Response:
+def show_phase(request: Request, phase_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Show what a phase is about; a hidden one to organizers alone."""
-    with services.database.read() as session:
+
+    def read(session: Session) -> Reading:
         may_see = sees_hidden(principal_of_browser(session, request))
         phase = shown_phase(session, phase_id, with_hidden=may_see)
-        link = phase_link(session, phase, True)
-        protocol = find_protocol(session, phase.protocol_digest).version
-    return page(
-        request,
-        "phases/phase.html",
-        "board",
-        phase=link,
-        text=phase.page,
-        protocol=protocol,
-        quota_total=phase.quota_total,
-    )
+        shown = {
+            "phase": phase_link(session, phase, True),
+            "text": phase.page,
+            "protocol": find_protocol(session, phase.protocol_digest).version,
+            "quota_total": phase.quota_total,
+        }
+        return shown, lambda: shown
+
+    return public_page(request, "phases/phase.html", "board", read)

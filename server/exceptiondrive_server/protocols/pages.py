@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.protocols.protocols import (
     find_protocol,
@@ -19,7 +20,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.responses import page
+from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
 _SELF_DESCRIPTION = ("version", "title", "changes")
@@ -34,32 +35,33 @@ def show_latest_protocol(services: ServicesOf) -> Response:
 
 
 @router.get("/protocols/{version}")
-def show_protocol(request: Request, services: ServicesOf, version: str) -> Response:
+def show_protocol(request: Request, version: str) -> Response:
     """Show the rules of a protocol."""
-    with services.database.read() as session:
-        versions = list_protocols(session) or [latest_protocol(session)]
-        known = {protocol.version: protocol for protocol in versions}
-        protocol = known.get(version) or find_protocol(session, version)
-        drawing = protocol_drawing(session, protocol)
-        splits = splits_under(session, protocol.digest)
+    template = "protocols/protocol.html"
+    return public_page(request, template, "protocol", lambda it: _protocol(it, version))
+
+
+def _protocol(session: Session, version: str) -> Reading:
+    versions = list_protocols(session) or [latest_protocol(session)]
+    known = {protocol.version: protocol for protocol in versions}
+    protocol = known.get(version) or find_protocol(session, version)
+    drawing = protocol_drawing(session, protocol)
+    splits = splits_under(session, protocol.digest)
     digests = [each.digest for each in versions]
     place = digests.index(protocol.digest) if protocol.digest in digests else 0
     previous = versions[place - 1] if place else None
     caution = protocol.grading.caution
-    return page(
-        request,
-        "protocols/protocol.html",
-        "protocol",
-        protocol=protocol,
-        versions=versions,
-        challenges=CHALLENGES.values(),
-        scene=scene_drawing(drawing, protocol),
-        strategies=sorted(Strategy, key=lambda strategy: caution[strategy.value]),
-        flags=FLAGS,
-        previous=previous,
-        splits=splits,
-        changes=protocol_changes(previous, protocol) if previous else (),
-    )
+    return (protocol.digest, digests, drawing.pictured, splits), lambda: {
+        "protocol": protocol,
+        "versions": versions,
+        "challenges": CHALLENGES.values(),
+        "scene": scene_drawing(drawing, protocol),
+        "strategies": sorted(Strategy, key=lambda strategy: caution[strategy.value]),
+        "flags": FLAGS,
+        "previous": previous,
+        "splits": splits,
+        "changes": protocol_changes(previous, protocol) if previous else (),
+    }
 
 
 class Change(NamedTuple):

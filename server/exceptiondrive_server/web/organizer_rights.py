@@ -24,10 +24,14 @@ _READING = frozenset({"/api/v1/organizer/protocols/check"})
 """What is sent by POST and changes nothing."""
 HELPER_DEEDS = frozenset(
     {
+        "/api/v1/organizer/submissions/{submission_id}/note",
         "/api/v1/organizer/submissions/{submission_id}/retry",
+        "/api/v1/organizer/submissions/{submission_id}/verify",
         "/api/v1/organizer/teams/{team_id}/approve",
         "/api/v1/organizer/teams/{team_id}/refuse",
+        "/organize/submissions/{submission_id}/note",
         "/organize/submissions/{submission_id}/retry",
+        "/organize/submissions/{submission_id}/verify",
         "/organize/teams/{team_id}/approve",
         "/organize/teams/{team_id}/refuse",
     }
@@ -60,7 +64,7 @@ def require_right(request: Request, services: Services, principal: Principal) ->
         if principal.person_id is None:
             detail += f" It needs a token with the scope {Scope.ORGANIZE.value!r}."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
-    needed = role_needed(request.method, route_of(request.scope))
+    needed = role_needed(request.method, _path_of(request))
     if not role.includes(needed):
         detail = f"This needs an organizer with the role {needed}; yours is {role}."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
@@ -72,6 +76,14 @@ def require_right(request: Request, services: Services, principal: Principal) ->
         confined = ", ".join(sorted(principal.phases))
         detail = f"Your role is confined to {confined}, and this is not of it."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+
+
+def _path_of(request: Request) -> str:
+    """Return the path of the route; a parameter that names the deed stands for it."""
+    path = route_of(request.scope)
+    for name in ("deed", "step"):
+        path = path.replace(f"{{{name}}}", str(request.path_params.get(name)))
+    return path
 
 
 def _phase_of(session: Session, named: Mapping[str, Any]) -> str | None:

@@ -1,17 +1,19 @@
 """HTML answers: the frame of a page, headers, ETag and 304, problems, the theme."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.web.browser_session import Holder, holder_of
 from exceptiondrive_server.web.compression import takes_gzip
 from exceptiondrive_server.web.etag import conditional
-from exceptiondrive_server.web.kept_pages import KeptPage
+from exceptiondrive_server.web.kept_pages import KeptPage, Made
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.services import services_of
@@ -19,6 +21,8 @@ from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
 Theme = Literal["auto", "light", "dark"]
+Reading = tuple[object, Callable[[], Mapping[str, Any]]]
+"""What a page follows from, as values that are small and equal where the pages are; what fills it."""
 THEMES: tuple[Theme, ...] = ("auto", "light", "dark")
 THEME_COOKIE = "theme"
 YEAR_S = 365 * 24 * 3600
@@ -121,7 +125,34 @@ def page(
     return conditional(request, body, "text/html", headers=headers)
 
 
-def kept_page(request: Request, kept: KeptPage) -> Response:
+def public_page(
+    request: Request, template: str, current: str, read: Callable[[Session], Reading]
+) -> Response:
+    """Answer with a page that follows from the records; what visitors see is kept until they say else.
+
+    Args:
+        request: Whose address and cookies count.
+        template: Of the page.
+        current: Where it stands in the navigation.
+        read: Reads what the page follows from besides its address.
+    """
+    services = services_of(request)
+    if holder_of(request) is not Holder.VISITOR:
+        with services.database.read() as session:
+            _, fill = read(session)
+        return page(request, template, current, **fill())
+
+    def read_again() -> Made:
+        with services.database.read() as session:
+            made_of, fill = read(session)
+        site = site_of(request, current)
+        return (site, made_of), lambda: render(template, site=site, **fill())
+
+    kept = services.kept_pages.current(looks_of(request), services.database.state, read_again)
+    return _kept_page(request, kept)
+
+
+def _kept_page(request: Request, kept: KeptPage) -> Response:
     """Answer a visitor with a page that is kept, compressed where the browser takes that."""
     if not takes_gzip(request.headers.get("accept-encoding", "")):
         return conditional(request, kept.html, "text/html", etag=kept.etag, headers=PUBLIC_PAGE)

@@ -40,6 +40,7 @@ def upgrade() -> None:
     create_splits()
     create_phases()
     create_submissions()
+    create_participation()
     create_boards()
     create_rescoring()
     create_notifications()
@@ -57,6 +58,7 @@ def create_teams() -> None:
         sa.Column("slug", sa.String(), nullable=False),
         sa.Column("name", sa.String(), nullable=False),
         sa.Column("name_skeleton", sa.String(), nullable=False),
+        sa.Column("affiliation", sa.String(), nullable=False),
         sa.Column("is_reference", sa.Boolean(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("pending_since", TIME),
@@ -290,6 +292,7 @@ def create_submissions() -> None:
         sa.Column("withdrawn_at", TIME),
         sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
         sa.Column("arrived_at", TIME),
+        sa.Column("granted_until", TIME),
         sa.Column("chosen_at", TIME),
         sa.Column("chosen_rule", sa.String(), nullable=False),
         sa.Column("idempotency_key", sa.String()),
@@ -362,6 +365,40 @@ def create_submissions() -> None:
         sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), primary_key=True),
         sa.Column("alike", sa.Text(), nullable=False),
         sa.Column("compared_at", TIME, nullable=False),
+    )
+
+
+def create_participation() -> None:
+    """What organizers do with teams."""
+    op.create_table(
+        "disqualifications",
+        sa.Column("id", sa.Integer(), primary_key=True),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id")),
+        sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id")),
+        sa.Column("reason", sa.Text(), nullable=False),
+        sa.Column("public_note", sa.Text()),
+        sa.Column("disqualified_at", TIME, nullable=False),
+        sa.Column("reinstated_at", TIME),
+    )
+    op.create_index("ix_disqualifications_team_id", "disqualifications", ["team_id"])
+    op.create_table(
+        "allowances",
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), primary_key=True),
+        sa.Column("closes_at", TIME),
+        sa.Column("quota_per_day", sa.Integer()),
+        sa.Column("quota_total", sa.Integer()),
+        sa.Column("reason", sa.Text(), nullable=False),
+        sa.Column("granted_at", TIME, nullable=False),
+    )
+    op.create_table(
+        "terms_acceptances",
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), primary_key=True),
+        sa.Column("version", sa.String(), primary_key=True),
+        sa.Column("accepted_at", TIME, nullable=False),
+        sa.Column("actor", sa.String(), nullable=False),
     )
 
 

@@ -1,0 +1,1 @@
+"""What organizers do with teams in a season: conduct, own limits, terms, messages, names."""

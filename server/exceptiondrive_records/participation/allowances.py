@@ -1,0 +1,96 @@
+"""A later deadline or another quota for one team in a phase: granted, changed, taken back."""
+
+from datetime import datetime
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.notifications.inbox import tell_team
+from exceptiondrive_records.participation.tables import Allowance
+from exceptiondrive_records.phases.allowances import allowance_of
+from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.policy import is_split_revealed
+from exceptiondrive_records.submissions.submissions import lock_team
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import find_team
+
+
+def set_allowance(
+    session: Session,
+    slug: str,
+    phase_id: str,
+    *,
+    closes_at: datetime | None = None,
+    quota_per_day: int | None = None,
+    quota_total: int | None = None,
+    reason: str,
+    actor: str,
+) -> Allowance | None:
+    """Set what a team is granted in a phase; what is None is as for all teams.
+
+    A later deadline holds for what the team uploaded before it was granted, too: what came within it
+    is not late.
+
+    Returns:
+        What is granted; None when the team has what all have again.
+
+    Raises:
+        NotFound: No such team or phase.
+        InvalidRecord: The deadline is no later one, or the reason cannot be kept.
+        Conflict: The rest of the split is revealed already.
+    """
+    phase = lock_phase(session, phase_id)
+    team = lock_team(session, find_team(session, slug).id)
+    if closes_at is not None:
+        if phase.closes_at is None or closes_at <= phase.closes_at:
+            raise InvalidRecord("A team's own deadline must lie after that of the phase.")
+        if is_split_revealed(session, phase):
+            raise Conflict("The rest of the split is revealed: nothing more can be in time.")
+    row = allowance_of(session, team.id, phase.id)
+    before = _words(row)
+    wants = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
+    if all(value is None for value in wants.values()):
+        if row is not None:
+            session.delete(row)
+        row = None
+    else:
+        given = {**wants, "reason": checked_reason(reason), "granted_at": database_now(session)}
+        row = session.merge(Allowance(team_id=team.id, phase_id=phase.id, **given))
+    after = _words(row)
+    if before == after:
+        return row
+    session.execute(
+        update(Submission)
+        .where(Submission.team_id == team.id, Submission.phase_id == phase.id)
+        .values(granted_until=closes_at)
+    )
+    want_boards(session, phase)
+    detail = {"phase": phase.id, "reason": checked_reason(reason), "was": before, "is": after}
+    audit(session, actor, "allowance changed", team.slug, detail)
+    sentences = tuple(f"Your {line}." for line in after) or ("It is the same for all teams again.",)
+    title = f"What your team may submit to {phase.title} is changed"
+    tell_team(session, team, "allowance", title, sentences, phase=phase.id)
+    return row
+
+
+def list_allowances(session: Session, team_id: int) -> list[Allowance]:
+    """Return what a team was granted, by phase."""
+    query = select(Allowance).where(Allowance.team_id == team_id)
+    return list(session.scalars(query.order_by(Allowance.phase_id)))
+
+
+def _words(row: Allowance | None) -> list[str]:
+    if row is None:
+        return []
+    until = row.closes_at
+    lines = {
+        f"deadline is {until:%Y-%m-%d %H:%M} UTC" if until else "": until,
+        f"submissions a day are {row.quota_per_day}": row.quota_per_day,
+        f"submissions in all are {row.quota_total}": row.quota_total,
+    }
+    return [line for line, value in lines.items() if value is not None]

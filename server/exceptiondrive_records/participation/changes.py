@@ -1,0 +1,164 @@
+"""What organizers change of a team: its name and affiliation, or that two teams are one."""
+
+from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tables import Invitation, Membership, Token
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.identifiers import (
+    checked_name,
+    checked_reason,
+    checked_text,
+    skeleton,
+)
+from exceptiondrive_records.notifications.inbox import tell_team
+from exceptiondrive_records.notifications.tables import ContactPoint
+from exceptiondrive_records.participation.disqualification import want_boards_of_team
+from exceptiondrive_records.participation.tables import Disqualification
+from exceptiondrive_records.submissions.submissions import lock_team
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import find_team, require_free_name
+from exceptiondrive_records.work.tables import Job
+
+MAX_AFFILIATION = 200
+
+
+def change_team(
+    session: Session,
+    slug: str,
+    *,
+    reason: str,
+    actor: str,
+    name: str | None = None,
+    affiliation: str | None = None,
+) -> Team:
+    """Change the name or the affiliation of a team; what is None stays.
+
+    New boards show the new name; earlier ones, and those of archived phases, keep the old one.
+
+    Raises:
+        NotFound: No such team.
+        InvalidRecord: A text cannot be used.
+        Conflict: Another team has the name, or one that looks like it.
+    """
+    team = lock_team(session, find_team(session, slug).id)
+    before = {"name": team.name, "affiliation": team.affiliation}
+    if name is not None:
+        team.name = checked_name("team name", name)
+        if team.name != before["name"]:
+            require_free_name(session, team)
+        team.name_skeleton = skeleton(team.name)
+    if affiliation is not None:
+        team.affiliation = checked_affiliation(affiliation)
+    after = {"name": team.name, "affiliation": team.affiliation}
+    changed = {key: [before[key], after[key]] for key in after if before[key] != after[key]}
+    if not changed:
+        return team
+    audit(session, actor, "team changed", slug, {"reason": checked_reason(reason), **changed})
+    if "name" in changed:
+        session.flush()
+        want_boards_of_team(session, team.id)
+        told = (f"It was {before['name']}.", "New boards show it; earlier ones stay as they are.")
+        tell_team(session, team, "team_changed", f"Your team is called {team.name}", told)
+    return team
+
+
+def checked_affiliation(text: str) -> str:
+    """Return an affiliation that can be shown.
+
+    Raises:
+        InvalidRecord: It is too long, or cannot be shown.
+    """
+    return checked_text("affiliation", text, max_length=MAX_AFFILIATION, may_be_empty=True)
+
+
+def merge_teams(
+    session: Session, slug: str, into: str, *, reason: str, actor: str
+) -> tuple[Team, int]:
+    """Make one team of two: submissions, people and addresses of the first become the other's.
+
+    The first keeps its id, without a token and without people: what was logged of it stays readable.
+    Both quotas are counted together. This cannot be taken back.
+
+    Returns:
+        The team that is left, and how many submissions it was given.
+
+    Raises:
+        NotFound: No such team.
+        InvalidRecord: The reason cannot be kept.
+        Conflict: They are one, one of them is disqualified or waits for approval, one is a reference,
+            or both submitted the same bytes to one phase.
+    """
+    ids = sorted({find_team(session, slug).id, find_team(session, into).id})
+    if len(ids) == 1:
+        raise Conflict("A team cannot be merged into itself.")
+    for team_id in ids:
+        lock_team(session, team_id)
+    team, target = find_team(session, slug), find_team(session, into)
+    _require_mergeable(session, team, target)
+    phases = list(
+        session.scalars(select(Submission.phase_id).where(Submission.team_id == team.id).distinct())
+    )
+    n_moved = _move(session, team, target)
+    detail = {"into": target.slug, "n_submissions": n_moved, "reason": checked_reason(reason)}
+    audit(session, actor, "team merged", team.slug, detail)
+    audit(session, actor, "team merged", target.slug, {**detail, "from": team.slug})
+    for phase_id in sorted(phases):
+        want_boards_of_team(session, target.id, phase_id)
+    told = (f"Its {n_moved} submissions, people and addresses are your team's from now on.",)
+    title = f"The team {team.name} is part of your team"
+    tell_team(session, target, "team_changed", title, told)
+    return target, n_moved
+
+
+def _require_mergeable(session: Session, team: Team, target: Team) -> None:
+    if team.is_reference or target.is_reference:
+        raise Conflict("A reference team cannot be merged.")
+    if team.pending_since is not None or target.pending_since is not None:
+        raise Conflict("A team that waits for approval cannot be merged: approve or refuse it.")
+    out = select(Disqualification.id).where(
+        Disqualification.team_id.in_((team.id, target.id)),
+        Disqualification.submission_id.is_(None),
+        Disqualification.reinstated_at.is_(None),
+    )
+    if session.scalar(out.limit(1)) is not None:
+        raise Conflict("One of the teams is disqualified: reinstate it first.")
+    theirs = select(Submission.phase_id, Submission.file_digest).where(
+        Submission.team_id == target.id
+    )
+    mine = {
+        (row.phase_id, row.file_digest): row.id
+        for row in session.scalars(select(Submission).where(Submission.team_id == team.id))
+    }
+    both = sorted(mine[key] for phase, digest in session.execute(theirs)
+                  if (key := (phase, digest)) in mine)  # fmt: skip
+    if both:
+        raise Conflict(
+            f"Both teams submitted the same bytes: {', '.join(both[:5])}. One team has a file once "
+            "in a phase; they cannot be merged."
+        )
+
+
+def _move(session: Session, team: Team, target: Team) -> int:
+    n_moved = 0
+    for submission in session.scalars(select(Submission).where(Submission.team_id == team.id)):
+        submission.team_id = target.id
+        n_moved += 1
+    for table in (Job, Disqualification, ContactPoint):
+        session.execute(update(table).where(table.team_id == team.id).values(team_id=target.id))
+    members = select(Membership.person_id).where(Membership.team_id == target.id)
+    there = set(session.scalars(members))
+    now = database_now(session)
+    for person_id in session.scalars(
+        select(Membership.person_id).where(Membership.team_id == team.id)
+    ).all():
+        if person_id not in there:
+            session.add(Membership(team_id=target.id, person_id=person_id, joined_at=now))
+    session.execute(delete(Membership).where(Membership.team_id == team.id))
+    for kind, column in ((Token, "revoked_at"), (Invitation, "withdrawn_at")):
+        is_live = getattr(kind, column).is_(None)
+        session.execute(update(kind).where(kind.team_id == team.id, is_live).values({column: now}))
+    return n_moved

@@ -1,0 +1,205 @@
+"""Disqualify a team or one of its submissions, and reinstate it.
+
+No board is altered: a new one leaves the entries out, the old ones keep what they showed. While a
+board is frozen readers see that at the reveal.
+"""
+
+from sqlalchemy import exists, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.identifiers import checked_reason, checked_text
+from exceptiondrive_records.notifications.inbox import tell_team
+from exceptiondrive_records.participation.tables import Disqualification
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import find_submission, lock_team
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import find_team
+
+MAX_NOTE = 500
+
+
+def disqualify_team(
+    session: Session,
+    slug: str,
+    *,
+    reason: str,
+    actor: str,
+    public_note: str | None = None,
+    phase_id: str | None = None,
+) -> Disqualification:
+    """Take a team off the boards of a phase, or of all; it submits nothing until it is reinstated.
+
+    Raises:
+        NotFound: No such team or phase.
+        InvalidRecord: A text cannot be kept.
+        Conflict: It is disqualified there already.
+    """
+    team = lock_team(session, find_team(session, slug).id)
+    if phase_id is not None:
+        find_phase(session, phase_id)
+    row = Disqualification(team_id=team.id, phase_id=phase_id)
+    return _disqualify(session, team, row, reason, public_note, actor)
+
+
+def disqualify_submission(
+    session: Session, submission_id: str, *, reason: str, actor: str, public_note: str | None = None
+) -> Disqualification:
+    """Take one submission off the boards; its team may not submit the same bytes again.
+
+    Raises:
+        NotFound: No such submission.
+        InvalidRecord: A text cannot be kept.
+        Conflict: It is disqualified already.
+    """
+    team = lock_team(session, find_submission(session, submission_id).team_id)
+    submission = find_submission(session, submission_id)
+    row = Disqualification(
+        team_id=team.id, phase_id=submission.phase_id, submission_id=submission.id
+    )
+    return _disqualify(session, team, row, reason, public_note, actor)
+
+
+def _disqualify(
+    session: Session,
+    team: Team,
+    row: Disqualification,
+    reason: str,
+    public_note: str | None,
+    actor: str,
+) -> Disqualification:
+    same = exists().where(
+        Disqualification.team_id == team.id,
+        Disqualification.reinstated_at.is_(None),
+        Disqualification.phase_id.is_not_distinct_from(row.phase_id),
+        Disqualification.submission_id.is_not_distinct_from(row.submission_id),
+    )
+    if session.scalar(select(same)):
+        raise Conflict("It is disqualified already.")
+    row.reason = checked_reason(reason)
+    row.public_note = public_note and checked_text(
+        "public note", public_note, max_length=MAX_NOTE, may_be_empty=True
+    )
+    row.public_note = row.public_note or None
+    row.disqualified_at = database_now(session)
+    session.add(row)
+    session.flush()
+    _publish(session, row)
+    detail = {"reason": row.reason, "public_note": row.public_note, "disqualification": row.id}
+    audit(session, actor, f"{_what(row)} disqualified", _subject(team, row), detail | _where(row))
+    words = ["No board shows it from now on; earlier boards keep what they showed."]
+    if row.submission_id is None:
+        words.append("Your team submits nothing there until it is reinstated.")
+    else:
+        words.append("The same bytes are not taken again.")
+    title = f"{_name(session, team, row)} is disqualified{_in(session, row)}"
+    tell_team(
+        session,
+        team,
+        "disqualified",
+        title,
+        (f"Reason: {row.reason}", *words),
+        address=_address(row),
+        phase=row.phase_id or "",
+    )
+    return row
+
+
+def reinstate(
+    session: Session, disqualification_id: int, *, reason: str, actor: str
+) -> Disqualification:
+    """End a disqualification: what it took off the boards stands on the next ones.
+
+    Raises:
+        NotFound: There is none.
+        InvalidRecord: The reason cannot be kept.
+        Conflict: It has ended already.
+    """
+    row = find_disqualification(session, disqualification_id)
+    team = lock_team(session, row.team_id)
+    session.refresh(row, with_for_update=True)
+    if row.reinstated_at is not None:
+        raise Conflict(f"It was reinstated at {row.reinstated_at:%Y-%m-%d %H:%M} UTC.")
+    row.reinstated_at = database_now(session)
+    session.flush()
+    _publish(session, row)
+    detail = {"reason": checked_reason(reason), "disqualification": row.id}
+    audit(session, actor, f"{_what(row)} reinstated", _subject(team, row), detail | _where(row))
+    title = f"{_name(session, team, row)} is reinstated{_in(session, row)}"
+    words = (f"Reason: {reason.strip()}", "What was scored stands on the next board.")
+    tell_team(
+        session, team, "reinstated", title, words, address=_address(row), phase=row.phase_id or ""
+    )
+    return row
+
+
+def find_disqualification(session: Session, disqualification_id: int) -> Disqualification:
+    """Return a disqualification.
+
+    Raises:
+        NotFound: There is none.
+    """
+    row = session.get(Disqualification, disqualification_id)
+    if row is None:
+        raise NotFound("disqualification", str(disqualification_id))
+    return row
+
+
+def list_disqualifications(
+    session: Session, *, team_id: int | None = None, submission_id: str | None = None
+) -> list[Disqualification]:
+    """Return disqualifications, newest first, those that ended too."""
+    query = select(Disqualification).order_by(Disqualification.id.desc())
+    if team_id is not None:
+        query = query.where(Disqualification.team_id == team_id)
+    if submission_id is not None:
+        query = query.where(Disqualification.submission_id == submission_id)
+    return list(session.scalars(query))
+
+
+def want_boards_of_team(session: Session, team_id: int, phase_id: str | None = None) -> None:
+    """Ask for the boards of a phase, or of every one that is not archived, where a team submitted."""
+    query = select(Phase).where(
+        exists().where(Submission.phase_id == Phase.id, Submission.team_id == team_id)
+    )
+    if phase_id is None:
+        query = query.where(Phase.visibility != "archived")
+    else:
+        query = query.where(Phase.id == phase_id)
+    for phase in session.scalars(query.order_by(Phase.id)):
+        want_boards(session, phase)
+
+
+def _publish(session: Session, row: Disqualification) -> None:
+    want_boards_of_team(session, row.team_id, row.phase_id)
+
+
+def _what(row: Disqualification) -> str:
+    return "team" if row.submission_id is None else "submission"
+
+
+def _subject(team: Team, row: Disqualification) -> str:
+    return team.slug if row.submission_id is None else row.submission_id
+
+
+def _where(row: Disqualification) -> dict[str, str]:
+    return {} if row.phase_id is None else {"phase": row.phase_id}
+
+
+def _name(session: Session, team: Team, row: Disqualification) -> str:
+    if row.submission_id is None:
+        return f"Your team {team.name}"
+    return f"Your entry {find_submission(session, row.submission_id).method}"
+
+
+def _in(session: Session, row: Disqualification) -> str:
+    return "" if row.phase_id is None else f" in {find_phase(session, row.phase_id).title}"
+
+
+def _address(row: Disqualification) -> str:
+    return "/my" if row.submission_id is None else f"/submissions/{row.submission_id}"

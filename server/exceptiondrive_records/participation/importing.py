@@ -1,0 +1,103 @@
+"""Many teams at once, from a table as CSV: all of them, or none."""
+
+import csv
+import io
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
+from exceptiondrive_records.notifications.contacts import add_contact
+from exceptiondrive_records.notifications.tables import Channel
+from exceptiondrive_records.participation.changes import checked_affiliation
+from exceptiondrive_records.teams.teams import create_team
+
+COLUMNS = ("id", "name", "affiliation", "email")
+"""Of the first line; the last two may be left out."""
+MAX_TEAMS = 500
+_SHOWN_FAULTS = 20
+
+
+class ImportedTeam(NamedTuple):
+    """A team that was made, and its first token, which is shown once."""
+
+    slug: str
+    name: str
+    token: str
+
+
+class _Line(NamedTuple):
+    number: int
+    values: dict[str, str]
+
+
+def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTeam]:
+    """Make the teams of a table: each with a token, and its address where it has one.
+
+    An address is written to once, and told nothing more until whoever reads there confirms it.
+
+    Args:
+        session: Of a write transaction; a refusal has to end it, so that no team is left.
+        text: CSV with a first line of column names, separated by commas or semicolons.
+        actor: Who.
+
+    Raises:
+        InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
+    """
+    made, faults = [], []
+    for line in _lines(text):
+        try:
+            with session.begin_nested():
+                made.append(_make(session, line.values, actor))
+        except RecordsError as refusal:
+            faults.append(f"Line {line.number}: {refusal}")
+    if faults:
+        more = f" And {len(faults) - _SHOWN_FAULTS} more." if len(faults) > _SHOWN_FAULTS else ""
+        raise InvalidRecord(f"No team was made. {' '.join(faults[:_SHOWN_FAULTS])}{more}")
+    return made
+
+
+def tokens_table(made: list[ImportedTeam]) -> str:
+    """Return the tokens of new teams as CSV, to be handed over and kept nowhere."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(("id", "token"))
+    writer.writerows((team.slug, team.token) for team in made)
+    return out.getvalue()
+
+
+def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
+    affiliation = checked_affiliation(values.get("affiliation", ""))
+    team = create_team(session, values["id"], values["name"], actor=actor)
+    team.affiliation = affiliation
+    if values.get("email"):
+        add_contact(session, team.id, Channel.EMAIL, values["email"], actor=actor)
+    token, _ = issue_token(session, team.id, "first token", TEAM_SCOPES, actor=actor)
+    return ImportedTeam(team.slug, team.name, token)
+
+
+def _lines(text: str) -> Iterator[_Line]:
+    text = text.removeprefix("\ufeff")
+    head = text.split("\n", 1)[0]
+    separator = ";" if head.count(";") > head.count(",") else ","
+    try:
+        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise InvalidRecord(f"This is no table as CSV: {error}.") from None
+    names = [name.strip().lower() for name in rows[0]] if rows else []
+    if not {"id", "name"} <= set(names) <= set(COLUMNS) or len(set(names)) < len(names):
+        raise InvalidRecord(
+            f"The first line must name columns of {', '.join(COLUMNS)}; id and name are needed."
+        )
+    filled = [_Line(n, {}) for n, row in enumerate(rows[1:], 2) if any(map(str.strip, row))]
+    if not filled:
+        raise InvalidRecord("The table has no team.")
+    if len(filled) > MAX_TEAMS:
+        raise InvalidRecord(f"The table has more than {MAX_TEAMS} teams; import it in parts.")
+    for line in filled:
+        row = rows[line.number - 1]
+        if len(row) != len(names):
+            raise InvalidRecord(f"Line {line.number} has {len(row)} values, not {len(names)}.")
+        yield line._replace(values=dict(zip(names, map(str.strip, row), strict=True)))

@@ -1,0 +1,183 @@
+"""What organizers write to teams: into the inbox, and to every confirmed address of each team."""
+
+import hashlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sqlalchemy import Select, exists, func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.db.identifiers import checked_text
+from exceptiondrive_records.notifications.inbox import tell_team
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Notification
+from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import find_team
+
+MAX_TITLE, MAX_TEXT = 150, 4000
+
+
+class Recipient(NamedTuple):
+    """A team that is told, and at how many addresses besides its inbox: never which ones."""
+
+    slug: str
+    name: str
+    n_emails: int
+    n_webhooks: int
+
+
+def recipients(
+    session: Session, slugs: Sequence[str] = (), phase_id: str | None = None
+) -> list[Recipient]:
+    """Return whom a message would reach, by slug.
+
+    Args:
+        session: To read with.
+        slugs: These teams; empty: all that are approved, reference teams left out.
+        phase_id: Of all: those that submitted to this phase.
+
+    Raises:
+        NotFound: No such team.
+    """
+    counts = _addresses(session)
+    return [
+        Recipient(
+            team.slug,
+            team.name,
+            counts.get((team.id, Channel.EMAIL), 0),
+            counts.get((team.id, Channel.WEBHOOK), 0),
+        )
+        for team in _teams(session, slugs, phase_id)
+    ]
+
+
+def send_message(
+    session: Session,
+    title: str,
+    text: str,
+    *,
+    actor: str,
+    slugs: Sequence[str] = (),
+    phase_id: str | None = None,
+) -> list[Recipient]:
+    """Write to teams; each paragraph of the text is one sentence of the notice.
+
+    The same words reach a team once: sent by two organizers, or twice by one, the second is refused.
+
+    Args:
+        session: Of a write transaction.
+        title: Subject of mails, heading in the inbox.
+        text: Plain words; blank lines part paragraphs.
+        actor: Who writes.
+        slugs: As for `recipients`.
+        phase_id: As for `recipients`.
+
+    Returns:
+        Whom it reaches.
+
+    Raises:
+        NotFound: No such team.
+        InvalidRecord: A text cannot be used, or there is nobody to write to.
+        Conflict: One of the teams has this very message.
+    """
+    title, paragraphs = checked_message(title, text)
+    teams = _teams(session, slugs, phase_id)
+    if not teams:
+        raise InvalidRecord("There is no team to write to.")
+    said = "\n\n".join((title, *paragraphs))
+    digest = f"sha256:{hashlib.sha256(said.encode()).hexdigest()}"
+    _lock(session, teams)
+    if session.scalar(_have(digest, teams).limit(1)) is not None:
+        raise Conflict("This very message was sent to one of these teams already.")
+    for team in teams:
+        tell_team(session, team, "message", title, paragraphs, phase=phase_id or "", subject=digest)
+    told = recipients(session, [team.slug for team in teams])
+    detail = {"title": title, "digest": digest, "n_teams": len(teams), "phase": phase_id}
+    subject = teams[0].slug if len(teams) == 1 else "teams"
+    audit(session, actor, "message sent", subject, detail)
+    return told
+
+
+def write_about(session: Session, submission_id: str, *, words: str, actor: str) -> Notification:
+    """Write to a team about one of its submissions; the notice leads to it.
+
+    Args:
+        session: Of a write transaction.
+        submission_id: The submission.
+        words: What the organizers say; blank lines part paragraphs.
+        actor: Who writes.
+
+    Raises:
+        NotFound: No such submission.
+        InvalidRecord: The words cannot be used.
+        Conflict: The team has this very message about it.
+    """
+    submission = find_submission(session, submission_id)
+    title, paragraphs = checked_message(f"The organizers wrote about {submission.method}", words)
+    said = "\n\n".join((submission_id, title, *paragraphs))
+    digest = f"sha256:{hashlib.sha256(said.encode()).hexdigest()}"
+    team = session.get_one(Team, submission.team_id)
+    _lock(session, [team])
+    if session.scalar(_have(digest, [team]).limit(1)) is not None:
+        raise Conflict("This very message about it was sent already.")
+    row = tell_team(
+        session,
+        team,
+        "message",
+        title,
+        paragraphs,
+        address=f"/submissions/{submission_id}",
+        phase=submission.phase_id,
+        subject=digest,
+    )
+    audit(session, actor, "team told", submission_id, {"notice": row.id, "digest": digest})
+    return row
+
+
+def _have(digest: str, teams: Sequence[Team]) -> Select[int]:
+    """Select those of these teams that have a message."""
+    return select(Notification.team_id).where(
+        Notification.kind == "message",
+        Notification.subject == digest,
+        Notification.team_id.in_([team.id for team in teams]),
+    )
+
+
+def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
+    """Return title and paragraphs of a message as it would be told.
+
+    Raises:
+        InvalidRecord: One of them is empty, too long, or cannot be shown.
+    """
+    title = checked_text("title", title, max_length=MAX_TITLE)
+    text = checked_text("text", text, max_length=MAX_TEXT, may_have_lines=True)
+    paragraphs = (" ".join(part.split()) for part in text.split("\n\n"))
+    return title, tuple(part for part in paragraphs if part)
+
+
+def _teams(session: Session, slugs: Sequence[str], phase_id: str | None) -> list[Team]:
+    if slugs:
+        return [find_team(session, slug) for slug in sorted(set(slugs))]
+    query = select(Team).where(Team.pending_since.is_(None), Team.is_reference.is_(False))
+    if phase_id is not None:
+        submitted = exists().where(Submission.team_id == Team.id, Submission.phase_id == phase_id)
+        query = query.where(submitted)
+    return list(session.scalars(query.order_by(Team.slug)))
+
+
+def _lock(session: Session, teams: Sequence[Team]) -> None:
+    ids = [team.id for team in teams]
+    weak = select(Team.id).where(Team.id.in_(ids)).order_by(Team.id)
+    session.execute(weak.with_for_update(key_share=True))
+
+
+def _addresses(session: Session) -> dict[tuple[int, Channel], int]:
+    query = (
+        select(ContactPoint.team_id, ContactPoint.channel, func.count())
+        .where(ContactPoint.removed_at.is_(None), ContactPoint.confirmed_at.is_not(None))
+        .group_by(ContactPoint.team_id, ContactPoint.channel)
+    )
+    return {(team_id, channel): count for team_id, channel, count in session.execute(query)}

@@ -1,0 +1,116 @@
+"""Who is disqualified: asked before an upload is taken, and whenever a board is made."""
+
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, Select, exists, func, select
+from sqlalchemy.orm import Session, aliased
+
+from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.participation.tables import Disqualification
+from exceptiondrive_records.phases.policy import (
+    is_anonymous,
+    pseudonym_of_method,
+    pseudonym_of_team,
+)
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.participation import DisqualificationNote
+
+
+def is_disqualified() -> ColumnElement[bool]:
+    """Condition on `Submission`: it, or its team in the phase, is disqualified."""
+    return exists().where(
+        Disqualification.team_id == Submission.team_id,
+        Disqualification.reinstated_at.is_(None),
+        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == Submission.phase_id),
+        Disqualification.submission_id.is_(None)
+        | (Disqualification.submission_id == Submission.id),
+    )
+
+
+def disqualified_ids(session: Session, phase_id: str) -> frozenset[str]:
+    """Return the submissions to a phase that stand on no board of it from now on."""
+    query = select(Submission.id).where(Submission.phase_id == phase_id, is_disqualified())
+    return frozenset(session.scalars(query))
+
+
+def disqualified_since(session: Session, submission: Submission) -> datetime | None:
+    """Return since when a submission stands on no board; None: it may stand."""
+    query = select(func.min(Disqualification.disqualified_at)).where(
+        Disqualification.team_id == submission.team_id,
+        Disqualification.reinstated_at.is_(None),
+        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == submission.phase_id),
+        Disqualification.submission_id.is_(None)
+        | (Disqualification.submission_id == submission.id),
+    )
+    return session.scalar(query)
+
+
+def require_not_disqualified(
+    session: Session, team_id: int, phase: Phase, file_digest: str
+) -> None:
+    """Refuse every upload of a disqualified team, and bytes that were disqualified in the phase.
+
+    Raises:
+        NotAllowed: The team, or this very file of it, is disqualified.
+    """
+    of_team = select(Disqualification).where(
+        Disqualification.team_id == team_id,
+        Disqualification.submission_id.is_(None),
+        Disqualification.reinstated_at.is_(None),
+        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == phase.id),
+    )
+    found = session.scalars(of_team.limit(1)).first()
+    if found is not None:
+        where = "in this phase" if found.phase_id else "here"
+        raise NotAllowed(
+            f"Your team is disqualified {where} since {found.disqualified_at:%Y-%m-%d}; the reason "
+            "stands in your notices. Ask the organizers."
+        )
+    of_file = select(Submission.id).where(
+        Submission.team_id == team_id,
+        Submission.phase_id == phase.id,
+        Submission.file_digest == file_digest,
+        is_disqualified(),
+    )
+    submission_id = session.scalar(of_file.limit(1))
+    if submission_id is not None:
+        raise NotAllowed(
+            f"These bytes were disqualified as submission {submission_id!r}; the reason stands in "
+            "your notices. Ask the organizers."
+        )
+
+
+def disqualification_notes(session: Session, phase: Phase) -> tuple[DisqualificationNote, ...]:
+    """Return what readers are told of disqualifications in a phase, newest first.
+
+    Under the names that its board shows: pseudonyms in an anonymous phase.
+    """
+    query = (
+        select(Disqualification, Team, Submission.method)
+        .join(Team, Team.id == Disqualification.team_id)
+        .outerjoin(Submission, Submission.id == Disqualification.submission_id)
+        .where(
+            Disqualification.public_note.is_not(None),
+            Disqualification.reinstated_at.is_(None),
+            Disqualification.phase_id.is_(None) | (Disqualification.phase_id == phase.id),
+            Team.id.in_(_teams_of(phase)),
+        )
+        .order_by(Disqualification.id.desc())
+    )
+    is_masked = is_anonymous(phase)
+    return tuple(
+        DisqualificationNote(
+            team=pseudonym_of_team(phase, team.id) if is_masked else team.name,
+            method=pseudonym_of_method(phase, team.id, method) if method and is_masked else method,
+            note=row.public_note or "",
+            disqualified_at=row.disqualified_at,
+        )
+        for row, team, method in session.execute(query)
+    )
+
+
+def _teams_of(phase: Phase) -> Select[int]:
+    one = aliased(Submission)
+    return select(one.team_id).where(one.phase_id == phase.id)

@@ -1,0 +1,301 @@
+"""What organizers do with teams: every deed in the records, its way back, and two at once."""
+
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+from tests.records.conftest import World
+from tests.records.test_edits import close, standing
+
+from exceptiondrive_records.accounts.tables import Token
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.boards.ranking import entries_for_board
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import (
+    Conflict,
+    InvalidRecord,
+    NotAllowed,
+    PhaseClosed,
+    QuotaExceeded,
+)
+from exceptiondrive_records.notifications.contacts import add_contact, list_contacts
+from exceptiondrive_records.notifications.inbox import list_notifications
+from exceptiondrive_records.notifications.tables import Channel, Delivery
+from exceptiondrive_records.participation.allowances import set_allowance
+from exceptiondrive_records.participation.changes import change_team, merge_teams
+from exceptiondrive_records.participation.disqualification import (
+    disqualify_submission,
+    disqualify_team,
+    reinstate,
+)
+from exceptiondrive_records.participation.importing import import_teams
+from exceptiondrive_records.participation.messages import recipients, send_message
+from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.disqualified import disqualification_notes
+from exceptiondrive_records.phases.phases import find_phase, phase_view
+from exceptiondrive_records.phases.quotas import quota_of
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.phases.terms import accept_terms, terms_version
+from exceptiondrive_records.submissions.submissions import find_submission, withdraw
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
+from exceptiondrive_schemas.phase_settings import PhaseChange
+
+WHO = "token:o"
+WHY: Any = {"reason": "two accounts of one lab", "actor": WHO}
+
+
+def scored(world: World, content: str) -> str:
+    accepted = world.submit(content, "Planner")
+    world.score(accepted.job_id)
+    return accepted.submission.id
+
+
+def names(world: World) -> set[str]:
+    """The teams on the next board."""
+    with world.database.read() as session:
+        return {one.team for one in entries_for_board(session, "dev", world.protocol_digest)}
+
+
+def told(world: World, team_id: int | None = None) -> list[str]:
+    with world.database.read() as session:
+        return [one.title for one in list_notifications(session, team_id or world.team_id)]
+
+
+def last_action(world: World) -> str:
+    with world.database.read() as session:
+        line = session.scalars(select(AuditLine).order_by(AuditLine.id.desc()).limit(1)).one()
+    return line.action
+
+
+def another(world: World, slug: str = "beta") -> int:
+    with world.database.write() as session:
+        return create_team(session, slug, slug.title(), actor=WHO).id
+
+
+def test_a_disqualified_entry_leaves_its_place_empty_and_comes_back(world: World) -> None:
+    first, second = scored(world, "one"), scored(world, "two")
+    with world.database.write() as session:
+        row = disqualify_submission(session, second, public_note="Not by a planner.", **WHY)
+        number = row.id
+    assert standing(world) == {}, "what it displaced does not come up"
+    with world.database.read() as session:
+        assert view(session, find_submission(session, second)).disqualified_at is not None
+        notes = disqualification_notes(session, find_phase(session, "dev"))
+    assert [(one.team, one.note) for one in notes] == [("Alpha", "Not by a planner.")]
+    assert "is disqualified in Development" in told(world)[0]
+    assert last_action(world) == "submission disqualified"
+    with pytest.raises(NotAllowed, match="These bytes were disqualified"):
+        world.submit("two")
+    with world.database.write() as session:
+        withdraw(session, second, actor="team:1")
+    assert list(standing(world)) == [first]
+    with pytest.raises(NotAllowed, match="These bytes were disqualified"):
+        world.submit("two")
+    with world.database.write() as session:
+        reinstate(session, number, **WHY)
+    assert not world.submit("two").is_duplicate
+    with pytest.raises(Conflict, match="It was reinstated"), world.database.write() as session:
+        reinstate(session, number, **WHY)
+
+
+def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) -> None:
+    kept = scored(world, "one")
+    with world.database.write() as session:
+        number = disqualify_team(session, "alpha", phase_id="dev", **WHY).id
+    assert standing(world) == {}
+    with pytest.raises(NotAllowed, match="Your team is disqualified in this phase"):
+        world.submit("another file")
+    with pytest.raises(Conflict), world.database.write() as session:
+        disqualify_team(session, "alpha", phase_id="dev", **WHY)
+    with world.database.read() as session:
+        assert disqualification_notes(session, find_phase(session, "dev")) == ()
+    with world.database.write() as session:
+        reinstate(session, number, **WHY)
+    assert list(standing(world)) == [kept]
+    assert told(world)[0] == "Your team Alpha is reinstated in Development"
+
+
+def test_of_two_organizers_at_once_one_disqualifies(world: World) -> None:
+    def attempt(_: int) -> bool:
+        try:
+            with world.database.write() as session:
+                disqualify_team(session, "alpha", **WHY)
+        except Conflict:
+            return False
+        return True
+
+    with ThreadPoolExecutor(2) as pool:
+        assert sorted(pool.map(attempt, range(2))) == [False, True]
+
+
+def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: World) -> None:
+    in_time = scored(world, "one")
+    close(world)
+    beta = another(world)
+    with pytest.raises(PhaseClosed):
+        world.submit("of nobody")
+    with world.database.write() as session:
+        now = database_now(session)
+        set_allowance(session, "alpha", "dev", closes_at=now + timedelta(hours=1), **WHY)
+    later = scored(world, "late")
+    assert list(standing(world)) == [later], "it is no late entry: it displaces the run before it"
+    with world.database.read() as session:
+        phase = find_phase(session, "dev")
+        assert quota_of(session, world.team_id, phase).closes_at is not None
+        mine = phase_view(session, phase, max_upload_bytes=1, team_id=world.team_id)
+        assert (mine.is_open, phase_view(session, phase, max_upload_bytes=1).is_open) == (
+            True,
+            False,
+        )
+        assert not view(session, find_submission(session, later)).is_late
+    with pytest.raises(PhaseClosed):
+        world.submit("of others", team_id=beta)
+    with world.database.write() as session:
+        set_allowance(session, "alpha", "dev", **WHY)
+    assert list(standing(world)) == [in_time], "taken back, the upload is late again"
+    with world.database.read() as session:
+        phase = session.get_one(Phase, "dev")
+        assert phase.closes_at is not None
+        earlier = phase.closes_at - timedelta(days=1)
+    with pytest.raises(InvalidRecord, match="after that"), world.database.write() as session:
+        set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
+
+
+def test_a_team_has_its_own_quota(world: World) -> None:
+    with world.database.write() as session:
+        set_allowance(session, "alpha", "dev", quota_total=1, **WHY)
+    world.submit("one")
+    with pytest.raises(QuotaExceeded):
+        world.submit("two")
+    with world.database.write() as session:
+        set_allowance(session, "alpha", "dev", **WHY)
+    world.submit("two")
+    assert told(world) == ["What your team may submit to Development is changed"] * 2
+
+
+def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
+    another(world)
+    scored(world, "one")
+    with world.database.write() as session:
+        change_team(session, "alpha", name="Gamma", affiliation="Somewhere", **WHY)
+    assert names(world) == {"Gamma"}
+    with pytest.raises(Conflict), world.database.write() as session:
+        change_team(session, "alpha", name="BETA", **WHY)
+    with world.database.read() as session:
+        team = find_team(session, "alpha")
+        assert (team.name, team.affiliation) == ("Gamma", "Somewhere")
+    with world.database.write() as session:
+        change_team(session, "alpha", name="GAMMA", **WHY)
+    assert last_action(world) == "team changed"
+
+
+def test_two_teams_become_one_with_entries_people_and_addresses(world: World) -> None:
+    beta = another(world)
+    mine, theirs = scored(world, "one"), world.submit("two", "Theirs", beta)
+    world.score(theirs.job_id)
+    with world.database.write() as session:
+        add_contact(session, beta, Channel.WEBHOOK, "https://example.com/x", actor=WHO)
+        issue_token(session, beta, "t", TEAM_SCOPES, actor=WHO)
+    with world.database.write() as session:
+        _, n_moved = merge_teams(session, "beta", "alpha", **WHY)
+    assert n_moved == 1
+    assert names(world) == {"Alpha"}
+    assert set(standing(world)) == {mine, theirs.submission.id}
+    with world.database.read() as session:
+        assert [one.address for one in list_contacts(session, world.team_id)] == [
+            "https://example.com/x"
+        ]
+        tokens = session.scalars(select(Token).where(Token.team_id == beta))
+        assert all(token.revoked_at is not None for token in tokens)
+        assert find_team(session, "beta").name == "Beta"
+
+
+def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:
+    beta = another(world)
+    world.submit("one")
+    world.submit("one", team_id=beta)
+    with pytest.raises(Conflict, match="same bytes"), world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    another(world, "gamma")
+    with world.database.write() as session:
+        disqualify_team(session, "gamma", **WHY)
+    with pytest.raises(Conflict, match="disqualified"), world.database.write() as session:
+        merge_teams(session, "gamma", "alpha", **WHY)
+
+
+def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
+    beta = another(world)
+    with world.database.write() as session:
+        hook = "https://example.com/x"
+        add_contact(session, beta, Channel.WEBHOOK, hook, actor=WHO, wishes=())
+        add_contact(session, beta, Channel.EMAIL, "a@example.com", actor=WHO)
+    with world.database.read() as session:
+        found = recipients(session)
+    assert [(one.slug, one.n_emails, one.n_webhooks) for one in found] == [
+        ("alpha", 0, 0),
+        ("beta", 0, 1),
+    ]
+    with world.database.write() as session:
+        send_message(session, "Hello", "First.\n\nSecond.", actor=WHO)
+    assert told(world) == told(world, beta) == ["Hello"]
+    with world.database.read() as session:
+        deliveries = session.scalars(select(Delivery)).all()
+        assert len(deliveries) == 2, "the question to the e-mail address, and the message"
+        assert list_notifications(session, beta)[0].what_changed == ("First.", "Second.")
+    with pytest.raises(Conflict, match="already"), world.database.write() as session:
+        send_message(session, "Hello", "First.\n\nSecond.", actor=WHO, slugs=["beta"])
+    with world.database.write() as session:
+        assert len(send_message(session, "Hello", "Other.", actor=WHO, slugs=["beta"])) == 1
+    assert last_action(world) == "message sent"
+
+
+def test_many_teams_are_made_or_none(world: World) -> None:
+    table = "id;name;affiliation;email\nbeta;Beta;Lab B;b@example.com\ngamma;Gamma;;\n"
+    with world.database.write() as session:
+        made = import_teams(session, table, actor=WHO)
+    assert [(one.slug, one.name) for one in made] == [("beta", "Beta"), ("gamma", "Gamma")]
+    with world.database.read() as session:
+        beta = find_team(session, "beta")
+        assert (beta.affiliation, len(list_contacts(session, beta.id))) == ("Lab B", 1)
+    wrong = "id,name\ndelta,Delta\nBAD,Bad\nbeta,Beta\n"
+    with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
+        import_teams(session, wrong, actor=WHO)
+    assert "Line 3" in str(refused.value)
+    assert "Line 4" in str(refused.value)
+    with world.database.read() as session:
+        assert [team.slug for team in list_teams(session)] == ["alpha", "beta", "gamma"]
+    for table in (
+        "",
+        "name\nx\n",
+        "id,name,x\na,b,c\n",
+        "id,name\n",
+        "id,name\na\n",
+        'id,name\n"a',
+    ):
+        with pytest.raises(InvalidRecord), world.database.write() as session:
+            import_teams(session, table, actor=WHO)
+
+
+def test_terms_are_accepted_by_version_before_a_file_is_taken(world: World) -> None:
+    change = {"page": {"terms": "Be *fair*."}, "policy": {"terms_required": True}}
+    with world.database.write() as session:
+        update_phase(session, "dev", PhaseChange.model_validate(change), actor=WHO)
+    with pytest.raises(NotAllowed, match="Accept the terms"):
+        world.submit("one")
+    with world.database.write() as session:
+        phase = find_phase(session, "dev")
+        version = terms_version(phase)
+        assert version is not None
+        accept_terms(session, world.team_id, phase, version, actor="team:1")
+    world.submit("one")
+    change = {"page": {"terms": "Be *fairer*."}}
+    with world.database.write() as session:
+        update_phase(session, "dev", PhaseChange.model_validate(change), actor=WHO)
+    with pytest.raises(NotAllowed, match="Accept the terms"):
+        world.submit("two")
+    with pytest.raises(Conflict, match="changed"), world.database.write() as session:
+        accept_terms(session, world.team_id, find_phase(session, "dev"), version, actor="team:1")
