@@ -122,6 +122,11 @@ class Organizer(Connection):
         path = f"/organizer/phases/{quoted(phase_id)}/feature"
         return self._transport.post_once(path, {"reason": reason})
 
+    def delete_phase(self, phase_id: str, reason: str) -> Record:
+        """Delete a phase in which nothing was submitted or rescored."""
+        path = f"/organizer/phases/{quoted(phase_id)}/delete"
+        return self._transport.post_once(path, {"reason": reason})
+
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
         path = f"/organizer/phases/{quoted(phase_id)}/freeze"
@@ -133,8 +138,13 @@ class Organizer(Connection):
         return self._transport.post_once(path, {"what": what, "reason": reason})
 
     def protocols(self) -> list[Record]:
-        """Return all protocols, oldest first."""
-        return self._transport.records("/protocols")
+        """Return all protocols, drafts too, oldest first."""
+        return self._transport.records("/organizer/protocols")
+
+    def delete_protocol(self, version: str, reason: str) -> Record:
+        """Delete a protocol that nothing was made of."""
+        path = f"/organizer/protocols/{quoted(version)}/delete"
+        return self._transport.post_once(path, {"reason": reason})
 
     def add_protocol(self, toml: str) -> Record:
         """Add a protocol document; it is immutable from then on."""

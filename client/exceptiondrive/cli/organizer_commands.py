@@ -296,10 +296,11 @@ def revoke_token(
 
 
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
-    """List all protocols, oldest first."""
+    """List all protocols, drafts too, oldest first."""
     with open_organizer(server) as organizer:
         found = organizer.protocols()
-    show_result(found, json, records_table(found, ("version", "title", "digest")))
+    rows = [one | {"readers": "no, a draft" if one["is_draft"] else "yes"} for one in found]
+    show_result(found, json, records_table(rows, ("version", "title", "readers", "digest")))
 
 
 def add_protocol(
@@ -388,6 +389,18 @@ def withdraw_confirmation(
     show_result(left, json, f"confirmation {confirmation_id} withdrawn")
 
 
+def delete_protocol(
+    version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
+    with open_organizer(server) as organizer:
+        gone = organizer.delete_protocol(version, reason)
+    show_result(gone, json, f"protocol {gone['version']} deleted")
+
+
 def list_splits(server: options.Server = None, json: options.Json = False) -> None:
     """List the registered split revisions: what a phase may use."""
     with open_organizer(server) as organizer:
@@ -470,6 +483,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {
             "list": list_protocols,
             "add": add_protocol,
+            "delete": delete_protocol,
             "check": check_protocol,
             "diff": diff_protocol,
             "key": protocol_key,

@@ -1,4 +1,4 @@
-"""Protocols: list, check a document against every phase, add it; confirmations of organizers."""
+"""Protocols: list, check against every phase, add, delete; confirmations of organizers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,10 +16,12 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.protocols.protocols import (
     add_protocol,
     checked_protocol,
+    delete_protocol,
     find_protocol,
     find_protocol_row,
     list_protocol_rows,
 )
+from exceptiondrive_records.protocols.shown import shown_digests
 from exceptiondrive_records.rescoring.views import protocol_check
 from exceptiondrive_records.splits.confirmations import (
     add_confirmation,
@@ -29,6 +31,7 @@ from exceptiondrive_records.splits.confirmations import (
 from exceptiondrive_schemas.confirmation import Confirmation
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_server.protocols.api import TOML
 from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (
@@ -40,6 +43,7 @@ from exceptiondrive_server.web.browser_session import (
 )
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.organizer_frame import (
+    NO_STORE,
     OrganizerBrowser,
     Step,
     go,
@@ -68,6 +72,7 @@ CONFIRM = Step(
     ),
     command="exceptiondrive organizer protocols confirm new.toml --split NAME --revision REVISION",
 )  # fmt: skip
+Version = Annotated[str, Path(max_length=100)]
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,7 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         protocols = {row.digest: find_protocol(session, row.digest) for row in rows}
         phases = list_phases(session, with_hidden=True)
         confirmations = list_confirmations(session)
+        shown = shown_digests(session)
     return organizer_page(
         request,
         browser,
@@ -97,6 +103,7 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         rows=rows,
         protocols=protocols,
         phases=phases,
+        shown=shown,
         confirmations=confirmations,
     )
 
@@ -198,6 +205,58 @@ async def post_new(request: Request, services: ServicesOf, browser: OrganizerBro
             typed = str(form.get("toml", ""))
             return await run_in_threadpool(_form, request, services, browser, typed, fault)
     return await run_in_threadpool(_answer, request, services, browser, toml, shall_add)
+
+
+@router.get("/{version}/toml")
+def show_toml(services: ServicesOf, _browser: OrganizerBrowser, version: Version) -> Response:
+    """Give the document of a protocol, of a draft too."""
+    with services.database.read() as session:
+        toml = find_protocol_row(session, version).toml
+    return Response(toml, media_type=TOML, headers=NO_STORE)
+
+
+@router.get("/{version}/delete")
+def show_deletion(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, version: Version
+) -> Response:
+    """Ask whether a protocol is to be deleted."""
+    return step_page(request, browser, _deletion(services, version))
+
+
+@router.post("/{version}/delete")
+def post_deletion(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    version: Version,
+) -> Response:
+    """Delete a protocol that nothing was made of."""
+
+    def take(session: Session, values: dict[str, str]) -> None:
+        actor = browser.principal.actor
+        delete_protocol(session, version, reason=values["reason"], actor=actor)
+
+    step = _deletion(services, version)
+    return take_step(request, services, browser, step, form, take, "protocol_deleted")
+
+
+def _deletion(services: Services, version: str) -> Step:
+    with services.database.read() as session:
+        protocol = find_protocol(session, version)
+    return Step(
+        section="protocols",
+        title=f"Delete protocol {protocol.version}",
+        meaning="Only a document that nothing was made of goes: neither phase, run, board nor "
+        "sheet. The audit log keeps its digest.",
+        button="Delete the protocol",
+        back=HERE,
+        back_words="Protocols",
+        fields=(REASON,),
+        facts=(("Title", protocol.title), ("What changes", protocol.changes)),
+        command=f'exceptiondrive organizer protocols delete {protocol.version} --reason "…"',
+        is_grave=True,
+    )
 
 
 async def _text(form: FormData) -> str:
