@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason, random_id
 from exceptiondrive_records.phases.phases import find_phase, lock_phase
@@ -162,7 +163,7 @@ def _new_run(
         state_at=now,
     )
     session.add(run)
-    session.flush()
+    flush_or_refuse(session, "The protocol was deleted meanwhile: look at the list anew.")
     return run
 
 

@@ -22,7 +22,6 @@ from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.notifications.inbox import list_notifications, notices_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import can_change
-from exceptiondrive_records.protocols.protocols import latest_protocol
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
@@ -35,7 +34,7 @@ from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.boards.page import PhaseLink
-from exceptiondrive_server.boards.queries import phase_link
+from exceptiondrive_server.boards.queries import featured_protocol, phase_link
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
@@ -122,7 +121,7 @@ def _submit_page(
     """Show the quick start for a phase, and the form again with what was typed before a refusal."""
     with services.database.read() as session:
         links = tuple(phase_link(session, phase) for phase in list_phases(session))
-        protocol = latest_protocol(session)
+        protocol = featured_protocol(session)
         phases = _phases(session, services, None if browser is None else browser.principal)
         standing = () if browser is None else _standing(session, browser.principal)
     phase = _chosen(links, wanted)
