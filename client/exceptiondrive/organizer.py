@@ -150,6 +150,20 @@ class Organizer(Connection):
         """Add a protocol document; it is immutable from then on."""
         return self._transport.post_toml("/organizer/protocols", toml)
 
+    def confirmations(self) -> list[Record]:
+        """Return what organizers signed, newest first."""
+        return self._transport.records("/organizer/confirmations")
+
+    def confirm(self, confirmation: Record) -> Record:
+        """Hand in what was signed: that a split may be scored under a protocol."""
+        return self._transport.post_once("/organizer/confirmations", confirmation)
+
+    def withdraw_confirmation(self, confirmation_id: str, reason: str) -> list[Record]:
+        """Take a confirmation back; return those that stay."""
+        path = f"/organizer/confirmations/{quoted(confirmation_id)}/withdraw"
+        self._transport.post(path, lambda: {"json": {"reason": reason}}, False)
+        return self.confirmations()
+
     def audit(self, limit: int = 100) -> list[Record]:
         """Return the newest lines of the audit log."""
         return self._transport.records("/organizer/audit", {"limit": limit})

@@ -144,7 +144,8 @@ class TrialFinding(Document):
 class SplitTrial(Document):
     """What a worker says of the split under what a run leads to: by counts alone."""
 
-    state: Literal["waiting", "fits", "refused", "failed"] = "waiting"
+    state: Literal["waiting", "fits", "refused", "held", "failed"] = "waiting"
+    """`held`: by the floors of a withheld split, as they stood then."""
     found: tuple[TrialFinding, ...] = ()
 
     @property
@@ -157,6 +158,8 @@ class SplitTrial(Document):
         reasons = "; ".join(it.what if it.n is None else f"{it.n:,} {it.what}" for it in self.found)
         if self.state == "failed":
             return f"The split could not be tried: {reasons}"
+        if self.state == "held":
+            return f"The floors of the withheld split forbid it: {reasons}."
         return f"The split cannot be scored under what is to come: {reasons}."
 
 

@@ -2,7 +2,6 @@
 
 from fastapi import APIRouter, Depends
 
-from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts import api as accounts
 from exceptiondrive_server.accounts import organizer_api as organizer_accounts
@@ -47,14 +46,14 @@ from exceptiondrive_server.teams import organizer_api as organizer_teams
 from exceptiondrive_server.teams import organizer_pages as organizer_team_pages
 from exceptiondrive_server.teams import pages as team_pages
 from exceptiondrive_server.web import health, responses
-from exceptiondrive_server.web.auth import require
+from exceptiondrive_server.web.auth import organizer
 from exceptiondrive_server.web.organizer_frame import organizing
 from exceptiondrive_server.web.problems import problem_responses
 
 _ORGANIZER_API = APIRouter(
     prefix="/organizer",
     tags=["organizers"],
-    dependencies=[Depends(require(Scope.ORGANIZE))],
+    dependencies=[Depends(organizer)],
     responses=problem_responses(
         ProblemCode.NOT_SIGNED_IN,
         ProblemCode.NOT_ALLOWED,
@@ -62,7 +61,7 @@ _ORGANIZER_API = APIRouter(
         ProblemCode.CONFLICT,
     ),
 )
-"""Every route demands the scope; every change leaves an audit line."""
+"""Every route demands a role (`web/organizer_rights.py`); every change leaves an audit line."""
 for _part in (
     organizer_teams.router,
     organizer_accounts.router,

@@ -130,3 +130,28 @@ def test_the_report_of_alike_submissions_names_teams_and_is_for_organizers(
     assert "Team Beta: Planner" in shown.replace("\n", " ")
     assert organize(working, "similar", "--phase", "dev", token=token).exit_code == 4
     assert organize(working, "similar", "--phase", "none").exit_code == 2
+
+
+def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
+    running: "Running", tmp_path: Path
+) -> None:
+    key, document = tmp_path / "key.pem", tmp_path / "1.1.toml"
+    document.write_text(packaged_protocol_toml("1.1"))
+    shown = organize(running, "protocols", "key", "--key", key)
+    assert (shown.exit_code, str(key) in shown.stderr) == (0, True)
+    public_key = shown.stdout.strip()
+    splits = json.loads(organize(running, "splits", "list", "--json").stdout)
+    what = ("--split", "tiny", "--revision", splits[0]["revision"], "--key", key)
+    unknown = organize(running, "protocols", "confirm", document, *what)
+    assert unknown.exit_code == 2
+    assert organize(running, "protocols", "add", document).exit_code == 0
+    done = organize(running, "protocols", "confirm", document, *what)
+    assert (done.exit_code, "confirmed: protocol 1.1" in done.stdout) == (0, True)
+    written = organize(running, "protocols", "confirm", document, *what, "-o", tmp_path / "c.json")
+    assert written.exit_code == 0
+    (kept,) = json.loads(organize(running, "protocols", "confirmations", "--json").stdout)
+    assert kept["confirmation"] == json.loads((tmp_path / "c.json").read_text())
+    assert kept["confirmation"]["public_key"] == public_key
+    why = ("--reason", "wrong document")
+    assert organize(running, "protocols", "withdraw-confirmation", kept["id"], *why).exit_code == 0
+    assert json.loads(organize(running, "protocols", "confirmations", "--json").stdout) == []

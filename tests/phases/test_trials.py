@@ -87,7 +87,7 @@ def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Li
     run = draft(scored, "1.2", footprint_length_m=40.0)
     scored.work()
     trial = seen(scored, run)["trial"]
-    assert trial["state"] == "refused"
+    assert trial["state"] == "held"
     assert "footprint_length_m" in str(trial["found"])
     assert TOUCH not in str(trial)
     scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})

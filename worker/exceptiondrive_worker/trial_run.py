@@ -44,14 +44,14 @@ def _tried(context: WorkerContext, run_id: str) -> SplitTrial:
         hold_floors_of(context.database, context.splits.floors(ref.name), ref, protocol, phase.id)
         context.splits.find(ref.name, ref.revision, protocol)
     except FloorHeldError as held:
-        found = tuple(TrialFinding(what=words) for words in held.asked)
+        asked = tuple(TrialFinding(what=words) for words in held.asked)
+        return SplitTrial(state="held", found=asked)
     except SplitRefusedError as refused:
         found = tuple(
             TrialFinding(what=fault.what, n=len(fault.sample_ids)) for fault in refused.faults
         )
-    else:
-        return SplitTrial(state="fits")
-    return SplitTrial(state="refused", found=found)
+        return SplitTrial(state="refused", found=found)
+    return SplitTrial(state="fits")
 
 
 def _record(context: WorkerContext, item: Trial, trial: SplitTrial) -> None:

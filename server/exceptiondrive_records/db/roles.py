@@ -66,6 +66,7 @@ RIGHTS = MappingProxyType(
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
+        "confirmations": (RID, R, R),  # workers believe a signature, not a row
         "contact_points": (RIUD, R, R),
         "disqualifications": (RIU, R, R),
         "entry_drawings": (R, RI, R),

@@ -48,11 +48,15 @@ def trial_of(session: Session, run_id: str) -> SplitTrial | None:
 
 
 def tried_protocols(session: Session, split_name: str) -> set[str]:
-    """Return the digests of the protocols that a split was tried under, at any revision."""
+    """Return the digests of the protocols under which something was told of a split by trials."""
     query = (
-        select(RescoringRun.to_protocol_digest)
+        select(RescoringRun.to_protocol_digest, Trial.trial)
         .join(Trial, Trial.run_id == RescoringRun.id)
         .join(Phase, Phase.id == RescoringRun.phase_id)
         .where(Phase.split_name == split_name, Trial.trial.is_not(None))
     )
-    return set(session.scalars(query.distinct()))
+    return {
+        digest
+        for digest, trial in session.execute(query)
+        if trial is not None and trial.state in ("fits", "refused")
+    }

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
+    MEANING_OF_SCOPE,
     TEAM_SCOPES,
     Scope,
     find_token,
@@ -44,12 +45,6 @@ from exceptiondrive_server.web.organizer_frame import (
 )
 from exceptiondrive_server.web.services import Services
 
-MEANING = {
-    Scope.SUBMIT: "submit and withdraw",
-    Scope.READ_OWN: "see the team's submissions",
-    Scope.TOKENS: "manage the team's tokens",
-    Scope.ORGANIZE: "everything that organizers do",
-}
 NEW_TEAM = (
     FormField("id", "Id", hint="small letters, digits, hyphens; never changes", is_required=True,
           max_length=64),
@@ -58,7 +53,10 @@ NEW_TEAM = (
 )  # fmt: skip
 NEW_TOKEN = (
     FormField("name", "Name", hint="what it is for", is_required=True, max_length=80),
-    *(FormField(f"may_{n}", MEANING[scope], "yes", scope) for n, scope in enumerate(TEAM_SCOPES)),
+    *(
+        FormField(f"may_{n}", MEANING_OF_SCOPE[scope], "yes", scope)
+        for n, scope in enumerate(TEAM_SCOPES)
+    ),
     FormField("expires_at", "Expires at", "moment", "empty: never"),
 )
 """`may_0` and so on stand for the scopes that a team's token may have."""
@@ -187,7 +185,7 @@ def _team(
         refusal=refusal,
         team=team,
         tokens=sorted(tokens, key=lambda one: not one[1]),
-        rights_of=lambda token: [MEANING[Scope(scope)] for scope in token.scopes],
+        rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
         issued=issued,
         lines=lines,
         n_submissions=n_submissions,

@@ -85,6 +85,7 @@ def create_accounts() -> None:
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
         sa.Column("name", sa.String(), nullable=False),
         sa.Column("scopes", sa.JSON(), nullable=False),
+        sa.Column("phases", sa.JSON(), nullable=False),
         sa.Column("secret_digest", sa.String(), nullable=False),
         sa.Column("prefix", sa.String(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
@@ -107,7 +108,8 @@ def create_accounts() -> None:
         sa.Column("subject", sa.String(), nullable=False),
         sa.Column("name", sa.String(), nullable=False),
         sa.Column("email", sa.String()),
-        sa.Column("is_organizer", sa.Boolean(), nullable=False),
+        sa.Column("organizer_role", sa.String()),
+        sa.Column("organizer_phases", sa.JSON(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("signed_in_at", TIME, nullable=False),
         sa.UniqueConstraint("issuer", "subject"),
@@ -220,6 +222,23 @@ def create_splits() -> None:
         ),
     )
     op.create_index("ix_sample_pictures_file", "sample_pictures", ["file_digest"])
+    op.create_table(
+        "confirmations",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("split_name", sa.String(), nullable=False),
+        sa.Column("split_revision", sa.String(), nullable=False),
+        sa.Column("protocol_digest", sa.String(), nullable=False),
+        sa.Column("confirmation", sa.Text(), nullable=False),
+        sa.Column("confirmed_at", TIME, nullable=False),
+        sa.ForeignKeyConstraint(
+            ["split_name", "split_revision"], ["splits.name", "splits.revision"]
+        ),
+    )
+    op.create_index(
+        "ix_confirmations_asked",
+        "confirmations",
+        ["split_name", "split_revision", "protocol_digest"],
+    )
 
 
 def create_phases() -> None:
