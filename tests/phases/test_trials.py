@@ -91,12 +91,12 @@ def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Li
     assert "footprint_length_m" in str(trial["found"])
     assert TOUCH not in str(trial)
     scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
-    (scored.worker.splits_dir / "plain" / "floors.toml").write_text("max_protocols = 3")
+    (scored.worker.splits_dir / "plain" / "floors.toml").write_text("max_protocols = 2")
     for version, length_m in (("1.3", 18.0), ("1.4", 22.0)):
         run = draft(scored, version, footprint_length_m=length_m)
         scored.work()
         trial = seen(scored, run)["trial"]
         scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
-    assert "at most 3" in str(trial)
+    assert "at most 2" in str(trial)
     actions = [line["action"] for line in scored.json("/api/v1/organizer/audit", "organizer")]
     assert "split floor held" in actions

@@ -52,7 +52,11 @@ class BoardFlip(Base):
     """Whose scores are others since, for the history: so that no board need be read for that."""
 
 
-_FIRST_FLIP = select(func.min(BoardFlip.at)).where(BoardFlip.board_id == BoardRow.id)
+_FIRST_FLIP = (
+    select(func.min(BoardFlip.at))
+    .where(BoardFlip.board_id == BoardRow.id)
+    .correlate_except(BoardFlip)
+)
 BoardRow.told_at = column_property(
     func.coalesce(_FIRST_FLIP.scalar_subquery(), BoardRow.published_at)
 )
