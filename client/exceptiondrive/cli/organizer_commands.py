@@ -6,7 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
+from exceptiondrive.cli import (
+    options,
+    participation_commands,
+    phase_commands,
+    rescore_commands,
+    site_commands,
+)
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -472,6 +478,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "tokens": list_tokens,
             "issue-token": issue_token,
             "revoke-token": revoke_token,
+            **participation_commands.TEAM_COMMANDS,
         },
     ),
     "phases": (
@@ -507,6 +514,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "download": download_upload,
             "folder": download_story,
             "archive": download_archive,
+            "disqualify": participation_commands.disqualify_submission,
         },
     ),
     "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
@@ -528,4 +536,5 @@ def register(app: typer.Typer) -> None:
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
     organizer.command("similar")(similar)
+    organizer.command("message")(participation_commands.send_message)
     app.add_typer(organizer, name="organizer")

@@ -117,6 +117,11 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
     """Yield how it stands in the policy of its phase."""
     if seen.known_as is not None:
         yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
+    if seen.disqualified_at is not None:
+        yield (
+            f"It is disqualified since {minute(seen.disqualified_at)} and stands on no further board; "
+            "the reason stands in the team's notices."
+        )
     if seen.is_late:
         yield "It came after the deadline: it stands on the late view alone."
     if seen.score_kept_back_since is not None:
