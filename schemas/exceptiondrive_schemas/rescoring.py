@@ -134,6 +134,35 @@ class Progress(Document):
     remaining_s: float | None = None
 
 
+class TrialFinding(Document):
+    """Why a split cannot be scored under what is to come, and of how many samples that holds."""
+
+    what: str
+    n: int | None = None
+
+
+class SplitTrial(Document):
+    """What a worker says of the split under what a run leads to: by counts alone."""
+
+    state: Literal["waiting", "fits", "refused", "held", "failed"] = "waiting"
+    """`held`: by the floors of a withheld split, as they stood then."""
+    found: tuple[TrialFinding, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """What came of it."""
+        if self.state == "waiting":
+            return "A worker is to try the split under what is to come."
+        if self.state == "fits":
+            return "A worker has tried the split under what is to come: it can be scored."
+        reasons = "; ".join(it.what if it.n is None else f"{it.n:,} {it.what}" for it in self.found)
+        if self.state == "failed":
+            return f"The split could not be tried: {reasons}"
+        if self.state == "held":
+            return f"The floors of the withheld split forbid it: {reasons}."
+        return f"The split cannot be scored under what is to come: {reasons}."
+
+
 class RunView(Document):
     """A rescoring run as organizers see it."""
 
@@ -157,6 +186,8 @@ class RunView(Document):
     blockers: tuple[str, ...]
     """Why it cannot be applied now (or, once applied, rolled back); empty: it can."""
     difference: Difference
+    trial: SplitTrial | None = None
+    """Whether the split can be scored under what is to come; None: it is not asked."""
     old_board: int | None = None
     new_board: int | None = None
     preview: str | None = None
