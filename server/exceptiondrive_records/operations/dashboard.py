@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
@@ -66,6 +67,8 @@ class Dashboard:
     """What workers refused of withheld splits in the last 30 days, newest first."""
     probing: tuple[AuditLine, ...]
     """Where workers suspected probing in the last 30 days, newest first."""
+    n_questions: int
+    """Questions of teams that wait for an answer."""
 
 
 def dashboard(session: Session) -> Dashboard:
@@ -88,6 +91,7 @@ def dashboard(session: Session) -> Dashboard:
         n_received_today=session.scalar(received) or 0,
         floors_held=tuple(session.scalars(_of_workers(session, SPLIT_FLOOR_HELD))),
         probing=tuple(session.scalars(_of_workers(session, PROBING_SUSPECTED))),
+        n_questions=count_waiting(session),
     )
 
 

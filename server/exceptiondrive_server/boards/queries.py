@@ -21,6 +21,7 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import list_phases
@@ -326,7 +327,17 @@ def read_history(session: Session, query: BoardQuery, limit: int = 10) -> Histor
     )
     reasons = update_reasons(session, phase.id)
     notes = tuple([_note(session, row, reasons.get(row.id, ())) for row in session.scalars(newest)])
-    return History(phase.id, phase.title, notes, tuple(_dates(phase, database_now(session))))
+    return History(
+        phase.id,
+        phase.title,
+        notes,
+        (*_news(session, phase.id), *_dates(phase, database_now(session))),
+    )
+
+
+def _news(session: Session, phase_id: str) -> Iterator[PhaseDate]:
+    for row in news_of(session, phase_id):
+        yield PhaseDate("news", row.published_at, row.title, row.text)
 
 
 def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
