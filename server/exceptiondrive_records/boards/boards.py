@@ -147,11 +147,15 @@ _PARSED: Memory[str, Board] = Memory(8 * 2**20)
 
 
 def parsed_board(row: BoardRow) -> Board:
-    """Return the document of a board; boards never change, so it is read once while there is room."""
+    """Return the document of a board; boards never change, so it is read once while there is room.
+
+    The session of the row is open.
+    """
     kept = _PARSED.get(row.body_digest)
     if kept is not None:
         return kept
-    return _PARSED.keep(row.body_digest, Board.model_validate_json(row.body), len(row.body))
+    body = row.body
+    return _PARSED.keep(row.body_digest, Board.model_validate_json(body), len(body))
 
 
 def boards_with(

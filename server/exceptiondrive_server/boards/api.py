@@ -6,6 +6,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.boards.boards import find_board, parsed_board
+from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.edits import newest_edit_at
@@ -39,14 +40,24 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 )
 def get_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
     """Give a board as JSON; sorting and filters change no rank, rows without a value come last."""
+    max_age_s = services.settings.board_max_age_s
     with services.database.read() as session:
         row = chosen_board(session, query)
         board = parsed_board(row)
         facts = facts_on(session, board)
-    shown = selected_board(board, query, facts)
-    body = row.body if shown is board else shown.model_dump_json()
-    max_age_s = services.settings.board_max_age_s
+        shown = selected_board(board, query, facts)
+        if shown is board:
+            return _as_kept(request, row, max_age_s)
+    body = shown.model_dump_json()
     return conditional(request, body.encode(), "application/json", max_age_s=max_age_s)
+
+
+def _as_kept(request: Request, row: BoardRow, max_age_s: int) -> Response:
+    """Give the bytes of a board, which are read only for who has no copy; in an open session."""
+    etag = row.body_digest.removeprefix("sha256:")
+    return conditional(
+        request, lambda: row.body.encode(), "application/json", etag=etag, max_age_s=max_age_s
+    )
 
 
 @router.get(
@@ -67,9 +78,9 @@ def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> 
     """Give a board as CSV; cells that a spreadsheet would run as formulas are quoted."""
     with services.database.read() as session:
         row = chosen_board(session, query)
-        protocol = find_protocol(session, row.protocol_digest)
-        facts = facts_on(session, parsed_board(row))
-    csv, board = EXPORTS["csv"], selected_board(parsed_board(row), query, facts)
+        protocol, whole = find_protocol(session, row.protocol_digest), parsed_board(row)
+        facts = facts_on(session, whole)
+    csv, board = EXPORTS["csv"], selected_board(whole, query, facts)
     text = csv.write(board, protocol, origin_of(request), facts)
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
@@ -110,5 +121,5 @@ def get_board_by_number(
 ) -> Response:
     """Give a board at its permanent address; its bytes never change."""
     with services.database.read() as session:
-        body = find_board(session, shown_phase(session, phase).id, number).body
-    return conditional(request, body.encode(), "application/json", max_age_s=FOR_EVER_S)
+        row = find_board(session, shown_phase(session, phase).id, number)
+        return _as_kept(request, row, FOR_EVER_S)
