@@ -147,15 +147,11 @@ _PARSED: Memory[str, Board] = Memory(8 * 2**20)
 
 
 def parsed_board(row: BoardRow) -> Board:
-    """Return the document of a board; boards never change, so it is read once while there is room.
-
-    The session of the row is open.
-    """
+    """Return the document of a board; boards never change, so it is read once while there is room."""
     kept = _PARSED.get(row.body_digest)
     if kept is not None:
         return kept
-    body = row.body
-    return _PARSED.keep(row.body_digest, Board.model_validate_json(body), len(body))
+    return _PARSED.keep(row.body_digest, Board.model_validate_json(row.body), len(row.body))
 
 
 def boards_with(

@@ -24,8 +24,7 @@ class BoardRow(Base):
     """Digest of what the board says (`Board.content_digest`), whatever its number and date."""
     body_digest: Mapped[str]
     """Digest of `body`: the strong ETag."""
-    body: Mapped[str] = mapped_column(Text, deferred=True)
-    """Megabytes, read only where it is asked for: while the session is open."""
+    body: Mapped[str] = mapped_column(Text)
     published_at: Mapped[datetime]
     view: Mapped[str] = mapped_column(default="main")
     """`main`, or `late`: the board with late entries among the others."""
