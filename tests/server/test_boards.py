@@ -263,7 +263,7 @@ def test_pages_stay_with_their_board_when_another_is_the_current_one(
 def test_what_is_no_place_in_a_board_is_refused(
     lively: "Api", after: str, as_problem: Problem
 ) -> None:
-    as_problem(lively.get(f"/leaderboard?phase=dev&after={after}"), 422, "invalid_request")
+    as_problem(lively.get(f"/leaderboard?phase=dev&after={after}"), 400, "bad_request")
 
 
 def test_a_page_of_a_board_that_is_not_there_is_not_found(
