@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 from exceptiondrive.cli import app
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import InvalidArgumentError, NetworkError
-from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_schemas.data_manifest import DataFile, DataManifest
 
 if TYPE_CHECKING:
@@ -226,6 +225,8 @@ def run(running: "Running", *words: object) -> Any:
 
 def name_data(running: "Running", **page: str) -> None:
     """Name data that lie on this machine, without https, as no organizer may."""
+    from exceptiondrive_records.phases.phases import find_phase
+
     with running.context.database.write() as session:
         phase = find_phase(session, "dev")
         phase.page = phase.page.model_copy(update=page)

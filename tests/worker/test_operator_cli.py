@@ -1,6 +1,8 @@
 """The operator's commands, called as an operator calls them."""
 
+import gzip
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from tests.support.made_pictures import png
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker import operator_cli
 from exceptiondrive_worker.split_store import read_split
@@ -44,16 +47,143 @@ def operate(
 Operate = Callable[..., tuple[int, str, str]]
 
 
-def test_a_database_in_which_nothing_is_set_up_yet_is_said_to_be_one(
+OF_RECORDS = [
+    ("run",),
+    ("heartbeat-age",),
+    ("register-splits",),
+    ("publish-split", "sample"),
+    ("publish-pictures", "sample", "--licence", "CC0 1.0"),
+    ("remove-pictures", "sample"),
+    ("seed-sample",),
+]
+
+
+@pytest.mark.parametrize("command", OF_RECORDS, ids=lambda command: command[0])
+def test_no_command_makes_a_database_where_there_is_none(
+    operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    assert operate("make-sample")[0] == 0
+    monkeypatch.delenv("EXCEPTIONDRIVE_DATABASE_URL")
+    other = tmp_path / "other"
+    code, out, err = operate(*command, "--data", str(other))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"there are no records at {other}/records.sqlite3. Name the folder of" in err
+    assert not other.exists()
+
+
+def test_a_database_that_was_only_looked_at_is_none(
     operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", f"sqlite:///{tmp_path}/empty.sqlite3")
-    assert operate("make-sample")[0] == 0
-    code, _, err = operate("register-splits")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "no such table" in err
-    assert "exceptiondrive-server migrate" in err
-    assert "EXCEPTIONDRIVE_DATABASE_URL" in err
+    empty = tmp_path / "empty.sqlite3"
+    empty.touch()
+    monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", f"sqlite:///{empty}")
+    code, _, err = operate("heartbeat-age")
+    assert code == 2
+    assert f"there are no records at {empty}. Name the folder" in err
+    assert empty.stat().st_size == 0
+
+
+def test_the_folder_of_the_server_is_named_by_data(
+    operate: Operate,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    migrated_sqlite: Path,
+    make_split: MakeSplit,
+) -> None:
+    for name in ("DATABASE_URL", "FILE_STORE_URL"):
+        monkeypatch.delenv(f"EXCEPTIONDRIVE_{name}")
+    data = tmp_path / "data"
+    data.mkdir()
+    shutil.copy(migrated_sqlite, data / "records.sqlite3")
+    put(tmp_path, make_split({"a": {}}))
+    code, out, _ = operate("register-splits", "--data", str(data))
+    assert (code, out.splitlines()[0][:20]) == (0, "tiny: 1 samples, sha")
+    assert operate("heartbeat-age", "--data", str(data))[:2] == (1, "no sign of life\n")
+
+
+def test_where_no_split_lies_it_is_said_where_one_was_looked_for(
+    operate: Operate, tmp_path: Path
+) -> None:
+    code, out, err = operate("register-splits")
+    assert (code, out) == (2, "")
+    assert f"no split lies in {tmp_path}/splits, as NAME/split.json.gz" in err
+    assert "EXCEPTIONDRIVE_SPLITS_DIR" in err
+
+
+def test_a_file_that_is_refused_is_named_and_keeps_no_other_back(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    good = make_split({"a": {}})
+    put(tmp_path, good)
+    (tmp_path / "splits/aaa").mkdir()
+    (tmp_path / "splits/aaa/split.json").write_text("{")
+    put(tmp_path, good).parent.rename(tmp_path / "splits" / "other")
+    put(tmp_path, good)
+    code, out, err = operate("register-splits")
+    assert (code, out.splitlines()[0]) == (2, f"tiny: 1 samples, {good.revision}")
+    assert f"{tmp_path}/splits/aaa/split.json: split.json is not a split" in err
+    assert "it holds split 'tiny', which workers look for in a folder of that name: rename" in err
+    assert f"rename {tmp_path}/splits/other to tiny" in err
+
+
+def test_a_split_is_added_from_anywhere_with_its_datasheet(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
+) -> None:
+    split = make_split({"a": {}, "b": {}})
+    file = tmp_path / "private" / "split-of-mine.json.gz"
+    file.parent.mkdir()
+    file.write_bytes(
+        gzip.compress(split.model_dump_json(by_alias=True, exclude_none=True).encode())
+    )
+    sheet = Datasheet(
+        schema_="exceptiondrive.datasheet/1",
+        name=split.name,
+        title=split.title,
+        revision=split.revision,
+        protocol="1.0",
+        n_samples=2,
+        n_scenes=1,
+        stages=(),
+        families=(),
+        tasks=(),
+    )
+    (file.parent / "datasheet-of-mine.json").write_text(sheet.model_dump_json(by_alias=True))
+    for _ in range(2):  # a second time nothing changes
+        code, out, err = operate("add-split", str(file))
+        assert (code, err) == (0, "")
+    lies_at = tmp_path / "splits" / "tiny" / "split.json.gz"
+    assert out.startswith("tiny: 2 samples, sha256:")
+    assert out.endswith(f"it lies at {lies_at}\n")
+    assert lies_at.read_bytes() == file.read_bytes()
+    assert lies_at.stat().st_mode & 0o777 == 0o600
+    assert sorted(path.name for path in lies_at.parent.iterdir()) == [
+        "datasheet.json",
+        "split.json.gz",
+    ]
+    database = Database(sqlite_url)
+    with database.read() as session:
+        (row,) = list_splits(session)
+        assert row.revision == split.revision
+    database.dispose()
+
+
+def test_a_split_is_not_added_over_another_revision_nor_where_it_is_refused(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    held = put(tmp_path, make_split({"a": {}}))
+    before = held.read_bytes()
+    file = tmp_path / "private" / "new.json"
+    file.parent.mkdir()
+    newer = make_split({"a": {"task": "LB1"}})
+    file.write_text(newer.model_dump_json(by_alias=True, exclude_none=True))
+    code, _, err = operate("add-split", str(file))
+    assert code == 2
+    assert f"{held} holds another revision of split 'tiny'" in err
+    assert held.read_bytes() == before
+    bad = make_split({"a": {"task": "Q1"}}).model_copy(update={"name": "bad"})
+    file.write_text(bad.model_dump_json(by_alias=True, exclude_none=True))
+    assert operate("add-split", str(file))[0] == 2
+    assert not (tmp_path / "splits" / "bad").exists()
 
 
 def put(tmp_path: Path, split: Split) -> Path:
@@ -166,7 +296,7 @@ def test_registering_tells_the_server_how_many_samples_are_doubtful_and_not_whic
 def test_publishing_an_unknown_split_says_so(operate: Operate) -> None:
     code, _, err = operate("publish-split", "nosuch")
     assert code == 2
-    assert err == "exceptiondrive-worker: there is no split file for 'nosuch'\n"
+    assert "there is no split file for 'nosuch' in " in err
 
 
 def test_make_planners_needs_no_server(operate: Operate, tmp_path: Path) -> None:

@@ -2,17 +2,14 @@
 
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from sqlalchemy.exc import DBAPIError
 
-from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import SettingsError, load_settings
+from exceptiondrive_records.operations.setup import DATA_HELP, opened
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import printable
@@ -43,6 +40,9 @@ from exceptiondrive_worker.split_store import (
 )
 from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
 from exceptiondrive_worker.splits_admin import (
+    RegisteredSplit,
+    SplitsRefusedError,
+    add_split_file,
     current_split,
     publish_split_file,
     register_all_splits,
@@ -55,6 +55,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+DataOption = Annotated[Path | None, typer.Option("--data", help=DATA_HELP)]
 ProtocolOption = Annotated[
     Path | None, typer.Option("--protocol", help="Protocol document; by default 1.0.")
 ]
@@ -65,6 +66,7 @@ _KNOWN_ERRORS = (
     SplitUnreadableError,
     SplitRefusedError,
     SplitUnavailableError,
+    SplitsRefusedError,
     FloorsUnreadableError,
     OlderScorerError,
     PicturesRefusedError,
@@ -76,10 +78,11 @@ _KNOWN_ERRORS = (
 def run(
     lanes: Annotated[str, typer.Option(help="Lanes to serve, by comma.")] = "live,rescore",
     concurrency: Annotated[int, typer.Option(min=1, help="Processes that score.")] = 2,
+    data: DataOption = None,
 ) -> None:
     """Score submissions and build boards until stopped."""
-    settings = load_settings(WorkerSettings)
-    with _records(settings) as database:  # its connections must not reach the processes that score
+    settings = load_settings(WorkerSettings, data)
+    with opened(settings) as database:  # its connections must not reach the processes that score
         refuse_if_older(database)
     close_to_others(settings.splits_dir)
     run_worker(settings, _lanes(lanes), concurrency)
@@ -88,9 +91,10 @@ def run(
 @app.command("heartbeat-age")
 def heartbeat_age(
     max_s: Annotated[float, typer.Option(help="Older than this is exit code 1.")] = 60.0,
+    data: DataOption = None,
 ) -> None:
     """Say how old the last sign of life of a worker on this machine is: for health checks."""
-    with _records(load_settings(WorkerSettings)) as database:
+    with opened(load_settings(WorkerSettings, data)) as database:
         age_s = youngest_heartbeat_age_s(database)
     typer.echo("no sign of life" if age_s is None else f"{age_s:.1f} s")
     if age_s is None or age_s > max_s:
@@ -125,12 +129,54 @@ def check_split(
 def register_splits(
     protocol: ProtocolOption = None,
     words: Annotated[str, typer.Option(help="What readers are told of a later revision.")] = "",
+    data: DataOption = None,
 ) -> None:
     """Record the manifest of every split file: names, revisions and sample ids, nothing else."""
-    settings = load_settings(WorkerSettings)
+    settings = load_settings(WorkerSettings, data)
     splits = SplitStore(settings.splits_dir)
-    with _records(settings) as database:
-        found = register_all_splits(database, splits, _protocol(protocol), words)
+    with opened(settings) as database:
+        try:
+            found = register_all_splits(database, splits, _protocol(protocol), words)
+        except SplitsRefusedError as refused:
+            _tell_registered(refused.registered)
+            raise
+    _tell_registered(found)
+
+
+@app.command("add-split")
+def add_split(
+    file: Path,
+    protocol: ProtocolOption = None,
+    json_: Annotated[bool, typer.Option("--json", help="As JSON, no sample named.")] = False,
+    data: DataOption = None,
+) -> None:
+    """Put a split file, with the datasheet beside it, where workers find it, and register it."""
+    settings = load_settings(WorkerSettings, data)
+    splits = SplitStore(settings.splits_dir)
+    with opened(settings) as database:
+        registered = add_split_file(database, splits, file, _protocol(protocol))
+    if json_:
+        typer.echo(json.dumps(_told(registered)))
+        return
+    _tell_registered([registered])
+    typer.echo(f"  it lies at {registered.path}")
+
+
+def _told(registered: RegisteredSplit) -> dict[str, object]:
+    manifest = registered.manifest
+    return {
+        "name": manifest.name,
+        "title": manifest.title,
+        "revision": manifest.revision,
+        "n_samples": len(manifest.sample_ids),
+        "warnings": [
+            {"code": found.code, "what": found.what, "count": found.count}
+            for found in registered.warnings
+        ],
+    }
+
+
+def _tell_registered(found: list[RegisteredSplit]) -> None:
     for registered in found:
         manifest = registered.manifest
         typer.echo(f"{manifest.name}: {len(manifest.sample_ids)} samples, {manifest.revision}")
@@ -139,11 +185,11 @@ def register_splits(
 
 
 @app.command("publish-split")
-def publish_split(name: str, protocol: ProtocolOption = None) -> None:
+def publish_split(name: str, protocol: ProtocolOption = None, data: DataOption = None) -> None:
     """Make a development split public, regions and all. This cannot be taken back."""
-    settings = load_settings(WorkerSettings)
+    settings = load_settings(WorkerSettings, data)
     files, splits = FileStore(settings.file_store_url), SplitStore(settings.splits_dir)
-    with _records(settings) as database:
+    with opened(settings) as database:
         registered = publish_split_file(database, files, splits, name, _protocol(protocol))
     typer.echo(f"{name} is public now, at {registered.manifest.revision}")
 
@@ -152,22 +198,23 @@ def publish_split(name: str, protocol: ProtocolOption = None) -> None:
 def publish_pictures_of(
     name: str,
     licence: Annotated[str, typer.Option(help="Under which they may be shown, in words.")],
+    data: DataOption = None,
 ) -> None:
     """Show the pictures beside a public split on its pages, in the place of those shown before."""
-    settings = load_settings(WorkerSettings)
+    settings = load_settings(WorkerSettings, data)
     split, folder = current_split(SplitStore(settings.splits_dir), name)
     files = FileStore(settings.file_store_url)
-    with _records(settings) as database:
+    with opened(settings) as database:
         n_shown = publish_pictures(database, files, split, folder, licence)
     typer.echo(f"{name}: {n_shown} pictures are shown, under: {printable(licence)}")
 
 
 @app.command("remove-pictures")
-def remove_pictures_of(name: str) -> None:
+def remove_pictures_of(name: str, data: DataOption = None) -> None:
     """Show no picture of a public split any more."""
-    settings = load_settings(WorkerSettings)
+    settings = load_settings(WorkerSettings, data)
     split, _ = current_split(SplitStore(settings.splits_dir), name)
-    with _records(settings) as database:
+    with opened(settings) as database:
         remove_pictures(database, split)
     typer.echo(f"{name}: no picture is shown any more")
 
@@ -186,10 +233,10 @@ def make_planners(folder: Path) -> None:
 
 
 @app.command("seed-sample")
-def seed_sample() -> None:
+def seed_sample(data: DataOption = None) -> None:
     """Register all splits and publish the sample split, so that anyone may evaluate at home."""
-    register_splits()
-    publish_split(SPLIT_NAME)
+    register_splits(data=data)
+    publish_split(SPLIT_NAME, data=data)
 
 
 def main() -> None:
@@ -197,8 +244,6 @@ def main() -> None:
     configure_logging()
     try:
         app()
-    except DBAPIError as error:
-        _end(sentence_of(error))
     except _KNOWN_ERRORS as error:
         _end(str(error))
 
@@ -206,15 +251,6 @@ def main() -> None:
 def _end(sentence: str) -> NoReturn:
     typer.echo(f"exceptiondrive-worker: {sentence}", err=True)
     sys.exit(2)
-
-
-@contextmanager
-def _records(settings: WorkerSettings) -> Iterator[Database]:
-    database = Database(settings.database_url)
-    try:
-        yield database
-    finally:
-        database.dispose()
 
 
 def _lanes(text: str) -> list[Lane]:

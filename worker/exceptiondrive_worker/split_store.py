@@ -177,7 +177,7 @@ class SplitStore:
     """Finds splits by name and revision, and keeps each loaded one for this process."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self.folder = folder
         self._split_of_revision: dict[tuple[str, str], tuple[Split, SplitPart | None]] = {}
         self._loaded: dict[tuple[str, str, str], LoadedSplit] = {}
 
@@ -185,7 +185,7 @@ class SplitStore:
         """Every split file, the current one of each split first."""
         found = [
             path
-            for folder in sorted(self._folder.glob("*/"))
+            for folder in sorted(self.folder.glob("*/"))
             for path in (*folder.glob("split*.json"), *folder.glob("split*.json.gz"))
         ]
         return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
@@ -198,7 +198,8 @@ class SplitStore:
         """
         found = next((path for path in self.files() if path.parent.name == name), None)
         if found is None:
-            raise SplitUnavailableError(f"there is no split file for {name!r}")
+            where = self.folder.absolute()
+            raise SplitUnavailableError(f"there is no split file for {name!r} in {where}")
         return found
 
     def floors(self, name: str) -> SplitFloors:
@@ -207,7 +208,7 @@ class SplitStore:
         Raises:
             FloorsUnreadableError: The file is no floors.
         """
-        return read_floors(self._folder / name)
+        return read_floors(self.folder / name)
 
     def find(self, name: str, revision: str, protocol: ProtocolDocument) -> LoadedSplit:
         """Return a split at exactly this revision.

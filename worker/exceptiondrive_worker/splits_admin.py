@@ -1,20 +1,27 @@
-"""What an operator does with splits: register their manifests, publish a development split."""
+"""What an operator does with splits: add and register them, publish a development split."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
 
 from pydantic import ValidationError
 
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.splits.splits import list_splits, publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split, SplitRef
 from exceptiondrive_scoring.split_lint import LintWarning
+from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_floors import FloorsUnreadableError
 from exceptiondrive_worker.split_store import (
     MAX_SPLIT_BYTES,
     SplitStore,
+    SplitUnavailableError,
     SplitUnreadableError,
     family_counts,
     load_split,
@@ -24,6 +31,13 @@ from exceptiondrive_worker.split_store import (
 from exceptiondrive_worker.split_warnings import split_warnings
 
 ACTOR = "operator"
+_REFUSALS = (
+    SplitUnreadableError,
+    SplitRefusedError,
+    SplitUnavailableError,
+    FloorsUnreadableError,
+    RecordsError,
+)
 
 
 @dataclass(frozen=True)
@@ -35,10 +49,22 @@ class RegisteredSplit:
     warnings: tuple[LintWarning, ...]
 
 
+class SplitsRefusedError(ValueError):
+    """Files that could not be registered, each with its reason; those in `registered` were."""
+
+    def __init__(
+        self, registered: list[RegisteredSplit], refused: Mapping[Path, Exception]
+    ) -> None:
+        self.registered = registered
+        super().__init__("\n".join(f"{path}: {error}" for path, error in refused.items()))
+
+
 def register_all_splits(
     database: Database, splits: SplitStore, protocol: ProtocolDocument, words: str = ""
 ) -> list[RegisteredSplit]:
     """Register the manifest of every split file; what is registered already stays as it is.
+
+    A file that is refused keeps no other from being registered.
 
     Args:
         database: The system of record.
@@ -47,11 +73,71 @@ def register_all_splits(
         words: What readers are told of a revision that is new and has no datasheet that says it.
 
     Raises:
-        SplitUnreadableError: A file is not a split.
-        SplitRefusedError: A split cannot be scored; every offending sample is listed.
-        FloorsUnreadableError: The floors beside a split cannot be read.
+        SplitUnavailableError: There is no file.
+        SplitsRefusedError: A file is no split, cannot be scored (every offending sample is listed),
+            lies in a folder of another name, or has floors beside it that cannot be read.
     """
-    return [_register(database, splits, path, protocol, words) for path in splits.files()]
+    paths = splits.files()
+    if not paths:
+        raise SplitUnavailableError(
+            f"no split lies in {splits.folder.absolute()}, as NAME/split.json.gz. Run this where the "
+            "server was started, or name the folder: EXCEPTIONDRIVE_SPLITS_DIR"
+        )
+    registered, refused = [], {}
+    for path in paths:
+        try:
+            registered.append(_register(database, splits, path, protocol, words))
+        except _REFUSALS as error:
+            refused[path] = error
+    if refused:
+        raise SplitsRefusedError(registered, refused)
+    return registered
+
+
+def add_split_file(
+    database: Database, splits: SplitStore, source: Path, protocol: ProtocolDocument
+) -> RegisteredSplit:
+    """Copy a split file, and the datasheet beside it, to where workers look for it; register it.
+
+    Adding the same file again changes nothing.
+
+    Raises:
+        SplitUnreadableError: It is no split.
+        SplitRefusedError: It cannot be scored; nothing was copied.
+        SplitUnavailableError: Another revision of the split lies there.
+    """
+    split = read_split(source)
+    load_split(split, protocol)
+    folder = splits.folder / split.name
+    held = [path for path in splits.files() if path.parent == folder]
+    if not held:
+        sheet = datasheet_beside(source)
+        target = folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if source.name.startswith("split") and sheet.exists():
+            _copy(sheet, folder / "datasheet.json")
+        _copy(source, target)
+        held = [target]
+    elif read_split(held[0]).revision != split.revision:
+        raise SplitUnavailableError(
+            f"{held[0]} holds another revision of split {split.name!r}. Keep it under another name "
+            "beside the new one (split-1.json.gz), then: exceptiondrive-worker register-splits"
+        )
+    return _register(database, splits, held[0], protocol)
+
+
+def _is_gzipped(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(2) == b"\x1f\x8b"
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file as a whole or not at all, for its owner alone."""
+    with TemporaryDirectory(dir=target.parent) as folder:
+        half = Path(folder) / target.name
+        copyfile(source, half)
+        half.chmod(0o600)
+        half.replace(target)
 
 
 def publish_split_file(
@@ -87,6 +173,11 @@ def _register(
 ) -> RegisteredSplit:
     """Record the whole split and, where it has parts, each part; return the whole."""
     split = read_split(path)
+    if path.parent.name != split.name:
+        raise SplitUnavailableError(
+            f"it holds split {split.name!r}, which workers look for in a folder of that name: "
+            f"rename {path.parent} to {split.name}"
+        )
     splits.floors(split.name)  # refuses what cannot be read
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
@@ -124,6 +215,12 @@ def _changes(
     return None if before is None else SplitChange.between(before, split, words)
 
 
+def datasheet_beside(split_path: Path) -> Path:
+    """Return where the datasheet of a split file lies, if it has one."""
+    name = split_path.name.split(".json")[0].replace("split", "datasheet", 1)
+    return split_path.with_name(f"{name}.json")
+
+
 def read_datasheet(split_path: Path) -> Datasheet | None:
     """Return the datasheet that lies beside a split file, if there is one.
 
@@ -132,8 +229,7 @@ def read_datasheet(split_path: Path) -> Datasheet | None:
     Raises:
         SplitUnreadableError: It is no datasheet.
     """
-    name = split_path.name.split(".json")[0].replace("split", "datasheet", 1)
-    path = split_path.with_name(f"{name}.json")
+    path = datasheet_beside(split_path)
     if not path.exists():
         return None
     try:

@@ -13,17 +13,19 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import frozen_since
-from exceptiondrive_records.phases.redaction import shown_board
+from exceptiondrive_records.phases.policy import frozen_since, shown_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
-from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader
+from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader, BoardNews, EntryNews
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.phase_settings import BoardView
+
+MAX_NEWS = 20
+"""Of a board that changes more, as by a new part of the split, the others are counted."""
 
 
 def publish_board(
@@ -53,7 +55,7 @@ def publish_board(
     shown = (phase.protocol_digest, phase.split_revision)
     is_shown = shown == (claim.protocol_digest, claim.split_revision)
     if is_shown and frozen_since(phase, now) is None:
-        flip_board(session, phase, row)
+        flip_board(session, phase, row, at=max(now, row.published_at))
         phase.late_board_id = late_row.id if late_row else None
     return row
 
@@ -69,19 +71,59 @@ def _kept_or_appended(
     return _append(session, claim, board, digest, view)
 
 
-def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | None:
+def flip_board(
+    session: Session, phase: Phase, row: BoardRow, *, at: datetime | None = None
+) -> BoardFlip | None:
     """Point the phase at a board; the caller holds the lock of the phase.
+
+    Args:
+        session: Of a write transaction.
+        phase: Which.
+        row: The board.
+        at: When readers see it; by default now.
 
     Returns:
         The flip; None when the phase showed this board already.
     """
     if phase.current_board_id == row.id:
         return None
+    before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
-    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=database_now(session))
+    at, news = at or database_now(session), _news_since(before, row)
+    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=at, news=news)
     session.add(flip)
     session.flush()
     return flip
+
+
+def _news_since(before: BoardRow | None, row: BoardRow) -> BoardNews:
+    """Say whose scores are new; between protocols or split revisions, nothing can be compared."""
+    if before is None or (before.protocol_digest, before.split_revision) != (
+        row.protocol_digest,
+        row.split_revision,
+    ):
+        return BoardNews()
+    old, board = parsed_board(before), parsed_board(row)
+    key = CHALLENGES[board.challenge].metrics[0].key
+    was = {entry.submission_id: entry for entry in old.entries if entry.submission_id}
+    now = {entry.submission_id: entry for entry in board.entries if entry.submission_id}
+    found = []
+    for name, either in {**was, **now}.items():
+        values = [on[name].metrics.get(key) if name in on else None for on in (was, now)]
+        if name not in was or name not in now or values[0] != values[1]:
+            found.append(
+                EntryNews(
+                    method=either.method,
+                    team=either.team,
+                    rank=either.rank,
+                    before=values[0],
+                    after=values[1],
+                    is_new=name not in was,
+                    has_left=name not in now,
+                )
+            )
+    found.sort(key=lambda each: (each.has_left, each.rank is None, each.rank or 0))
+    return BoardNews(entries=tuple(found[:MAX_NEWS]), n_more=max(0, len(found) - MAX_NEWS))
 
 
 def current_board(session: Session, phase_id: str) -> BoardRow | None:
@@ -148,10 +190,25 @@ _PARSED: Memory[str, Board] = Memory(8 * 2**20)
 
 def parsed_board(row: BoardRow) -> Board:
     """Return the document of a board; boards never change, so it is read once while there is room."""
-    kept = _PARSED.get(row.body_digest)
+    key = f"{row.body_digest} {row.told_at}"
+    kept = _PARSED.get(key)
     if kept is not None:
         return kept
-    return _PARSED.keep(row.body_digest, Board.model_validate_json(row.body), len(row.body))
+    board = Board.model_validate_json(row.body)
+    if row.told_at != board.published_at:
+        board = board.model_copy(update={"published_at": row.told_at})
+    return _PARSED.keep(key, board, len(row.body))
+
+
+def served_body(row: BoardRow) -> str:
+    """Return the document of a board as readers get it.
+
+    These are the bytes that were recorded, but for a draft: it is published when it is first shown,
+    and its `published_at` says so from then on.
+    """
+    if row.told_at == row.published_at:
+        return row.body
+    return canonical_json(parsed_board(row)).decode()
 
 
 def boards_with(

@@ -60,17 +60,39 @@ class RecordsSettings(BaseSettings):
 Settings = TypeVar("Settings", bound=RecordsSettings)
 
 
-def load_settings(kind: type[Settings], **given: str) -> Settings:
-    """Read settings of this kind from the environment; values given here go first.
+def folder_settings(data: Path) -> dict[str, str]:
+    """Return where `exceptiondrive-server run` keeps what, in its data folder, by name of the setting."""
+    folder = data.resolve()
+    return {
+        "database_url": f"sqlite:///{folder / 'records.sqlite3'}",
+        "file_store_url": (folder / "uploads").as_uri(),
+        "receipt_key_file": str(folder / "receipt-key.pem"),
+        "private_dir": str(folder / "private"),
+    }
+
+
+def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
+    """Read settings of this kind from the environment; what it leaves open, from a data folder.
 
     A value that the environment does not give may stand in a file of its variable's name, in small
-    letters, under /run/secrets (or the folder that EXCEPTIONDRIVE_SECRETS_DIR names).
+    letters, under /run/secrets (or the folder that EXCEPTIONDRIVE_SECRETS_DIR names); those of `data`
+    go before it.
+
+    Args:
+        kind: Whose settings.
+        data: The folder of an `exceptiondrive-server run`.
 
     Raises:
         SettingsError: A value is malformed, or a variable looks like a misspelt one.
     """
     _refuse_misspelt(set(kind.model_fields))
     folder = Path(os.environ.get(SECRETS_VARIABLE, "/run/secrets"))
+    of_folder = {} if data is None else folder_settings(data)
+    given = {
+        name: os.environ.get(PREFIX + name.upper(), value)
+        for name, value in of_folder.items()
+        if name in kind.model_fields
+    }
     secrets = {"_secrets_dir": folder} if folder.is_dir() else {}
     try:
         return kind(**given, **secrets)  # type: ignore[arg-type]

@@ -60,6 +60,7 @@ def notify_teams(
             kind=kind,
             team=session.get_one(Team, team_id).name,
             phase=phase.id,
+            challenge=comparison.challenge,
             created_at=now,
             title=f"{phase.title} {_VERBS[kind]} {_what_stands(comparison)}",
             from_protocol=comparison.from_protocol,
@@ -154,6 +155,17 @@ def put_notice(
     for contact in listening(session, team_id, wish):
         _deliver(session, row, contact)
     return row
+
+
+def notices_about(session: Session, submission_id: str) -> list[NotificationView]:
+    """Return what its team was told of a submission, newest first."""
+    query = (
+        select(Notification)
+        .join(Submission, Submission.team_id == Notification.team_id)
+        .where(Submission.id == submission_id, Notification.body.contains(submission_id))
+        .order_by(Notification.created_at.desc(), Notification.id)
+    )
+    return [_view(row) for row in session.scalars(query)]
 
 
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:

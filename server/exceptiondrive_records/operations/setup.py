@@ -1,12 +1,24 @@
-"""From nothing, or from an older version, to records that can be worked with."""
+"""From nothing, or from an older version, to records that can be worked with; and only such are opened."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import resources
+from pathlib import Path
 
-from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.migrations import migrate
+from sqlalchemy import make_url
+from sqlalchemy.exc import DBAPIError
+
+from exceptiondrive_records.db.database import Database, sentence_of
+from exceptiondrive_records.db.settings import RecordsSettings, SettingsError
+from exceptiondrive_records.migrations import is_usable, migrate
 from exceptiondrive_records.protocols.protocols import add_protocol
 
 _ACTOR = "installation"
+DATA_HELP = (
+    "Folder of `exceptiondrive-server run`; needed unless it is ./data or "
+    "EXCEPTIONDRIVE_DATABASE_URL is set."
+)
+"""What every command says of its option `--data`."""
 
 
 def prepare(database_url: str) -> None:
@@ -25,3 +37,33 @@ def prepare(database_url: str) -> None:
                 add_protocol(session, file.read_text(encoding="utf-8"), _ACTOR)
     finally:
         database.dispose()
+
+
+@contextmanager
+def opened(settings: RecordsSettings) -> Iterator[Database]:
+    """Open records that exist and have the newest schema; nothing is made by looking.
+
+    Raises:
+        SettingsError: They do not; the text says where they were looked for, and what to do.
+    """
+    url = make_url(settings.database_url)
+    if url.get_backend_name() == "sqlite" and not _holds_anything(Path(url.database or "")):
+        raise SettingsError(
+            f"there are no records at {Path(url.database or '').absolute()}. Name the folder of "
+            "the running server with --data, set EXCEPTIONDRIVE_DATABASE_URL, or make them: "
+            "exceptiondrive-server migrate"
+        )
+    database = Database(settings.database_url)
+    try:
+        if not is_usable(database):
+            raise SettingsError("the records are not up to date: run exceptiondrive-server migrate")
+        yield database
+    except DBAPIError as error:
+        raise SettingsError(sentence_of(error)) from None
+    finally:
+        database.dispose()
+
+
+def _holds_anything(path: Path) -> bool:
+    """Whether a database of SQLite was ever written: one that was only looked at is an empty file."""
+    return path.is_file() and path.stat().st_size > 0

@@ -338,7 +338,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
         NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
-    _lock_jobs(session, submission_id)
+    lock_jobs(session, submission_id)
     submission = session.get(
         Submission, submission_id, with_for_update=True, populate_existing=True
     )
@@ -353,7 +353,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     submission.status = SubmissionStatus.WITHDRAWN
     submission.status_at = submission.withdrawn_at = now
     cancel_jobs_of(session, submission_id, now)
-    for protocol_digest, split_revision in _scored_under(session, submission_id):
+    for protocol_digest, split_revision in scored_under(session, submission_id):
         want_board(session, submission.phase_id, protocol_digest, split_revision)
     audit(session, actor, "submission withdrawn", submission_id, {"was": before})
     return submission
@@ -413,6 +413,12 @@ def counts_by_team(session: Session) -> dict[int, int]:
     """Return how many submissions each team has, whatever became of them."""
     query = select(Submission.team_id, func.count()).group_by(Submission.team_id)
     return {team_id: count for team_id, count in session.execute(query)}
+
+
+def counts_by_phase(session: Session) -> dict[str, int]:
+    """Return how many submissions each phase has, whatever became of them."""
+    query = select(Submission.phase_id, func.count()).group_by(Submission.phase_id)
+    return {phase_id: count for phase_id, count in session.execute(query)}
 
 
 def lock_team(session: Session, team_id: int) -> Team:
@@ -481,13 +487,14 @@ def _require_open(
     raise PhaseClosed(phase.title, f"closed at {phase.closes_at:%Y-%m-%d %H:%M} UTC")
 
 
-def _lock_jobs(session: Session, submission_id: str) -> None:
+def lock_jobs(session: Session, submission_id: str) -> None:
     """Wait for whoever claims or ends its jobs, in their order: the job first, then its submission."""
     jobs = select(Job.id).where(Job.submission_id == submission_id).order_by(Job.id)
     session.execute(jobs.with_for_update())
 
 
-def _scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+def scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+    """Return the protocols and split revisions under which a submission has a sheet."""
     query = select(ScoreSheetRow.protocol_digest, ScoreSheetRow.split_revision).where(
         ScoreSheetRow.submission_id == submission_id
     )

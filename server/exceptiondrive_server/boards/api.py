@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import find_board, parsed_board
+from exceptiondrive_records.boards.boards import find_board, parsed_board, served_body
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
@@ -106,10 +106,14 @@ def _page_of(
 
 
 def _as_kept(request: Request, row: BoardRow, max_age_s: int) -> Response:
-    """Give the bytes of a board; who has a copy is answered without digesting them."""
-    etag = row.body_digest.removeprefix("sha256:")
+    """Give a board as readers get it; its recorded bytes are not digested again."""
+    is_recorded = row.told_at == row.published_at
     return conditional(
-        request, lambda: row.body.encode(), "application/json", etag=etag, max_age_s=max_age_s
+        request,
+        lambda: served_body(row).encode(),
+        "application/json",
+        etag=row.body_digest.removeprefix("sha256:") if is_recorded else "",
+        max_age_s=max_age_s,
     )
 
 

@@ -8,14 +8,19 @@ import subprocess
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
 
 from alembic.util.exc import CommandError
 from sqlalchemy.exc import SQLAlchemyError
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.setup import prepare
+from exceptiondrive_records.phases.allowances import is_open
+from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_server.launcher.broker import (
     NoBrokerError,
     broker_command,
@@ -35,9 +40,10 @@ from exceptiondrive_server.launcher.layout import (
     shared_environment,
     worker_environment,
 )
+from exceptiondrive_server.launcher.own_split import open_phase_on
+from exceptiondrive_server.launcher.sample import PHASES
+from exceptiondrive_server.launcher.steps import Say
 from exceptiondrive_server.launcher.users import own_user_of_server
-
-Say = Callable[[str], None]
 
 _TICK_S = 0.1
 _GRACE_S = 20.0
@@ -48,11 +54,20 @@ _DEATHS_BEFORE_GIVING_UP = 3
 class Launcher:
     """The embedded default on one DATA folder; `run` returns when a signal has ended it."""
 
-    def __init__(self, layout: Layout, address: Address, *, with_sample: bool, say: Say) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        address: Address,
+        *,
+        with_sample: bool,
+        own_split: Path | None,
+        say: Say,
+    ) -> None:
         self.layout = layout
         self._lock = DataLock(layout)
         self.address = address
         self.with_sample = with_sample
+        self.own_split = own_split
         self.say = say
         self.children: list[Child] = []
         self._sample: subprocess.Popen[bytes] | None = None
@@ -83,6 +98,8 @@ class Launcher:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
         shared = shared_environment(self.layout, self.address, given_url or folder.url)
         self._migrate(shared)
+        if self.own_split is not None:
+            self._open_phase(self.own_split, shared)
         user, words = own_user_of_server(self.layout.data)
         self.say(words)
         if given_url:
@@ -118,6 +135,26 @@ class Launcher:
         except (SQLAlchemyError, CommandError) as error:
             raise LaunchError(f"the records could not be brought up to date: {error}") from None
 
+    def _open_phase(self, split_file: Path, shared: Mapping[str, str]) -> None:
+        database = Database(shared["EXCEPTIONDRIVE_DATABASE_URL"])
+        try:
+            open_phase_on(split_file, self.layout, shared, database, self.say)
+        finally:
+            database.dispose()
+
+    def _phase_to_try(self, shared: Mapping[str, str]) -> str | None:
+        """Return a phase that takes files, for the first steps that are told; None: there is none."""
+        if self.with_sample:
+            return PHASES[PLANNING.id].id
+        database = Database(shared["EXCEPTIONDRIVE_DATABASE_URL"])
+        try:
+            with database.read() as session:
+                now = database_now(session)
+                taking = (phase.id for phase in list_phases(session) if is_open(phase, now))
+                return next(taking, None)
+        finally:
+            database.dispose()
+
     def _start(self, plan: ChildPlan) -> Child:
         child = Child(plan)
         self.children.append(child)
@@ -133,7 +170,7 @@ class Launcher:
                     self._tell_death(child, news, is_ready)
             if not is_ready and _answers(self.address):
                 is_ready = True
-                self.say(banner(self.layout.data, self.address))
+                self.say(banner(self.layout.data, self.address, self._phase_to_try(shared)))
                 self._start_sample(shared)
             self._check_sample()
             time.sleep(_TICK_S)
@@ -225,11 +262,23 @@ def _answers(address: Address) -> bool:
         return False
 
 
-def launch(data: Path, address: Address, *, with_sample: bool, say: Say) -> None:
+def launch(
+    data: Path, address: Address, *, with_sample: bool, own_split: Path | None = None, say: Say
+) -> None:
     """Run the embedded default on a data folder until a signal ends it.
+
+    Args:
+        data: The folder that keeps everything.
+        address: Where to listen.
+        with_sample: Whether to fill it with the sample split and its planners.
+        own_split: A split file to make a live phase of.
+        say: Tells whoever started it.
 
     Raises:
         LaunchError: It cannot start; the text says why.
     """
     os.umask(0o077)  # records and logs hold what other users of the machine must not read
-    Launcher(Layout(data), address, with_sample=with_sample, say=say).run()
+    launcher = Launcher(
+        Layout(data), address, with_sample=with_sample, own_split=own_split, say=say
+    )
+    launcher.run()

@@ -11,8 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from exceptiondrive_records.db.settings import PREFIX, folder_settings
 from exceptiondrive_server.launcher.broker import broker_url, is_short_enough
 from exceptiondrive_server.launcher.child import ChildPlan, LaunchError
+
+_PRIVATE_DIR = f"{PREFIX}PRIVATE_DIR"
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,11 @@ class Layout:
     @property
     def private(self) -> Path:
         """What only the worker may read."""
-        return self.data / "private"
+        return Path(self._settings["private_dir"])
+
+    @property
+    def _settings(self) -> dict[str, str]:
+        return folder_settings(self.data)
 
     @property
     def planners(self) -> Path:
@@ -48,13 +55,10 @@ class Layout:
 
     def environment(self, given: Mapping[str, str]) -> dict[str, str]:
         """Return the settings that follow from the layout; those given already go first."""
-        data = self.data.resolve()
-        defaults = {
-            "EXCEPTIONDRIVE_DATABASE_URL": f"sqlite:///{data / 'records.sqlite3'}",
-            "EXCEPTIONDRIVE_FILE_STORE_URL": (data / "uploads").as_uri(),
-            "EXCEPTIONDRIVE_RECEIPT_KEY_FILE": str(data / "receipt-key.pem"),
+        names = {PREFIX + name.upper(): value for name, value in self._settings.items()}
+        return {
+            name: given.get(name, value) for name, value in names.items() if name != _PRIVATE_DIR
         }
-        return {key: given.get(key, value) for key, value in defaults.items()}
 
 
 class DataLock:
@@ -160,8 +164,7 @@ def shared_environment(layout: Layout, address: Address, broker_url: str) -> dic
 
 def worker_environment(layout: Layout, shared: Mapping[str, str]) -> dict[str, str]:
     """Return what the worker alone is told besides: where its private store is."""
-    private = str(layout.private.resolve())
-    return {"EXCEPTIONDRIVE_PRIVATE_DIR": private, **shared}
+    return {_PRIVATE_DIR: str(layout.private), **shared}
 
 
 def broker_plan(layout: Layout, command: list[str], user: int | None) -> ChildPlan:
@@ -200,24 +203,39 @@ _BANNER = """
 
   To take part, in another terminal:
     export EXCEPTIONDRIVE_SERVER={url}
-    export EXCEPTIONDRIVE_TOKEN=$({server} create-organizer me{data_option})
+    export EXCEPTIONDRIVE_TOKEN=$({server} create-organizer me{data_option}){phase_steps}
     {client} organizer teams create my-team "My team" --with-token
     export EXCEPTIONDRIVE_TOKEN=edk_...                               # the team's, as printed
-    {client} submit FILE --phase sample --method "My planner" --wait
+    {client} submit FILE --phase {phase} --method "My planner" --wait
   Logs: {logs}
 """
+_PHASE_STEPS = """
+    {splits}{worker} add-split SPLIT_FILE{data_option}               # there is no open phase yet
+    {client} organizer phases create my-phase --title "My phase" --split NAME"""
 
 
-def banner(data: Path, address: Address) -> str:
-    """Return the address and the first steps."""
+def banner(data: Path, address: Address, phase: str | None) -> str:
+    """Return the address and the first steps, with those to a phase where none takes files."""
     is_default = data.resolve() == Path("data").resolve()
+    data_option = "" if is_default else f" --data {shlex.quote(str(data))}"
+    splits_dir = os.environ.get("EXCEPTIONDRIVE_SPLITS_DIR")
+    phase_steps = _PHASE_STEPS.format(
+        splits=""
+        if splits_dir is None
+        else f"EXCEPTIONDRIVE_SPLITS_DIR={shlex.quote(splits_dir)} ",
+        worker=_command("exceptiondrive-worker"),
+        client=_command("exceptiondrive"),
+        data_option=data_option,
+    )
     return _BANNER.format(
+        phase=phase or "my-phase",
+        phase_steps="" if phase else phase_steps,
         url=address.url,
         data=data,
         logs=data / "logs",
         server=_command("exceptiondrive-server"),
         client=_command("exceptiondrive"),
-        data_option="" if is_default else f" --data {shlex.quote(str(data))}",
+        data_option=data_option,
     )
 
 

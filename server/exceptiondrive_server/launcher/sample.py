@@ -28,12 +28,12 @@ from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol_toml
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
+from exceptiondrive_server.launcher.steps import Say, run_step
 
 SPLIT = "sample"
 ACTOR = "operator:sample"
 _AT_ONCE = 2
 
-Say = Callable[[str], None]
 FindSubmission = Callable[["Planner", str], str | None]
 
 
@@ -113,13 +113,13 @@ def _fill(database: Database, layout: Layout, server_url: str, say: Say) -> None
     worker = find_command("exceptiondrive-worker")
     environment = worker_environment(layout, {**os.environ, **layout.environment(os.environ)})
     _tell(database, say, "making its scenes and their hazards")
-    _step([worker, "seed-sample"], environment)
+    run_step([worker, "seed-sample"], environment)
     seed_sample(database, layout)
     listing = layout.planners / "planners.json"
     if not listing.exists():
         layout.planners.mkdir(parents=True, exist_ok=True)
         _tell(database, say, "making the files of the synthetic planners")
-        _step([worker, "make-planners", str(layout.planners)], environment)
+        run_step([worker, "make-planners", str(layout.planners)], environment)
     planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
     missing = [planner for planner in planners if not _is_known(database, planner)]
     if missing:
@@ -247,11 +247,3 @@ def _popen(command: list[str], environment: Mapping[str, str]) -> subprocess.Pop
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-def _step(command: list[str], environment: Mapping[str, str]) -> None:
-    done = subprocess.run(
-        command, env=dict(environment), capture_output=True, text=True, check=False
-    )
-    if done.returncode != 0:
-        raise LaunchError(f"`{' '.join(command[1:])}` failed:\n{done.stderr or done.stdout}")

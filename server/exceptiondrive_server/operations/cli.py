@@ -11,12 +11,12 @@ import typer
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.roles import Role, grant_to_files, grants
-from exceptiondrive_records.db.settings import SettingsError, load_settings
+from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
 from exceptiondrive_records.notifications.channels import NoticeSettings
 from exceptiondrive_records.notifications.outbox import run_outbox
 from exceptiondrive_records.operations.garbage import run_sweeper
 from exceptiondrive_records.operations.reconciler import run_reconciler
-from exceptiondrive_records.operations.setup import prepare
+from exceptiondrive_records.operations.setup import opened, prepare
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.launcher.child import LaunchError
@@ -25,11 +25,9 @@ from exceptiondrive_server.launcher.layout import Address, Layout
 from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
 from exceptiondrive_server.operations.records_commands import (
     DataOption,
-    opened,
     people_app,
     receipts_app,
     records_app,
-    records_settings,
     say,
 )
 from exceptiondrive_server.operations.upkeep_commands import upkeep_app
@@ -70,15 +68,19 @@ def run(
         bool,
         typer.Option("--sample/--no-sample", help="Fill it with the sample split and planners."),
     ] = False,
+    split: Annotated[
+        Path | None,
+        typer.Option("--split", help="A split file of your own: make a live phase of it."),
+    ] = None,
 ) -> None:
     """Run everything on this machine: broker, API, worker, reconciler."""
-    launch(data, Address(host, port), with_sample=sample, say=say)
+    launch(data, Address(host, port), with_sample=sample, own_split=split, say=say)
 
 
 @app.command()
 def migrate(grant_to: GrantToOption = None, data: DataOption = None) -> None:
     """Bring the records up to date: schema and shipped protocols; run it as the database's owner."""
-    url = records_settings(data).database_url
+    url = load_settings(RecordsSettings, data).database_url
     prepare(url)
     say("the records are up to date")
     for role in grant_to_files(url, grant_to) if grant_to else []:
@@ -119,14 +121,16 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
 @app.command()
 def reconcile(data: DataOption = None) -> None:
     """Wake workers for what waits, give up exhausted jobs; any number may run, one of them leads."""
-    settings = records_settings(data)
+    settings = load_settings(RecordsSettings, data)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     with opened(settings) as database:
         dispatcher = Dispatcher(settings.broker_url)
         outbox = threading.Thread(
-            target=run_outbox, args=(database, _notice_settings(data), stop), name="outbox"
+            target=run_outbox,
+            args=(database, load_settings(NoticeSettings, data), stop),
+            name="outbox",
         )
         files = FileStore(settings.file_store_url)
         sweeper = threading.Thread(
@@ -141,11 +145,6 @@ def reconcile(data: DataOption = None) -> None:
             outbox.join()
             sweeper.join(timeout=5)  # whatever it is at is left as it should be
             dispatcher.close()
-
-
-def _notice_settings(data: Path | None) -> NoticeSettings:
-    url = records_settings(data).database_url
-    return load_settings(NoticeSettings, database_url=url)
 
 
 @app.command("seed-sample")
@@ -169,7 +168,7 @@ def fill_sample_command(
 def _sample(data: Path | None) -> tuple[Layout, Database]:
     layout = Layout(data if data is not None else Path("data"))
     layout.create()
-    return layout, Database(records_settings(data).database_url)
+    return layout, Database(load_settings(RecordsSettings, data).database_url)
 
 
 def main() -> None:

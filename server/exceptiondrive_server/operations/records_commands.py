@@ -3,7 +3,6 @@
 Every other deed is an organizer's: `exceptiondrive organizer ...`, over the API.
 """
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -12,17 +11,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from sqlalchemy import make_url
-from sqlalchemy.exc import DBAPIError
 
 from exceptiondrive_records.accounts import tokens
 from exceptiondrive_records.accounts.people import list_people, set_organizer
-from exceptiondrive_records.db.database import Database, sentence_of
-from exceptiondrive_records.db.settings import PREFIX, RecordsSettings, SettingsError, load_settings
-from exceptiondrive_records.migrations import is_usable
+from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_records.db.settings import RecordsSettings, load_settings
+from exceptiondrive_records.operations.setup import DATA_HELP, opened
 from exceptiondrive_records.teams.teams import switch_self_registration
 from exceptiondrive_server.launcher.child import LaunchError
-from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.web.settings import ServerSettings
 
 # How operator commands reach the records, and how they speak.
@@ -30,14 +26,7 @@ from exceptiondrive_server.web.settings import ServerSettings
 
 ACTOR = "operator"
 
-DataOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--data",
-        help="Folder of `exceptiondrive-server run`; needed unless it is ./data or "
-        "EXCEPTIONDRIVE_DATABASE_URL is set.",
-    ),
-]
+DataOption = Annotated[Path | None, typer.Option("--data", help=DATA_HELP)]
 
 
 def say(text: str) -> None:
@@ -45,41 +34,13 @@ def say(text: str) -> None:
     typer.echo(text, err=True)
 
 
-def records_settings(data: Path | None) -> RecordsSettings:
-    """Return the settings; with `data`, those of the embedded default in that folder."""
-    if data is None:
-        return load_settings(RecordsSettings)
-    chosen = Layout(data).environment(os.environ)
-    return load_settings(
-        RecordsSettings,
-        **{name.removeprefix(PREFIX).lower(): value for name, value in chosen.items()},
-    )
-
-
-@contextmanager
-def opened(settings: RecordsSettings) -> Iterator[Database]:
-    """Open records that exist and have the newest schema.
-
-    Raises:
-        SettingsError: They do not; the text says what to do.
-    """
-    url = make_url(settings.database_url)
-    if url.get_backend_name() == "sqlite" and not Path(url.database or "").is_file():
-        raise SettingsError(
-            f"there are no records at {url.database}. Name the folder of the running server with "
-            "--data, set EXCEPTIONDRIVE_DATABASE_URL, or make them: exceptiondrive-server migrate"
-        )
-    database = Database(settings.database_url)
-    try:
-        if not is_usable(database):
-            raise SettingsError("the records are not up to date: run exceptiondrive-server migrate")
-        yield database
-    except DBAPIError as error:
-        raise SettingsError(sentence_of(error)) from None
-    finally:
-        database.dispose()
-
-
+RoleOption = Annotated[
+    OrganizerRole, typer.Option("--role", help="What the organizer may do; see docs/organizing.md.")
+]
+PhasesOption = Annotated[
+    list[str] | None,
+    typer.Option("--phase", metavar="ID", help="Confine the role to a phase; may be repeated."),
+]
 records_app = typer.Typer()
 
 
@@ -89,13 +50,21 @@ def create_organizer(
     days: Annotated[
         int | None, typer.Option(min=1, help="Days until the token expires; default never.")
     ] = None,
+    role: RoleOption = OrganizerRole.OWNER,
+    phase: PhasesOption = None,
     data: DataOption = None,
 ) -> None:
-    """Issue a token with which an organizer may do everything, and print it, once."""
+    """Issue a token of an organizer, by default one that may do everything; print it, once."""
     expires_at = None if days is None else datetime.now(UTC) + timedelta(days=days)
-    with opened(records_settings(data)) as database, database.write() as session:
+    with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         text, _ = tokens.issue_token(
-            session, None, name, tokens.ORGANIZER_SCOPES, expires_at, actor=ACTOR
+            session,
+            None,
+            name,
+            tokens.SCOPES_OF_ROLE[role],
+            expires_at,
+            phases=phase or (),
+            actor=ACTOR,
         )
     say("the token, shown this once (put it into EXCEPTIONDRIVE_TOKEN):")
     typer.echo(text)
@@ -104,7 +73,7 @@ def create_organizer(
 @records_app.command("list-tokens")
 def list_tokens(data: DataOption = None) -> None:
     """List all tokens, those of organizers too: id, name, scopes, state."""
-    with opened(records_settings(data)) as database, database.read() as session:
+    with opened(load_settings(RecordsSettings, data)) as database, database.read() as session:
         for row in tokens.list_tokens(session):
             state = "revoked" if row.revoked_at else "live"
             typer.echo("\t".join((row.id, row.name, ",".join(row.scopes), state)))
@@ -116,7 +85,7 @@ def revoke_token(
     data: DataOption = None,
 ) -> None:
     """Revoke a token for good."""
-    with opened(records_settings(data)) as database, database.write() as session:
+    with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         tokens.revoke_token(session, token_id, actor=ACTOR)
     say(f"token {token_id} revoked")
 
@@ -136,10 +105,10 @@ class Switch(StrEnum):
 
 @people_app.command("list-people")
 def list_people_command(data: DataOption = None) -> None:
-    """List who signed in through the provider: id, name, email, whether an organizer."""
-    with opened(records_settings(data)) as database, database.read() as session:
+    """List who signed in through the provider: id, name, email, role as an organizer."""
+    with opened(load_settings(RecordsSettings, data)) as database, database.read() as session:
         for person in list_people(session):
-            role = "organizer" if person.is_organizer else ""
+            role = ":".join((person.organizer_role or "", *person.organizer_phases))
             typer.echo("\t".join((person.id, person.name, person.email or "", role)))
 
 
@@ -147,11 +116,14 @@ def list_people_command(data: DataOption = None) -> None:
 def set_organizer_command(
     person: Annotated[str, typer.Argument(metavar="PERSON", help="Id; list-people shows it.")],
     switch: Annotated[Switch, typer.Argument(help="on or off")] = Switch.ON,
+    role: RoleOption = OrganizerRole.OWNER,
+    phase: PhasesOption = None,
     data: DataOption = None,
 ) -> None:
-    """Make a person an organizer, or no longer."""
-    with opened(records_settings(data)) as database, database.write() as session:
-        row = set_organizer(session, person, switch is Switch.ON, actor=ACTOR)
+    """Make a person an organizer in some role, or no longer."""
+    wanted = role if switch is Switch.ON else None
+    with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
+        row = set_organizer(session, person, wanted, phase or (), actor=ACTOR)
         name = row.name
     say(f"{name} is {'an organizer' if switch is Switch.ON else 'no organizer'} now")
 
@@ -161,7 +133,7 @@ def self_registration_command(
     switch: Annotated[Switch, typer.Argument(help="on or off")], data: DataOption = None
 ) -> None:
     """Let teams register themselves, or no longer; they submit when an organizer approves."""
-    with opened(records_settings(data)) as database, database.write() as session:
+    with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         switch_self_registration(session, switch is Switch.ON, actor=ACTOR)
     say(
         f"self-registration is {switch} (EXCEPTIONDRIVE_SELF_REGISTRATION=false would force it off)"
@@ -182,9 +154,7 @@ def new_receipt_key(data: DataOption = None) -> None:
     """
     from exceptiondrive_server.submissions.receipts import write_new_key
 
-    chosen = {} if data is None else Layout(data).environment(os.environ)
-    given = {name.removeprefix(PREFIX).lower(): value for name, value in chosen.items()}
-    path = load_settings(ServerSettings, **given).receipt_key_file
+    path = load_settings(ServerSettings, data).receipt_key_file
     with _writing(path):
         write_new_key(path, replace=True)
     say(f"a new key is in {path}; restart the server to use it")

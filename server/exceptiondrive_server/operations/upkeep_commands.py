@@ -8,8 +8,10 @@ import typer
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.settings import RecordsSettings, load_settings
 from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
+from exceptiondrive_records.operations.setup import opened
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
@@ -17,8 +19,6 @@ from exceptiondrive_server.operations.doctor import Severity, examine
 from exceptiondrive_server.operations.records_commands import (
     ACTOR,
     DataOption,
-    opened,
-    records_settings,
     say,
 )
 
@@ -29,7 +29,7 @@ File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup, one file
 @upkeep_app.command("backup")
 def backup(file: File, data: DataOption = None) -> None:
     """Write all records and uploads of one moment into FILE; the server may run meanwhile."""
-    settings = records_settings(data)
+    settings = load_settings(RecordsSettings, data)
     with opened(settings) as database:
         head = write_backup(database, FileStore(settings.file_store_url), file)
     say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
@@ -40,7 +40,7 @@ def restore(file: File, data: DataOption = None) -> None:
     """Restore FILE into empty records, of any database, and check everything."""
     if data is not None:
         Layout(data).create()
-    settings = records_settings(data)
+    settings = load_settings(RecordsSettings, data)
     head = restore_backup(file, settings.database_url, FileStore(settings.file_store_url))
     say(f"restored as of {head.created_at}: {head.n_files} files, audit chain whole")
     if settings.database_url.startswith("postgresql"):
@@ -56,7 +56,7 @@ def verify(
     data: DataOption = None,
 ) -> None:
     """Check every invariant of records and uploads; exit code 2 when one is broken."""
-    settings = records_settings(data)
+    settings = load_settings(RecordsSettings, data)
     with opened(settings) as database, database.read() as session:
         found = violations(session)
         if uploads:
@@ -78,7 +78,7 @@ def sweep(
     data: DataOption = None,
 ) -> None:
     """Remove stored files that no record mentions: refused uploads, crashes. The server may run."""
-    settings = records_settings(data)
+    settings = load_settings(RecordsSettings, data)
     grace = timedelta(hours=older_than_hours)
     with opened(settings) as database:
         files = FileStore(settings.file_store_url)
@@ -95,7 +95,7 @@ def doctor(
     data: DataOption = None,
 ) -> None:
     """Examine settings, permissions, walls, broker, database and clocks; exit code 1 on errors."""
-    findings = examine(records_settings(data), tuple(withheld or ()))
+    findings = examine(load_settings(RecordsSettings, data), tuple(withheld or ()))
     for finding in findings:
         typer.echo(f"{finding.severity:8}{finding.what}")
         if finding.do:
