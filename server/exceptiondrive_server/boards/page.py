@@ -193,6 +193,8 @@ class PhaseLink:
     quota_per_day: int
     split: str
     split_is_public: bool
+    has_data: bool
+    """Whether its page says where scenes and pictures are had."""
     url: str
 
     @property

@@ -195,6 +195,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         quota_per_day=phase.quota_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
+        has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
         url=f"/?phase={phase.id}#board",
     )
 
