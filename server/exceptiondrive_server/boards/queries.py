@@ -177,6 +177,8 @@ def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    is_whole = split.whole_revision is None
+    whole = split if is_whole else whole_split(session, split.name, split.revision)
     now = database_now(session)
     challenge = CHALLENGES[phase.challenge]
     return PhaseLink(
@@ -195,6 +197,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         quota_per_day=phase.quota_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
+        not_checked=not_checked(phase.challenge, whole),
         url=f"/?phase={phase.id}#board",
     )
 

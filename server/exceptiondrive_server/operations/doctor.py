@@ -25,11 +25,11 @@ from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.migrations import is_current, is_usable
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES, FileStore
-from exceptiondrive_records.work.heartbeats import live_workers, scorers_at_work
+from exceptiondrive_records.work.heartbeats import scorers_at_work
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
-from exceptiondrive_schemas.jobs import Lane
 
 _CLOCK_SKEW_S = 2.0
 _OLDEST_QUEUED_S = 60.0
@@ -145,15 +145,13 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
         oldest = session.scalar(
             select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
         )
-        workers = live_workers(session, Lane.LIVE, ttl_s=settings.heartbeat_ttl_s).workers
+        found = troubles(session, ttl_s=settings.heartbeat_ttl_s)
         scorers = scorers_at_work(session)
         leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
         leads = session.scalar(select(Leader.holder).where(*leading))
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
-    if not workers:
-        yield Finding(
-            Severity.WARNING, "no worker is alive", "start one: exceptiondrive-worker run"
-        )
+    for trouble in found:
+        yield Finding(Severity.WARNING, trouble.what, trouble.do)
     if len(scorers) > 1:
         older = ", ".join(scorers[:-1])
         yield Finding(
