@@ -1,26 +1,30 @@
 """Bring a planner's own trajectories into the form and frame of a submission.
 
 The steps run in one order, each only if asked for or needed, and each says what it did: heading
-column away, centimetres to metres, axes exchanged, turned, mirrored, time reversed, increments
+columns away, other units to metres, axes exchanged, turned, mirrored, time reversed, increments
 added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step, horizon, and what
 is still invalid to null. Pure.
 """
 
+import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check.planning_rules import AT_ORIGIN_M
 from exceptiondrive_schemas.check.source_fit import (
+    UNITS_M,
     at_times,
     mirrored,
     rotated,
     scaled,
     summed,
     swapped,
+    waypoints_needed,
 )
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import GeometrySection
@@ -28,15 +32,14 @@ from exceptiondrive_schemas.protocol import GeometrySection
 Waypoints = tuple[tuple[float, ...], ...]
 FollowedPoint = Literal["sensor", "rear-axle"]
 
-AT_ORIGIN_M = 0.05
-"""A first point as near to the origin as this is the car at t = 0."""
-SAME_TIME_S = 1e-6
 QUARTER_TURN_DEG = 90
+MAX_WIDTH = 8
+"""Columns of a waypoint: x and y, and what is left out."""
 
 
 @dataclass(frozen=True)
 class RawPair:
-    """One sample as a planner wrote it: rows of x, y and perhaps a heading."""
+    """One sample as a planner wrote it: rows of x and y, and perhaps of times and headings."""
 
     sample_id: str
     source: Waypoints | None
@@ -49,7 +52,7 @@ class ConversionPlan:
 
     Attributes:
         geometry: Waypoints, time step and bounds of the protocol.
-        centimetres: Divide by 100.
+        unit: What the numbers are, one of `UNITS_M`; None: metres.
         swap: Exchange x and y.
         rotate_deg: Turn counter-clockwise by 90, -90 or 180 degrees; -90 makes x forward / y left of
             x right / y forward.
@@ -65,7 +68,7 @@ class ConversionPlan:
     """
 
     geometry: GeometrySection
-    centimetres: bool = False
+    unit: str | None = None
     swap: bool = False
     rotate_deg: int = 0
     mirror: bool = False
@@ -86,7 +89,7 @@ class ConversionPlan:
     @property
     def n_needed(self) -> int:
         """How many given waypoints reach the protocol's horizon."""
-        return math.ceil((self.geometry.horizon_s - SAME_TIME_S) / self.step_s)
+        return waypoints_needed(self.geometry, self.step_s)
 
 
 @dataclass(frozen=True)
@@ -160,12 +163,17 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
     work.refuse(
         _shape_fault,
         "wrong_waypoint_shape",
-        "Every waypoint is [x, y] or [x, y, heading] of finite numbers. Write null where the planner "
+        "Every waypoint begins with x and y, all of them finite numbers. Write null where the planner "
         "failed; --null-invalid does it for you.",
     )
-    _leave_out_headings(work)
+    _leave_out_columns(work)
+    unit_m = UNITS_M[plan.unit] if plan.unit else 1.0
     for is_asked, change, sentence in (
-        (plan.centimetres, lambda points: scaled(points, 0.01), "took centimetres as metres / 100"),
+        (
+            plan.unit is not None,
+            lambda points: scaled(points, unit_m),
+            f"took {plan.unit} as metres: x {unit_m:g}",
+        ),
         (plan.swap, swapped, "exchanged x and y: (x, y) -> (y, x)"),
         (
             plan.rotate_deg != 0,
@@ -238,8 +246,8 @@ def sensor_to_rear_axle(points: Waypoints, offset_m: float) -> Waypoints:
 
 def _shape_fault(points: Waypoints) -> str | None:
     widths = {len(point) for point in points}
-    if not widths <= {2} and not widths <= {3}:
-        return "has waypoints that are not all [x, y] or [x, y, heading]"
+    if len(widths) > 1 or not widths <= set(range(2, MAX_WIDTH + 1)):
+        return f"has waypoints that are not all [x, y] with the same columns, at most {MAX_WIDTH}"
     if not all(math.isfinite(number) for point in points for number in point):
         return "holds a number that is not finite"
     return None
@@ -255,13 +263,27 @@ def _bounds_fault(points: Waypoints, geometry: GeometrySection) -> str | None:
     return None
 
 
-def _leave_out_headings(work: _Work) -> None:
-    n_with_heading = sum(len(points[0]) == 3 for _, points in work.given() if points)
-    if n_with_heading:
-        work.change(
-            lambda points: tuple(point[:2] for point in points),
-            f"left out the heading (third column) of {n_with_heading} trajectories",
-        )
+def _leave_out_columns(work: _Work) -> None:
+    """Keep x and y: the first two columns, behind one of times where there is one."""
+    wide = [points for _, points in work.given() if points and len(points[0]) > 2]
+    if not wide:
+        return
+    start = 1 if _begins_with_times(wide) else 0
+    trajectories = counted(len(wide), "trajectory", "trajectories")
+    kept = "x and y behind a column of times" if start else "the first two columns as x and y"
+    work.change(
+        lambda points: tuple(
+            point[start : start + 2] if len(point) > 2 else point for point in points
+        ),
+        f"kept {kept} of {trajectories}, and left out the rest (heading, z)",
+    )
+
+
+def _begins_with_times(trajectories: Sequence[Waypoints]) -> bool:
+    """Whether the first column rises and is the same in trajectories that are not the same."""
+    first, *others = [tuple(point[0] for point in points) for points in trajectories]
+    rises = all(before < after for before, after in itertools.pairwise(first))
+    return rises and all(other == first for other in others) and len(set(trajectories)) > 1
 
 
 def _to_rear_axle(work: _Work) -> None:

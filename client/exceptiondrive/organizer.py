@@ -40,6 +40,40 @@ class Organizer(Connection):
         path = f"/organizer/submissions/{quoted(submission_id)}/retry"
         return self._transport.post_once(path, {"reason": reason})
 
+    def story(self, submission_id: str) -> Record:
+        """Return a submission with its jobs, recomputations, edits, notices and audit lines."""
+        return self._transport.record(f"/organizer/submissions/{quoted(submission_id)}")
+
+    def verify_submission(self, submission_id: str, reason: str) -> Record:
+        """Ask for its score to be made again from the upload; follow it by `rescoring.verification`."""
+        path = f"/organizer/submissions/{quoted(submission_id)}/verify"
+        return self._transport.post_once(path, {"reason": reason})
+
+    def restore_submission(self, submission_id: str, reason: str) -> Record:
+        """Let a withdrawn submission stand again."""
+        path = f"/organizer/submissions/{quoted(submission_id)}/restore"
+        return self._transport.post_once(path, {"reason": reason})
+
+    def write_about(self, submission_id: str, words: str) -> Record:
+        """Tell a team something about its submission, in its inbox and at its confirmed addresses."""
+        path = f"/organizer/submissions/{quoted(submission_id)}/note"
+        return self._transport.post_once(path, {"words": words})
+
+    def download_upload(self, submission_id: str) -> bytes:
+        """Return the bytes that a team sent; the audit log says who had them."""
+        return self._transport.get(f"/organizer/submissions/{quoted(submission_id)}/file").content
+
+    def download_story(self, submission_id: str) -> bytes:
+        """Return a tar for a committee: upload, receipt, story and a README."""
+        return self._transport.get(f"/organizer/submissions/{quoted(submission_id)}/folder").content
+
+    def download_archive(
+        self, team: str | None = None, phase: str | None = None, status: str | None = None
+    ) -> bytes:
+        """Return a tar of the uploads that match, with `manifest.json` as its last member."""
+        query = {"team": team, "phase": phase, "status": status}
+        return self._transport.get("/organizer/submissions/archive", query).content
+
     def tokens(self, team_id: str) -> list[Record]:
         """Return a team's tokens, without their secrets."""
         return self._transport.records(f"/organizer/teams/{quoted(team_id)}/tokens")
@@ -88,6 +122,11 @@ class Organizer(Connection):
         path = f"/organizer/phases/{quoted(phase_id)}/feature"
         return self._transport.post_once(path, {"reason": reason})
 
+    def delete_phase(self, phase_id: str, reason: str) -> Record:
+        """Delete a phase in which nothing was submitted or rescored."""
+        path = f"/organizer/phases/{quoted(phase_id)}/delete"
+        return self._transport.post_once(path, {"reason": reason})
+
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
         path = f"/organizer/phases/{quoted(phase_id)}/freeze"
@@ -99,8 +138,13 @@ class Organizer(Connection):
         return self._transport.post_once(path, {"what": what, "reason": reason})
 
     def protocols(self) -> list[Record]:
-        """Return all protocols, oldest first."""
-        return self._transport.records("/protocols")
+        """Return all protocols, drafts too, oldest first."""
+        return self._transport.records("/organizer/protocols")
+
+    def delete_protocol(self, version: str, reason: str) -> Record:
+        """Delete a protocol that nothing was made of."""
+        path = f"/organizer/protocols/{quoted(version)}/delete"
+        return self._transport.post_once(path, {"reason": reason})
 
     def add_protocol(self, toml: str) -> Record:
         """Add a protocol document; it is immutable from then on."""

@@ -1,11 +1,13 @@
 """Read pairs of trajectories in the forms that people write.
 
-JSON: a submission file, a bare list of its predictions, or an object by sample id. JSON lines: one
-prediction a line; a recorder's journal is such a file. CSV: one waypoint a row, with the header
+JSON: a submission file, a bare list of its predictions, an object by sample id, or columns; any of
+these under one further key. JSON lines: one prediction a line; a recorder's journal is such a file.
+CSV with commas, semicolons or tabs: one waypoint a row, with the header
 `sample_id,trajectory,step,x_m,y_m` and perhaps `heading_rad`; `trajectory` is `source` or `edited`.
 Parquet: those columns, or a prediction a row, its lists in `source` and `edited`. NPZ: `sample_id`
 (N), `source` and `edited` (N, T, 2 or 3), NaN where missing. A trajectory may stand in a list of
-several modes. Plain or gzip, with or without a byte order mark. Nothing is ever unpickled.
+several modes, or in a form of `exceptiondrive_schemas.check.trajectory_forms`. Plain or gzip; UTF-8,
+UTF-16 or UTF-32, with or without a byte order mark. Nothing is ever unpickled.
 """
 
 import csv
@@ -13,29 +15,39 @@ import gzip
 import io
 import json
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from exceptiondrive.conversion import RawPair, Waypoints
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check.inflate import wide_encoding
+from exceptiondrive_schemas.check.trajectory_forms import (
+    is_number,
+    number_in,
+    point_in,
+    trajectory_in,
+)
 
 SIDES = ("source", "edited")
+CSV_DELIMITERS = ",;\t"
 CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
 PARQUET_MAGIC = b"PAR1"
 PICKLE_MAGIC = b"\x80"
+OnForm = Callable[[str], None]
 
 
 def read_pairs(
-    paths: Sequence[Path], mode: int | None = None
+    paths: Sequence[Path], mode: int | None = None, on_form: OnForm = lambda _: None
 ) -> tuple[tuple[RawPair, ...], str | None]:
     """Read all files as one: shards of a run make one submission.
 
     Args:
         paths: The files.
         mode: Which trajectory to take where a list of several stands, from 0.
+        on_form: Told of each form of a trajectory that had to be read as waypoints.
 
     Returns:
         The pairs in order, and the split that the files name, if any does.
@@ -46,7 +58,7 @@ def read_pairs(
     pairs: dict[str, RawPair] = {}
     splits: set[str] = set()
     for path in paths:
-        for pair in _pairs_of(path, splits, mode):
+        for pair in _pairs_of(path, splits, mode, on_form):
             if pair.sample_id in pairs:
                 raise fault(path, f"sample {pair.sample_id} occurs twice.")
             pairs[pair.sample_id] = pair
@@ -84,7 +96,8 @@ def read_text(path: Path) -> str:
         InvalidArgumentError: It cannot be read, or is no UTF-8 text.
     """
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        data = read_bytes(path)
+        return data.decode(wide_encoding(data) or "utf-8-sig").removeprefix("\ufeff")
     except UnicodeDecodeError:
         raise fault(path, "is not UTF-8 text.") from None
 
@@ -112,7 +125,9 @@ def read_arrays(path: Path, *names: str) -> tuple[list[Any], ...]:
         raise fault(path, f"cannot be read as arrays of numbers: {error}") from None
 
 
-def points_of(path: Path, where: str, value: Any, mode: int | None) -> Waypoints | None:
+def points_of(
+    path: Path, where: str, value: Any, mode: int | None, on_form: OnForm = lambda _: None
+) -> Waypoints | None:
     """Return a trajectory as rows of numbers; NaN for a null in it, None for one of NaN alone.
 
     Raises:
@@ -123,8 +138,14 @@ def points_of(path: Path, where: str, value: Any, mode: int | None) -> Waypoints
     modes = _modes(value)
     if modes is not None:
         value = _chosen_mode(path, where, modes, mode)
+    other = trajectory_in(value)
+    if other is not None:
+        value, form = other
+        on_form(form)
     try:
-        points = tuple(tuple(_number(number) for number in point) for point in value)
+        points = tuple(
+            tuple(_number(number) for number in point_in(point) or point) for point in value
+        )
     except (TypeError, ValueError):
         raise fault(path, f"{where} must be a list of [x, y] in metres, or null.") from None
     is_missing = bool(points) and all(math.isnan(number) for point in points for number in point)
@@ -157,12 +178,16 @@ def _chosen_mode(path: Path, where: str, modes: list[Any], mode: int | None) -> 
 def _number(value: Any) -> float:
     if value is None:
         return math.nan
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    number = value if is_number(value) else number_in(value)
+    if number is None:
         raise TypeError
-    return float(value)
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf
 
 
-def _pairs_of(path: Path, splits: set[str], mode: int | None) -> Iterator[RawPair]:
+def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -> Iterator[RawPair]:
     data = read_bytes(path)
     if data.startswith((NPZ_MAGIC, NPY_MAGIC)):
         yield from _pairs_of_arrays(path)
@@ -175,7 +200,7 @@ def _pairs_of(path: Path, splits: set[str], mode: int | None) -> Iterator[RawPai
         yield from _pairs_of_csv(path, text)
         return
     for value in _predictions(path, text, splits):
-        yield _pair_of_json(path, value, mode)
+        yield _pair_of_json(path, value, mode, on_form)
 
 
 def _pairs_of_arrays(path: Path) -> Iterator[RawPair]:
@@ -193,6 +218,7 @@ def _predictions(path: Path, text: str, splits: set[str]) -> Iterator[Any]:
     except ValueError:
         values = _json_lines(path, text)
     for value in values:
+        value = _unwrapped(value)
         if isinstance(value, dict) and ("schema" in value or "predictions" in value):
             if value.get("schema", PLANNING.file_schema) != PLANNING.file_schema:
                 raise fault(
@@ -201,10 +227,56 @@ def _predictions(path: Path, text: str, splits: set[str]) -> Iterator[Any]:
             if isinstance(value.get("split"), str):
                 splits.add(value["split"])
             yield from _listed(value.get("predictions", ()))
+        elif isinstance(value, dict) and isinstance(value.get("sample_id"), list):
+            yield from _of_columns(path, value)
+        elif isinstance(value, dict) and all(isinstance(value.get(side), dict) for side in SIDES):
+            yield from _of_sides(path, value)
         elif isinstance(value, dict) and not {"sample_id", *SIDES} & value.keys():
             yield from _listed(value)
         else:
             yield value
+
+
+def _unwrapped(value: Any) -> Any:
+    """Return what a submission is under, where it stands under one key that is none of ours."""
+    if not isinstance(value, dict) or {"sample_id", "predictions", *SIDES} & value.keys():
+        return value
+    inner = {
+        key: each
+        for key, each in value.items()
+        if isinstance(each, list) or (isinstance(each, dict) and _holds_predictions(each))
+    }
+    if len(inner) != 1:
+        return value
+    (found,) = inner.values()
+    named = {own: value[own] for own in ("schema", "split") if own in value}
+    if named or not isinstance(found, dict):
+        return {**named, "predictions": found}
+    return _unwrapped(found)
+
+
+def _holds_predictions(value: dict[str, Any]) -> bool:
+    return "predictions" in value or any(
+        isinstance(each, dict) and not each.keys().isdisjoint(SIDES) for each in value.values()
+    )
+
+
+def _of_columns(path: Path, columns: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield predictions of columns, one value a sample."""
+    if not all(isinstance(column, list) for column in columns.values()):
+        raise fault(path, f"the columns {', '.join(columns)} must all be lists.")
+    if len({len(column) for column in columns.values()}) != 1:
+        raise fault(path, f"the columns {', '.join(columns)} are not equally long.")
+    for row in zip(*columns.values(), strict=True):
+        yield dict(zip(columns, row, strict=True))
+
+
+def _of_sides(path: Path, sides: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield predictions of a `source` and an `edited`, each an object by sample id."""
+    if others := sorted(sides.keys() - set(SIDES)):
+        raise fault(path, f"unknown key {', '.join(others)} beside {' and '.join(SIDES)}.")
+    for sample_id in dict.fromkeys([*sides["source"], *sides["edited"]]):
+        yield {"sample_id": sample_id, **{side: sides[side].get(sample_id) for side in SIDES}}
 
 
 def _listed(predictions: Any) -> Iterator[Any]:
@@ -227,7 +299,7 @@ def _json_lines(path: Path, text: str) -> list[Any]:
     return values
 
 
-def _pair_of_json(path: Path, value: Any, mode: int | None) -> RawPair:
+def _pair_of_json(path: Path, value: Any, mode: int | None, on_form: OnForm) -> RawPair:
     if not isinstance(value, dict) or not isinstance(value.get("sample_id"), str):
         raise fault(path, f"a prediction needs a sample_id, got {str(value)[:80]}.")
     sample_id = value["sample_id"]
@@ -235,13 +307,15 @@ def _pair_of_json(path: Path, value: Any, mode: int | None) -> RawPair:
     if unknown:
         raise fault(path, f"{sample_id}: unknown key {', '.join(unknown)}.")
     source, edited = (
-        points_of(path, f"{sample_id}: {side}", value.get(side), mode) for side in SIDES
+        points_of(path, f"{sample_id}: {side}", value.get(side), mode, on_form) for side in SIDES
     )
     return RawPair(sample_id, source, edited)
 
 
 def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
-    reader = csv.DictReader(io.StringIO(text))
+    head = text.partition("\n")[0]
+    delimiter = max(CSV_DELIMITERS, key=head.count)
+    reader = csv.DictReader(io.StringIO(text), delimiter=delimiter)
     _require_columns(path, reader.fieldnames or ())
     yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in reader))
 
@@ -263,7 +337,7 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
     rows = table.to_pylist()
     if {"sample_id", *SIDES} <= set(table.column_names):
         for row in rows:
-            yield _pair_of_json(path, row, mode)
+            yield _pair_of_json(path, row, mode, lambda _: None)
         return
     _require_columns(path, table.column_names)
     yield from _pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))
@@ -297,9 +371,14 @@ def _row(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float,
     heading = row.get("heading_rad")
     numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))
     try:
-        return int(row["step"]), tuple(float(number) for number in numbers)
+        return int(row["step"]), tuple(map(_csv_number, numbers))
     except (TypeError, ValueError):
         raise fault(path, f"{where}: step must be a whole number, x_m and y_m numbers.") from None
+
+
+def _csv_number(text: Any) -> float:
+    """Read a number, with a decimal comma too, as spreadsheets write it beside semicolons."""
+    return float(text.replace(",", ".") if isinstance(text, str) else text)
 
 
 def _in_order(

@@ -122,6 +122,33 @@ class BoardLeader(Document):
     value: float
 
 
+class EntryNews(Document):
+    """What became of an entry since the board that was shown before."""
+
+    method: str
+    team: str
+    rank: int | None
+    """On the newer of the two boards that it stands on."""
+    before: float | None
+    """The metric that ranks first, on the board before; None of an entry that came in."""
+    after: float | None
+    """The same on this board; None of an entry that left."""
+    is_new: bool = False
+    has_left: bool = False
+
+
+class BoardNews(Document):
+    """Entries that came in, left, or have another value than on the board shown before.
+
+    Of two boards under one protocol and split revision: of others, the comparison of the update
+    tells every entry.
+    """
+
+    entries: tuple[EntryNews, ...] = ()
+    n_more: int = 0
+    """How many more there are than are named."""
+
+
 class FamilyHead(Document):
     """A family column: its title and how many samples it has on this split."""
 

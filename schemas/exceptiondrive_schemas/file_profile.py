@@ -2,6 +2,8 @@
 
 from exceptiondrive_schemas.base import Document
 
+CONVERT = "`exceptiondrive convert FILE"
+"""Begins what mends a file; options and a closing backtick follow."""
 TOO_SLOW = 0.5
 """Below this share of the recorded speed the sources look too slow; of the 13 planners of LightEMMA
 the slowest has 0.83."""
@@ -14,8 +16,8 @@ class Mend(Document):
     """
 
     looks_like: str
-    convert_option: str
-    """What `exceptiondrive convert` needs to mend the file."""
+    convert_option: str | None
+    """What `exceptiondrive convert` needs to mend the file; None where the planner has to."""
     error: float
     """As the file is."""
     mended_error: float
@@ -24,10 +26,15 @@ class Mend(Document):
     @property
     def sentence(self) -> str:
         """What it looks like, with both figures and what mends it."""
+        as_is = "" if self.error == self.mended_error else f", {self.error:.0%} as they are"
+        cure = (
+            f"mend it by {CONVERT} {self.convert_option}`"
+            if self.convert_option
+            else "no conversion can mend that"
+        )
         return (
-            f"The file looks like {self.looks_like}: the sources are {self.error:.0%} of the driven "
-            f"distance off the recorded drives, and {self.mended_error:.0%} after "
-            f"`exceptiondrive convert {self.convert_option}`."
+            f"The file looks like {self.looks_like}: taken so, the sources are "
+            f"{self.mended_error:.0%} of the driven distance off the recorded drives{as_is}; {cure}."
         )
 
 
@@ -37,22 +44,22 @@ class FileProfile(Document):
     The distances need the recorded drives, which a manifest carries where they are public.
     """
 
-    source_speed_mps: float | None
+    source_speed_mps: float | None = None
     """Median over the source trajectories."""
-    recorded_speed_mps: float | None
-    standing_sources: float | None
+    recorded_speed_mps: float | None = None
+    standing_sources: float | None = None
     """Share of the source trajectories that end where they begin."""
-    standing_edited: float | None
-    equal_pairs: float | None
+    standing_edited: float | None = None
+    equal_pairs: float | None = None
     """Share of pairs whose two trajectories are alike."""
-    longer_sources: float | None
+    longer_sources: float | None = None
     """Share of pairs whose source is the longer one."""
-    source_l2_m: float | None
+    source_l2_m: float | None = None
     """Distance of the sources from the recorded drive: over all waypoints, mean over samples."""
-    source_l2_1s_m: float | None
-    source_l2_2s_m: float | None
-    source_l2_3s_m: float | None
-    median_source_l2_m: float | None
+    source_l2_1s_m: float | None = None
+    source_l2_2s_m: float | None = None
+    source_l2_3s_m: float | None = None
+    median_source_l2_m: float | None = None
     """The same, median over samples: a few wild answers do not move it."""
     mend: Mend | None = None
     """What the file was probably meant to be; a warning, never a fault."""

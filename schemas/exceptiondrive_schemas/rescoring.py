@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.board import ReminderEffect
+from exceptiondrive_schemas.board import BoardNews, ReminderEffect
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol_difference import Difference
 from exceptiondrive_schemas.python310 import StrEnum
@@ -276,6 +276,8 @@ class BoardHistoryLine(Document):
     shown_until: datetime | None
     what_changed: tuple[str, ...]
     """Sentences; empty where only submissions came."""
+    news: BoardNews
+    """Whose scores are others, where only submissions came or went."""
     comparison: str | None
     """Address of the run that made it current, by applying it or by rolling back."""
 
@@ -288,6 +290,8 @@ class VerifyItemView(Document):
     expected_digest: str
     found_digest: str | None
     note: str | None
+    asked_at: datetime | None = None
+    ended_at: datetime | None = None
 
 
 class VerificationView(Document):

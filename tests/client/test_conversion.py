@@ -139,7 +139,7 @@ def test_a_horizon_of_less_than_three_seconds_is_too_short() -> None:
 
 
 WRONG: dict[str, tuple[dict[str, Any], Waypoints]] = {
-    "centimetres": ({"centimetres": True}, ((100.0, 200.0),) * 6),
+    "centimetres": ({"unit": "centimetres"}, ((100.0, 200.0),) * 6),
     "swap": ({"swap": True}, ((2.0, 1.0),) * 6),
     "rotate back": ({"rotate_deg": 180}, ((-1.0, -2.0),) * 6),
     "rotate left": ({"rotate_deg": 90}, ((2.0, -1.0),) * 6),
@@ -195,14 +195,16 @@ def test_what_is_invalid_becomes_null_and_is_listed() -> None:
 def test_headings_are_left_out_and_said_so() -> None:
     result = convert((pair(tuple((*point, 0.1) for point in straight(6))),), PLAN)
     assert result.pairs == (pair(straight(6)),)
-    assert result.done == ("left out the heading (third column) of 2 trajectories",)
+    assert result.done == (
+        "kept the first two columns as x and y of 2 trajectories, and left out the rest (heading, z)",
+    )
 
 
 @pytest.mark.parametrize(
     ("points", "code"),
     [
         (((1.0,),) * 6, "wrong_waypoint_shape"),
-        (((1.0, 2.0, 3.0, 4.0),) * 6, "wrong_waypoint_shape"),
+        ((tuple(map(float, range(9))),) * 6, "wrong_waypoint_shape"),
         (((1.0, 2.0), *((1.0, 2.0, 0.0),) * 5), "wrong_waypoint_shape"),
         (((math.nan, 2.0),) * 6, "wrong_waypoint_shape"),
     ],

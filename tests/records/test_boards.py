@@ -23,7 +23,7 @@ from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import content_digest
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board, BoardEntry, BoardNews
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
@@ -272,6 +272,59 @@ def test_the_history_of_boards_reads_none_of_them(world: World) -> None:
     with statements(world.database) as four, world.database.read() as session:
         board_history(session, "dev")
     assert len(four) == len(three)
+
+
+def test_the_history_says_whose_scores_changed_and_by_how_much(world: World) -> None:
+    first = board(world, "a", "b", "c")
+    publish(world, first)
+    want(world)
+    a, b, _ = first.entries
+    better = a.model_copy(update={"metrics": {"hcc": 0.625}})
+    new = b.model_copy(update={"submission_id": "d", "rank": None})
+    publish(world, first.model_copy(update={"entries": (better, b, new)}))
+    with world.database.read() as session:
+        lines = board_history(session, "dev")
+    assert [
+        (one.rank, one.before, one.after, one.is_new, one.has_left) for one in lines[0].news.entries
+    ] == [
+        (1, 0.5, 0.625, False, False),
+        (None, None, 0.5, True, False),
+        (3, 0.5, None, False, True),
+    ]
+    assert lines[1].news == BoardNews()
+
+
+def test_of_many_changes_some_are_named_and_all_are_counted(world: World) -> None:
+    publish(world, board(world, "a"))
+    want(world)
+    publish(world, board(world, "a", *[f"b{i}" for i in range(30)]))
+    with world.database.read() as session:
+        news = board_history(session, "dev")[0].news
+    assert (len(news.entries), news.n_more) == (boards.MAX_NEWS, 30 - boards.MAX_NEWS)
+    assert [each.rank for each in news.entries] == list(range(2, 2 + boards.MAX_NEWS))
+
+
+def test_between_protocols_no_value_is_compared(world: World) -> None:
+    publish(world, board(world, "a"))
+    with world.database.write() as session:
+        phase = session.get_one(Phase, "dev")
+        old = boards.current_board(session, "dev")
+        assert old is not None
+        other = BoardRow(
+            phase_id="dev",
+            protocol_digest=old.protocol_digest,
+            split_revision=OTHER,
+            number=old.number + 1,
+            digest=OTHER,
+            body_digest=OTHER,
+            body=old.body,
+            published_at=old.published_at,
+        )
+        session.add(other)
+        session.flush()
+        flip = boards.flip_board(session, phase, other)
+        assert flip is not None
+        assert flip.news == BoardNews()
 
 
 def test_protocols_are_found_by_the_flips_and_not_by_asking_every_board(world: World) -> None:

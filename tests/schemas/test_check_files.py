@@ -62,7 +62,7 @@ def zipped(name: str) -> bytes:
         (zlib.compress(b"{}"), "zlib data without a gzip header"),
         (gzip.compress(gzip.compress(b"{}", mtime=0), mtime=0), "gzip data inside gzip data"),
         (gzip.compress(b"x" * 257 + b"ustar", mtime=0), "a tar archive"),
-        ("{}".encode("utf-16"), "UTF-16 text"),
+        ("{}".encode("utf-16"), "UTF-16 or UTF-32 text"),
         (b"<!DOCTYPE html>", "an HTML or XML file"),
     ],
 )
@@ -75,8 +75,14 @@ def test_a_file_of_another_kind_is_named(data: bytes, kind: str, checked: Check)
 @pytest.mark.parametrize(
     ("data", "hint"),
     [
-        (b"PAR1" + bytes(20), "exceptiondrive convert makes a submission of it"),
-        (zipped("source.npy"), "exceptiondrive convert makes a submission of it"),
+        (
+            b"PAR1" + bytes(20),
+            "`exceptiondrive convert FILE --split example` makes a submission of it",
+        ),
+        (
+            zipped("source.npy"),
+            "`exceptiondrive convert FILE --split example` makes a submission of it",
+        ),
         (zipped("planning.json"), None),
     ],
 )

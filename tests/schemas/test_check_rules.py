@@ -39,7 +39,7 @@ def only_fault(report: CheckReport) -> tuple[FaultCode, Fault]:
         ([], FaultCode.WRONG_WAYPOINT_COUNT, "", "0 waypoints"),
         ([[0, 0]] * 5, FaultCode.WRONG_WAYPOINT_COUNT, "", "5 waypoints"),
         ([[1, 0]] * 7, FaultCode.WRONG_WAYPOINT_COUNT, "", "7 waypoints"),
-        ([0.0] * 12, FaultCode.WRONG_WAYPOINT_SHAPE, "", "one flat list of 12 numbers"),
+        ([0.0] * 12, FaultCode.WRONG_WAYPOINT_SHAPE, "", "one flat list, read as x1, y1"),
         ([[0, 0]] * 5 + [[0]], FaultCode.WRONG_WAYPOINT_SHAPE, "[5]", "a list of 1 value"),
         ([[0, 0]] * 5 + [None], FaultCode.WRONG_WAYPOINT_SHAPE, "[5]", "null"),
         ([[0, 0]] * 5 + [[0, True]], FaultCode.WRONG_TYPE, "[5][1]", "true"),
@@ -89,8 +89,8 @@ def test_predictions_by_sample_id_are_explained(planning: dict[str, Any], checke
     code, fault = only_fault(checked(planning))
     assert (code, fault.path) == (FaultCode.WRONG_TYPE, "$.predictions")
     assert fault.hint == (
-        "write a list; the sample id stands inside each prediction "
-        "(exceptiondrive convert makes a submission of it)"
+        "write a list; the sample id stands inside each prediction: "
+        "`exceptiondrive convert FILE` does"
     )
 
 

@@ -7,6 +7,7 @@ import json
 import random
 from array import array
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import pytest
 from tests.support import realdata
@@ -15,6 +16,7 @@ from tests.support.extract import make_extract
 from exceptiondrive_schemas.check import check, source_fit
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.source_fit import (
+    UNITS_M,
     Points,
     at_times,
     file_profile,
@@ -54,12 +56,14 @@ MISTAKES: dict[str, Mistake] = {
     "--rotate -90": lambda points: rotated(points, 1),
     "--rotate 90": lambda points: rotated(points, -1),
     "--rotate 180": lambda points: rotated(points, 2),
-    "--centimetres": lambda points: scaled(points, 100.0),
+    **{f"--unit {unit}": partial(scaled, factor=1 / metres) for unit, metres in UNITS_M.items()},
     "--cumulative": increments,
     "--reverse": lambda points: points[::-1],
-    **{f"--time-step-s {step:g}": sampled(step) for step in (0.05, 0.1, 0.25, 1.0, 2.5, 5.0)},
+    **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5, 5.0)},
 }
 """By the option of `convert` that mends it, what a planner's author did wrong."""
+TOO_SHORT = {step: sampled(step) for step in (0.05, 0.1, 0.2, 0.25)}
+"""Waypoints so far apart that the last one comes before the horizon: nothing mends that."""
 
 
 def pairs_of(sources: Drives, edited: Drives | None = None) -> dict[str, TrajectoryPair]:
@@ -131,8 +135,89 @@ def test_each_mistake_is_named_with_what_mends_it(
     assert profile.mend.convert_option == option
     assert profile.mend.error > profile.mend.mended_error
     (sentence,) = profile.warnings
-    assert f"{profile.mend.error:.0%}" in sentence
-    assert f"{profile.mend.mended_error:.0%} after `exceptiondrive convert {option}`" in sentence
+    assert f"{profile.mend.error:.0%} as they are" in sentence
+    assert f"are {profile.mend.mended_error:.0%} of the driven distance" in sentence
+    assert sentence.endswith(f"mend it by `exceptiondrive convert FILE {option}`.")
+
+
+@pytest.mark.parametrize("step_s", TOO_SHORT)
+def test_waypoints_that_end_too_early_are_named_and_no_cure_is_promised(
+    step_s: float, planned: Drives, recorded: Drives, protocol: ProtocolDocument
+) -> None:
+    profile = profile_of(pairs_of(changed(planned, TOO_SHORT[step_s])), protocol, recorded)
+    assert profile.mend is not None
+    assert profile.mend.convert_option is None
+    (sentence,) = profile.warnings
+    assert f"waypoints {step_s:g} s apart (the last at {6 * step_s:g} s, where 3 s" in sentence
+    assert "`" not in sentence
+
+
+def standing(points: Points) -> Points:
+    return [(0.0, 0.0)] * len(points)
+
+
+def at_pace(pace_mps: float) -> Mistake:
+    return lambda points: [(pace_mps * 0.5 * step, 0.0) for step in range(1, len(points) + 1)]
+
+
+def steady(points: Points) -> Points:
+    """At the speed of the first step, straight ahead."""
+    return [(points[0][0] * step, 0.0) for step in range(1, len(points) + 1)]
+
+
+def beside(points: Points) -> Points:
+    """In the next lane."""
+    return [(x, y + 3.5 * step / 6) for step, (x, y) in enumerate(points, start=1)]
+
+
+def stopping(points: Points) -> Points:
+    shares = (0.9, 0.7, 0.5, 0.4, 0.35, 0.3)
+    return [(x * share, y * share) for (x, y), share in zip(points, shares, strict=True)]
+
+
+def backing(points: Points) -> Points:
+    return [(-0.3 * step, 0.0) for step in range(1, len(points) + 1)]
+
+
+INNOCENT: dict[str, Mistake] = {
+    "stands": standing,
+    "creeps": at_pace(0.4),
+    "always at 30 km/h": at_pace(8.33),
+    "always at 130 km/h": at_pace(36.1),
+    "goes straight on": steady,
+    "drives beside the recorded path": beside,
+    "stops before everything": stopping,
+    "at 0.7 of the pace": partial(scaled, factor=0.7),
+    "at 0.3 of the pace": partial(scaled, factor=0.3),
+    "at 1.4 of the pace": partial(scaled, factor=1.4),
+    "backs away": backing,
+    "is the recorded drive": list,
+}
+"""What planners do, well or badly, without a mistake in their files."""
+
+
+@pytest.mark.parametrize("planner", INNOCENT)
+def test_no_planner_is_told_to_convert_what_it_means(
+    planner: str, planned: Drives, recorded: Drives, protocol: ProtocolDocument
+) -> None:
+    sources = changed(recorded, INNOCENT[planner])
+    edited = changed(recorded, braked)
+    for answers in (edited, sources, changed(recorded, standing)):
+        assert profile_of(pairs_of(sources, answers), protocol, recorded).mend is None
+
+
+def test_guesses_at_random_get_no_advice(recorded: Drives, protocol: ProtocolDocument) -> None:
+    for seed in range(5):
+        chance = random.Random(seed)
+        wild = {
+            sample_id: [(chance.gauss(0, 20), chance.gauss(0, 20)) for _ in points]
+            for sample_id, points in recorded.items()
+        }
+        others = dict(
+            zip(recorded, chance.sample(list(recorded.values()), len(recorded)), strict=True)
+        )
+        for sources in (wild, others):
+            assert profile_of(pairs_of(sources), protocol, recorded).mend is None
 
 
 def test_source_and_edited_exchanged_are_named(

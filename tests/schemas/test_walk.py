@@ -1,4 +1,4 @@
-"""The 45 broken files of an outside reader's walk: what the report says of each mends it.
+"""The 45 broken files of an outside reader's walk, and more: what the report says mends them.
 
 Each is made from one sound file, and checked with the manifest of its split, which tells the
 recorded drives. A row says which faults there are, how they are counted, and the words without
@@ -204,12 +204,12 @@ WALK: dict[str, Row] = {
     "NaN and Infinity": Row(
         lambda: first(put(float("nan"))),
         {"non_finite": f"1 number in 1 of {N} samples"},
-        ["write null in place of the whole trajectory", "convert --null-invalid"],
+        ["write null in place of the whole trajectory", "convert FILE --null-invalid"],
     ),
     "a huge number": Row(
         lambda: first(put(10**400)),
         {"non_finite": f"1 number in 1 of {N} samples"},
-        ["too large to hold", "convert --null-invalid"],
+        ["too large to hold", "convert FILE --null-invalid"],
     ),
     "null inside a trajectory": Row(
         lambda: first(put(None)),
@@ -219,15 +219,19 @@ WALK: dict[str, Row] = {
     "x right, y forward": Row(
         lambda: paths(lambda path: rotated(path, 1)),
         {"wrong_frame": "1 fault"},
-        ["looks like x right / y forward: swap to (y, -x) (exceptiondrive convert --rotate -90)"],
+        [
+            "looks like x right / y forward: swap to (y, -x), `exceptiondrive convert FILE --rotate -90`"
+        ],
     ),
     "x and y exchanged": Row(
         lambda: paths(swapped),
         {"wrong_frame": "1 fault"},
-        ["looks like x and y exchanged (x left, y forward): exceptiondrive convert --swap"],
+        ["looks like x and y exchanged (x left, y forward): `exceptiondrive convert FILE --swap`"],
     ),
     "mirrored": Row(
-        lambda: paths(mirrored), {}, ["looks like mirrored (y to the right)", "convert --mirror"]
+        lambda: paths(mirrored),
+        {},
+        ["looks like mirrored (y to the right)", "convert FILE --mirror"],
     ),
     "global": Row(
         lambda: paths(lambda path: [(x + 365_000.0, y + 143_000.0) for x, y in path]),
@@ -242,7 +246,7 @@ WALK: dict[str, Row] = {
     "centimetres": Row(
         lambda: paths(lambda path: scaled(path, 100)),
         {"wrong_frame": "1 fault"},
-        ["100 times too large", "convert --centimetres"],
+        ["m/s: looks like centimetres", "convert FILE --unit centimetres"],
     ),
     "missing samples": Row(
         lambda: outer(predictions=predictions()[40:]),
@@ -261,21 +265,25 @@ WALK: dict[str, Row] = {
         {"unknown_sample": "1 sample"},
         ["take the ids from the split's manifest"],
     ),
-    "CSV": Row(as_csv, {"not_json": "1 fault"}, ["looks like CSV; exceptiondrive convert makes"]),
+    "CSV": Row(
+        as_csv,
+        {"not_json": "1 fault"},
+        ["looks like CSV with commas; `exceptiondrive convert FILE --split extract` makes"],
+    ),
     "JSON lines": Row(
         lambda: b"\n".join(map(as_bytes, predictions())),
         {"trailing_data": "1 fault"},
-        ["looks like JSON lines; exceptiondrive convert makes a submission of it"],
+        ["looks like JSON lines; `exceptiondrive convert FILE --split extract` makes"],
     ),
     "a bare list": Row(
         lambda: as_bytes(predictions()),
         {"wrong_type": "1 value"},
-        ["looks like a bare list of predictions; exceptiondrive convert makes"],
+        ["a bare list of predictions; `exceptiondrive convert FILE --split extract` makes"],
     ),
     "by sample id": Row(
         lambda: as_bytes({each.pop("sample_id"): each for each in predictions()}),
         {"wrong_type": "1 value"},
-        ["looks like an object by sample id; exceptiondrive convert makes", "160 objects"],
+        ["160 objects under other keys", "`exceptiondrive convert FILE --split extract` makes"],
     ),
     "zip": Row(in_zip, {"wrong_file_kind": "1 fault"}, ["a zip archive", "send JSON"]),
     "tar.gz": Row(in_tar, {"wrong_file_kind": "1 fault"}, ["a tar archive", "send JSON"]),
@@ -298,12 +306,12 @@ WALK: dict[str, Row] = {
     "a byte order mark": Row(
         lambda: b"\xef\xbb\xbf" + as_bytes(sound()),
         {"byte_order_mark": "1 fault"},
-        ["save it as UTF-8 without", "exceptiondrive convert writes the file without it"],
+        ["save it as UTF-8 without", "`exceptiondrive convert FILE` writes it without"],
     ),
     "UTF-16": Row(
         lambda: as_bytes(sound()).decode().encode("utf-16"),
         {"wrong_file_kind": "1 fault"},
-        ["UTF-16 text"],
+        ["UTF-16 or UTF-32 text", "`exceptiondrive convert FILE --split extract` makes"],
     ),
     "Latin-1": Row(
         lambda: as_bytes(sound()).replace(b"scene_0000/01", b"sc\xe8ne_0000/01"),
@@ -313,40 +321,43 @@ WALK: dict[str, Row] = {
     "60 waypoints": Row(
         lambda: paths(lambda path: [(0.1 * step, 0.0) for step in range(1, 61)]),
         {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
-        ["60 waypoints", "exceptiondrive convert --time-step-s S, S the planner's own"],
+        [
+            "60 waypoints",
+            "`exceptiondrive convert FILE --time-step-s S --truncate`, S the planner's own",
+        ],
     ),
     "0.1 s apart": Row(
         lambda: paths(sampled(0.1)),
         {},
-        ["looks like waypoints 0.1 s apart", "convert --time-step-s 0.1"],
+        ["looks like waypoints 0.1 s apart (the last at 0.6 s", "no conversion can mend that"],
     ),
     "1 s apart": Row(
         lambda: paths(sampled(1.0)),
         {},
-        ["looks like waypoints 1 s apart", "convert --time-step-s 1"],
+        ["looks like waypoints 1 s apart", "convert FILE --time-step-s 1 --truncate"],
     ),
     "increments": Row(
         lambda: paths(increments),
         {},
-        ["looks like increments instead of positions", "convert --cumulative"],
+        ["looks like increments instead of positions", "convert FILE --cumulative"],
     ),
     "reversed time": Row(
         lambda: paths(lambda path: path[::-1]),
         {"step_too_long": f"19 steps in 19 of {N} samples"},
-        ["looks like reversed in time", "convert --reverse"],
+        ["looks like reversed in time", "convert FILE --reverse"],
     ),
     "source and edited exchanged": Row(
-        exchanged, {}, ["looks like source and edited exchanged", "convert --exchange"]
+        exchanged, {}, ["looks like source and edited exchanged", "convert FILE --exchange"]
     ),
     "strings for numbers": Row(
         lambda: paths(lambda path: [(str(x), str(y)) for x, y in path]),
         {"wrong_type": f"{24 * N:,} values {ALL}"},
-        ["write numbers as numbers, without quotes"],
+        ["write numbers as numbers, without quotes", "`exceptiondrive convert FILE` does"],
     ),
     "a list of modes": Row(
         lambda: paths(lambda path: [path, path, path]),
         {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["a list of 3 trajectories", "not several modes", "convert --mode N"],
+        ["a list of 3 trajectories", "not several modes", "convert FILE --mode 0"],
     ),
     "a trailing comma": Row(
         lambda: as_bytes(sound())[:-2] + b",]}",
@@ -397,12 +408,12 @@ WALK: dict[str, Row] = {
     "t = 0 included": Row(
         lambda: paths(lambda path: [(0, 0), *path]),
         {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
-        ["leave out (0, 0) at t = 0", "exceptiondrive convert does"],
+        ["leave out (0, 0) at t = 0", "`exceptiondrive convert FILE` does"],
     ),
     "a heading column": Row(
         lambda: paths(lambda path: [(x, y, 0.1) for x, y in path]),
         {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
-        ["without heading, z or time", "exceptiondrive convert does"],
+        ["without heading, z or time", "`exceptiondrive convert FILE` does"],
     ),
     "no schema and a foreign key": Row(
         lambda: as_bytes(
@@ -426,10 +437,167 @@ WALK: dict[str, Row] = {
 }
 
 
+def as_points(path: Path6) -> Any:
+    return [{"x": x, "y": y, "heading": 0.1} for x, y in path]
+
+
+def longer(step_s: float, n: int, *, with_start: bool = False) -> Callable[[Path6], Any]:
+    """Sample the path more finely or coarsely, and go on straight beyond its end."""
+
+    def sample(path: Path6) -> Any:
+        (x0, y0), (x1, y1) = path[-2:]
+        beyond = [(x1 + k * (x1 - x0), y1 + k * (y1 - y0)) for k in range(1, 20)]
+        start = [(0.0, 0.0)] if with_start else []
+        times_s = [step_s * step for step in range(1, n + 1)]
+        return start + at_times([*path, *beyond], 0.5, times_s)
+
+    return sample
+
+
+def with_decimal_commas() -> bytes:
+    rows = as_csv().decode().splitlines()
+    return "\r\n".join(row.replace(",", ";").replace(".", ",") for row in rows).encode()
+
+
+def by_side() -> bytes:
+    return as_bytes(
+        {
+            side: {each["sample_id"]: each[side] for each in predictions()}
+            for side in ("source", "edited")
+        }
+    )
+
+
+def in_columns() -> bytes:
+    columns = ("sample_id", "source", "edited")
+    return as_bytes({key: [each[key] for each in predictions()] for key in columns})
+
+
+CONVERT = "`exceptiondrive convert FILE"
+WITH_SPLIT = f"{CONVERT} --split extract`"
+MORE: dict[str, Row] = {
+    "all under one key": Row(
+        lambda: as_bytes({"results": sound()}),
+        {"wrong_type": "1 value"},
+        ['everything under the key "results"', WITH_SPLIT],
+    ),
+    "results beside their meta data": Row(
+        lambda: as_bytes(
+            {
+                "meta": {"use_camera": True},
+                "results": {e.pop("sample_id"): e for e in predictions()},
+            }
+        ),
+        {"wrong_type": "1 value"},
+        ['everything under the key "results"', WITH_SPLIT],
+    ),
+    "predictions by another name": Row(
+        lambda: as_bytes(
+            {"results" if key == "predictions" else key: value for key, value in sound().items()}
+        ),
+        {"unknown_key": "1 key", "missing_key": "1 key"},
+        ['are they under "results"?', f"{CONVERT}` renames it"],
+    ),
+    "each side by sample id": Row(
+        by_side, {"wrong_type": "1 value"}, ["2 objects under other keys", WITH_SPLIT]
+    ),
+    "columns": Row(
+        in_columns, {"wrong_type": "1 value"}, ["3 objects under other keys", WITH_SPLIT]
+    ),
+    "UTF-16 without a mark": Row(
+        lambda: as_bytes(sound()).decode().encode("utf-16-le"),
+        {"wrong_file_kind": "1 fault"},
+        ["UTF-16 or UTF-32 text", WITH_SPLIT],
+    ),
+    "CSV with semicolons": Row(
+        with_decimal_commas, {"not_json": "1 fault"}, ["looks like CSV with semicolons", WITH_SPLIT]
+    ),
+    "CSV with tabs": Row(
+        lambda: as_csv().replace(b",", b"\t"),
+        {"not_json": "1 fault"},
+        ["looks like CSV with tabs", WITH_SPLIT],
+    ),
+    "NaN as a text": Row(
+        lambda: first(put("NaN"), 3),
+        {"wrong_type": f"3 values in 3 of {N} samples"},
+        ["null stands for the whole trajectory", f"{CONVERT} --null-invalid`"],
+    ),
+    "waypoints as objects": Row(
+        lambda: paths(as_points),
+        {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
+        ["write [x, y]", f"{CONVERT}` does"],
+    ),
+    "flat lists": Row(
+        lambda: paths(lambda path: [number for point in path for number in point]),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["one flat list, read as x1, y1", f"{CONVERT}` reads it"],
+    ),
+    "a row of x and a row of y": Row(
+        lambda: paths(lambda path: list(zip(*path, strict=True))),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["a row of x and a row of y", f"{CONVERT}` reads it"],
+    ),
+    "lists of x and of y": Row(
+        lambda: paths(lambda path: {"x": [x for x, _ in path], "y": [y for _, y in path]}),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["an object with a list of x and a list of y", f"{CONVERT}` reads it"],
+    ),
+    "waypoints under a key": Row(
+        lambda: paths(lambda path: {"poses": path}),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ['under the key "poses"', f"{CONVERT}` reads it"],
+    ),
+    "times before x and y": Row(
+        lambda: paths(lambda path: [(0.5 * t, x, y) for t, (x, y) in enumerate(path, start=1)]),
+        {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
+        ["without heading, z or time", f"{CONVERT}` does"],
+    ),
+    "feet": Row(
+        lambda: paths(lambda path: scaled(path, 1 / 0.3048)),
+        {},
+        ["looks like feet", f"{CONVERT} --unit feet`"],
+    ),
+    "kilometres": Row(
+        lambda: paths(lambda path: scaled(path, 0.001)),
+        {},
+        ["looks like kilometres", f"{CONVERT} --unit kilometres`"],
+    ),
+    "millimetres": Row(
+        lambda: paths(lambda path: scaled(path, 1000)),
+        {"wrong_frame": "1 fault"},
+        ["looks like millimetres", f"{CONVERT} --unit millimetres`"],
+    ),
+    "8 s": Row(
+        lambda: paths(longer(0.5, 16)),
+        {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
+        ["looks like 16 waypoints 0.5 s apart", f"{CONVERT} --time-step-s 0.5 --truncate`"],
+    ),
+    "10 a second, from t = 0 on": Row(
+        lambda: paths(longer(0.1, 60, with_start=True)),
+        {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
+        ["looks like 60 waypoints 0.1 s apart", f"{CONVERT} --time-step-s 0.1 --truncate`"],
+    ),
+    "one a second": Row(
+        lambda: paths(longer(1.0, 3)),
+        {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
+        ["looks like 3 waypoints 1 s apart", f"{CONVERT} --time-step-s 1`"],
+    ),
+    "y backward": Row(
+        lambda: paths(lambda path: rotated(path, -1)),
+        {"wrong_frame": "1 fault"},
+        ["looks like x left / y backward", f"{CONVERT} --rotate 90`"],
+    ),
+}
+"""More of them, met or thought of since."""
+
+
+ALL_FILES = WALK | MORE
+
+
 def report_of(name: str) -> CheckReport:
     challenge = "planning" if name == "another challenge" else None
     return check_bytes(
-        WALK[name].make(),
+        ALL_FILES[name].make(),
         protocol=packaged_protocol(),
         manifest=MANIFEST,
         challenge=challenge,  # type: ignore[arg-type]
@@ -447,21 +615,26 @@ def test_the_file_that_they_come_from_is_sound() -> None:
     assert report.profile.warnings == ()
 
 
-@pytest.mark.parametrize("name", WALK)
-def test_the_report_says_what_mends_the_file(name: str) -> None:
-    report = report_of(name)
-    found = {group.code.value: group.extent(report.n_predictions) for group in report.faults}
-    assert found == WALK[name].faults
+def said_of(report: CheckReport) -> str:
+    """Return all words of a report."""
     examples = [each for group in report.faults for each in group.examples]
     said = [group.message for group in report.faults] + list(report.notes)
     said += [text for each in examples for text in (each.got, each.expected, each.hint) if text]
     said += report.profile.warnings if report.profile else ()
-    text = "\n".join(said)
-    for words in WALK[name].words:
+    return "\n".join(said)
+
+
+@pytest.mark.parametrize("name", ALL_FILES)
+def test_the_report_says_what_mends_the_file(name: str) -> None:
+    report = report_of(name)
+    found = {group.code.value: group.extent(report.n_predictions) for group in report.faults}
+    assert found == ALL_FILES[name].faults
+    text = said_of(report)
+    for words in ALL_FILES[name].words:
         assert words in text
 
 
-@pytest.mark.parametrize("name", WALK)
+@pytest.mark.parametrize("name", ALL_FILES)
 def test_every_sample_with_a_fault_is_named_and_one_example_of_each_is_shown(name: str) -> None:
     for group in report_of(name).faults:
         assert len(group.sample_ids) == group.n_samples == len(set(group.sample_ids))

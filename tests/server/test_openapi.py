@@ -1,5 +1,6 @@
 """The OpenAPI document, and the API held to it by generated requests (schemathesis)."""
 
+import html
 import json
 import re
 from collections import Counter
@@ -21,6 +22,11 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.guide.operations import METHODS
+from exceptiondrive_server.guide.operations import operations as by_tag
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
@@ -63,6 +69,30 @@ def test_every_error_is_documented_as_a_problem_and_422_is_not(api: "Api") -> No
         for status, response in responses.items():
             if status == "default" or (status >= "400" and path != "/readyz"):
                 assert list(response["content"]) == ["application/problem+json"], (path, status)
+
+
+def test_the_api_page_says_what_each_operation_takes_and_answers(api: "Api") -> None:
+    description = api.app.openapi()
+    text = api.client.get("/api").text
+    told = [one for group in by_tag(description).values() for one in group]
+    n = sum(len(set(item) & set(METHODS)) for item in description["paths"].values())
+    assert len(told) == n == text.count("<details id=")
+    assert len({one.anchor for one in told}) == n
+    board = next(one for one in told if one.path == "/api/v1/leaderboard")
+    sort = next(each for each in board.asks if each.name == "sort")
+    assert (sort.where, sort.is_required, sort.type_words) == ("query", False, "string, else rank")
+    assert board.schema == "Board"
+    assert {"entries", "families"} <= {each.name for each in board.answers}
+    shown = Board.model_validate_json(board.sample)
+    assert (len(shown.entries), shown.challenge) == (1, PLANNING.id)
+    assert '"rank_interval"' in html.unescape(text)
+    upload = next(one for one in told if (one.method, one.path) == ("POST", "/api/v1/submissions"))
+    assert upload.takes_token
+    assert ("file", "body", True) in {(it.name, it.where, it.is_required) for it in upload.asks}
+    assert "quota_exceeded" in upload.problems
+    assert all(set(one.problems) <= set(ProblemCode) for one in told)
+    listed = next(one for one in told if one.path == "/api/v1/boards")
+    assert listed.schema == "list of BoardHistoryLine"
 
 
 def test_every_operation_says_what_it_does_and_belongs_somewhere(api: "Api") -> None:

@@ -7,6 +7,7 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
+from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.tables import report_view
 from exceptiondrive.conversion import (
@@ -23,6 +24,7 @@ from exceptiondrive.pair_files import read_pairs
 from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check.source_fit import UNITS_M
 from exceptiondrive_schemas.printable import counted
 
 MAX_OFFSET_M = 20.0
@@ -68,9 +70,15 @@ def convert(
         int | None,
         typer.Option("--mode", metavar="N", min=0, help="Which of several modes, from 0."),
     ] = None,
-    centimetres: Annotated[
-        bool, typer.Option("--centimetres", help="The numbers are centimetres.")
-    ] = False,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit",
+            metavar="UNIT",
+            autocompletion=choices(*UNITS_M),
+            help=f"What the numbers are: {', '.join(UNITS_M)}.",
+        ),
+    ] = None,
     swap: Annotated[bool, typer.Option("--swap", help="Exchange x and y.")] = False,
     rotate: Annotated[
         int | None,
@@ -133,6 +141,8 @@ def convert(
         raise InvalidArgumentError("wrong_option", "--rotate must be 90, -90 or 180.")
     if follows not in get_args(FollowedPoint):
         raise InvalidArgumentError("wrong_option", "--follows must be sensor or rear-axle.")
+    if unit not in (None, *UNITS_M):
+        raise InvalidArgumentError("wrong_option", f"--unit must be one of {', '.join(UNITS_M)}.")
     if not abs(origin_offset_m) <= MAX_OFFSET_M:
         raise InvalidArgumentError(
             "wrong_option", f"--origin-offset-m must be within {MAX_OFFSET_M:g} m."
@@ -142,7 +152,12 @@ def convert(
             "wrong_option", f"--time-step-s must be within {rules.geometry.horizon_s:g} s."
         )
     form = planner_form(planner or "trajectories") if source_run or edited_run else None
-    pairs, split_of_files = _read(files or [], form, source_run or [], edited_run or [], mode)
+    forms: dict[str, None] = {}
+    pairs, split_of_files = (
+        _read_runs(form, files, source_run or [], edited_run or [], mode)
+        if form is not None or not files
+        else read_pairs(files, mode, forms.setdefault)
+    )
     known = None if manifest is None else given_manifest(manifest)
     split = split or split_of_files or (known.name if known else None)
     if split is None:
@@ -153,7 +168,7 @@ def convert(
         pairs,
         ConversionPlan(
             geometry=rules.geometry,
-            centimetres=centimetres,
+            unit=unit,
             swap=swap,
             rotate_deg=(form.rotate_deg if form else 0) if rotate is None else rotate,
             mirror=mirror,
@@ -173,19 +188,18 @@ def convert(
         raise InvalidFileError(report, f"The result is not valid; {output} was not written.")
     size_bytes = write_file(output, text)
     facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
-    facts |= {"size_bytes": size_bytes, "done": list(outcome.done), "nulled": list(outcome.nulled)}
-    show_result(facts, json, *_done(outcome), *report_view(report, str(output)))
+    done = (*(f"read {form_read}" for form_read in forms), *outcome.done)
+    facts |= {"size_bytes": size_bytes, "done": list(done), "nulled": list(outcome.nulled)}
+    show_result(facts, json, *_said(done, outcome), *report_view(report, str(output)))
 
 
-def _read(
-    files: list[Path],
+def _read_runs(
     form: PlannerForm | None,
+    files: list[Path] | None,
     source_run: list[Path],
     edited_run: list[Path],
     mode: int | None,
-) -> tuple[tuple[RawPair, ...], str | None]:
-    if form is None and files:
-        return read_pairs(files, mode)
+) -> tuple[tuple[RawPair, ...], None]:
     if form is None or files:
         raise InvalidArgumentError(
             "wrong_option",
@@ -194,8 +208,8 @@ def _read(
     return read_runs(form, source_run, edited_run, mode), None
 
 
-def _done(outcome: Conversion) -> list[str]:
-    lines = [f"- {sentence}" for sentence in outcome.done or ("nothing had to be changed",)]
+def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
+    lines = [f"- {sentence}" for sentence in done or ("nothing had to be changed",)]
     return [
         *lines,
         *(f"  null: {where}" for where in outcome.nulled),

@@ -7,12 +7,16 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
-from exceptiondrive.cli.output import say, show_result
+from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
-from exceptiondrive.errors import ExceptionDriveError
+from exceptiondrive.errors import ExceptionDriveError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
 
+SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
+OutputOption = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else named by what it is.")
+]
 TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
@@ -136,7 +140,7 @@ def refuse_team(
 
 
 def retry_submission(
-    submission_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")],
+    submission_id: SubmissionId,
     reason: phase_commands.ReasonOption,
     server: options.Server = None,
     json: options.Json = False,
@@ -145,6 +149,114 @@ def retry_submission(
     with open_organizer(server) as organizer:
         submission = organizer.retry_submission(submission_id, reason)
     show_result(submission, json, f"submission {submission['id']} queued again")
+
+
+def show_story(
+    submission_id: SubmissionId, server: options.Server = None, json: options.Json = False
+) -> None:
+    """Show a submission and everything that ever happened to it.
+
+    Scores of all submissions are listed by `exceptiondrive submissions` with an organizer's token.
+    """
+    with open_organizer(server) as organizer:
+        story = organizer.story(submission_id)
+    one = story["submission"]
+    recomputed = (
+        f"recomputed {utc_text(item['asked_at'])}: {item['state']}" for item in story["recomputed"]
+    )
+    told = (f"told {utc_text(item['created_at'])}: {item['title']}" for item in story["notices"])
+    show_result(
+        story,
+        json,
+        f"{one['id']}  {one['method']} of {one['team']}, {one['phase']}, {one['status']}, "
+        f"rank {one['rank'] or '-'}",
+        *recomputed,
+        *told,
+        records_table(story["audit"], ("id", "at", "actor", "action")),
+    )
+
+
+def verify_submission(
+    submission_id: SubmissionId,
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Recompute its score from the upload and demand every bit again; exit code 1 if it differs."""
+    with open_organizer(server) as organizer:
+        found = organizer.verify_submission(submission_id, reason)
+        rescore_commands.follow_verification(organizer.rescoring, found, json)
+
+
+def restore_submission(
+    submission_id: SubmissionId,
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Let a withdrawn submission stand again, at its old place in time."""
+    with open_organizer(server) as organizer:
+        submission = organizer.restore_submission(submission_id, reason)
+    show_result(submission, json, f"submission {submission['id']} is {submission['status']}")
+
+
+def write_about(
+    submission_id: SubmissionId,
+    words: Annotated[
+        str,
+        typer.Option("--words", metavar="TEXT", help="What the team is told; no address shows."),
+    ],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Tell its team something about it: in its inbox, and at every confirmed address."""
+    with open_organizer(server) as organizer:
+        notice = organizer.write_about(submission_id, words)
+    show_result(notice, json, f"{notice['team']} is told: notice {notice['id']}")
+
+
+def download_upload(
+    submission_id: SubmissionId,
+    output: OutputOption = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Get the bytes that a team sent; the audit log says who had them."""
+    with open_organizer(server) as organizer:
+        data = organizer.download_upload(submission_id)
+    show_saved(output or Path(upload_name(submission_id, data)), data, json)
+
+
+def download_story(
+    submission_id: SubmissionId,
+    output: OutputOption = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
+    with open_organizer(server) as organizer:
+        data = organizer.download_story(submission_id)
+    show_saved(output or Path(f"submission-{submission_id}.tar"), data, json)
+
+
+def download_archive(
+    team: Annotated[
+        str | None, typer.Option("--team", metavar="TEAM", help="Only of this team.")
+    ] = None,
+    phase: Annotated[
+        str | None, typer.Option("--phase", metavar="ID", help="Only of this phase.")
+    ] = None,
+    status: Annotated[
+        str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
+    ] = None,
+    output: OutputOption = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Get the uploads that match as a tar; its last member, manifest.json, says what each is."""
+    with open_organizer(server) as organizer:
+        data = organizer.download_archive(team, phase, status)
+    show_saved(output or Path("submissions.tar"), data, json)
 
 
 def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
@@ -182,10 +294,11 @@ def revoke_token(
 
 
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
-    """List all protocols, oldest first."""
+    """List all protocols, drafts too, oldest first."""
     with open_organizer(server) as organizer:
         found = organizer.protocols()
-    show_result(found, json, records_table(found, ("version", "title", "digest")))
+    rows = [one | {"readers": "no, a draft" if one["is_draft"] else "yes"} for one in found]
+    show_result(found, json, records_table(rows, ("version", "title", "readers", "digest")))
 
 
 def add_protocol(
@@ -201,6 +314,18 @@ def add_protocol(
         added = organizer.add_protocol(toml)
     what = "is there already, nothing was added" if added["digest"] in known else "added"
     show_result(added, json, f"protocol {added['version']} {what}, {added['digest']}")
+
+
+def delete_protocol(
+    version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
+    with open_organizer(server) as organizer:
+        gone = organizer.delete_protocol(version, reason)
+    show_result(gone, json, f"protocol {gone['version']} deleted")
 
 
 def list_splits(server: options.Server = None, json: options.Json = False) -> None:
@@ -285,6 +410,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {
             "list": list_protocols,
             "add": add_protocol,
+            "delete": delete_protocol,
             "check": check_protocol,
             "diff": diff_protocol,
         },
@@ -293,7 +419,19 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "Protocol updates: score in the background, compare, apply.",
         rescore_commands.COMMANDS,
     ),
-    "submissions": ("Submissions of all teams.", {"retry": retry_submission}),
+    "submissions": (
+        "Submissions of all teams; `exceptiondrive submissions` lists them with their scores.",
+        {
+            "show": show_story,
+            "retry": retry_submission,
+            "verify": verify_submission,
+            "restore": restore_submission,
+            "note": write_about,
+            "download": download_upload,
+            "folder": download_story,
+            "archive": download_archive,
+        },
+    ),
     "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),

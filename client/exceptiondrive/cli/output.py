@@ -4,13 +4,14 @@ import json
 import re
 import sys
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from exceptiondrive.errors import ExceptionDriveError, InvalidFileError
+from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, InvalidFileError
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.printable import printable
 
@@ -79,6 +80,29 @@ def show_result(result: Any, as_json: bool, *words: RenderableType) -> None:
         show_document(result)
     else:
         show_json(result)
+
+
+def show_saved(path: Path, data: bytes, as_json: bool) -> None:
+    """Write a new file, never over another one, and say which.
+
+    Raises:
+        InvalidArgumentError: It is there already, or cannot be written.
+    """
+    try:
+        with path.open("xb") as file:
+            file.write(data)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "not_written", f"{path} cannot be written: {error.strerror}."
+        ) from None
+    size = len(data)
+    show_result({"file": str(path), "size_bytes": size}, as_json, f"{path}  {size:,} bytes")
+
+
+def upload_name(submission_id: str, data: bytes) -> str:
+    """Return the name of a downloaded upload, which is gzip or plain JSON."""
+    suffix = ".json.gz" if data.startswith(b"\x1f\x8b") else ".json"
+    return submission_id + suffix
 
 
 def say(text: str) -> None:

@@ -108,6 +108,18 @@ def feature(
     _show(phase, json)
 
 
+def delete(
+    phase_id: PhaseArgument,
+    reason: ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Delete a phase in which nothing was submitted or rescored; others are archived or hidden."""
+    with open_organizer(server) as organizer:
+        phase = organizer.delete_phase(phase_id, reason)
+    show_result(phase, json, f"phase {phase['id']} deleted")
+
+
 def freeze(
     phase_id: PhaseArgument,
     reason: ReasonOption,
@@ -242,6 +254,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "show": show_phase,
     "update": with_settings(update, PhaseChange),
     "feature": feature,
+    "delete": delete,
     "freeze": freeze,
     "reveal": reveal,
 }

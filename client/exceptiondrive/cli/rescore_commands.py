@@ -133,9 +133,18 @@ def verify(
     """Recompute sheets from the uploads and demand every bit again; exit code 1 if one differs."""
     with _rescoring(server) as rescoring:
         found = rescoring.start_verification(phase, _sample_size(sample), reason)
-        version = found["protocol"]["version"]
-        say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {version}")
-        found = _verified(rescoring, found)
+        follow_verification(rescoring, found, json)
+
+
+def follow_verification(rescoring: Rescoring, found: Record, json: bool) -> None:
+    """Wait until every sheet has come to an end, and show what came of it.
+
+    Raises:
+        typer.Exit: A sheet differs, or could not be made again.
+    """
+    version = found["protocol"]["version"]
+    say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {version}")
+    found = _verified(rescoring, found)
     _show_verification(found, json)
     if found["n_equal"] != found["n_sheets"]:
         raise typer.Exit(ExceptionDriveError.exit_code)

@@ -14,6 +14,8 @@ from exceptiondrive.cli.output import (
     show_document,
     show_json,
     show_result,
+    show_saved,
+    upload_name,
 )
 from exceptiondrive.cli.progress import TransferBar, WaitLine
 from exceptiondrive.cli.session import open_client
@@ -250,16 +252,7 @@ def download(
     """Get the team's own upload again, bit by bit."""
     with open_client(server) as client:
         data = client.download(submission_id)
-    suffix = ".json.gz" if data.startswith(b"\x1f\x8b") else ".json"
-    path = output or Path(f"{submission_id}{suffix}")
-    try:
-        with path.open("xb") as file:
-            file.write(data)
-    except OSError as error:
-        raise InvalidArgumentError(
-            "not_written", f"{path} cannot be written: {error.strerror}."
-        ) from None
-    show_result({"file": str(path), "size_bytes": len(data)}, json, f"{path}  {len(data):,} bytes")
+    show_saved(output or Path(upload_name(submission_id, data)), data, json)
 
 
 def withdraw(

@@ -32,12 +32,12 @@ from exceptiondrive_schemas.check.json_stream import (
     elements,
     members,
     skip,
-    skip_members,
 )
 from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
 from exceptiondrive_schemas.check.sample_ids import SampleIds
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
-from exceptiondrive_schemas.file_profile import FileProfile
+from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, Manifest
 
@@ -130,10 +130,12 @@ def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
 ROOT_KEYS = ("schema", "split", "predictions")
 
 
-CONVERT = "exceptiondrive convert makes a submission of it"
 COMMENTS = ('"//', '"/*', '"#')
 MAX_HEADER_BYTES = 1024
-MIN_CSV_COMMAS = 2
+CSV_DELIMITERS: Mapping[bytes, str] = MappingProxyType(
+    {b",": "commas", b";": "semicolons", b"\t": "tabs"}
+)
+MIN_CSV_DELIMITERS = 2
 MIN_IDS_AS_KEYS = 2
 """So many objects under keys that do not belong there, and none that does: ids stand as keys."""
 OTHER_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -144,6 +146,12 @@ OTHER_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "strategy": ("answer", "action", "decision"),
     }
 )
+
+
+def convert_advice(manifest: Manifest | None) -> str:
+    """Say how a file that names no split becomes a submission."""
+    name = manifest.name if manifest else "NAME"
+    return f"{CONVERT} --split {name}` makes a submission of it"
 
 
 def meant_key(written: str, absent: Collection[str]) -> str | None:
@@ -191,6 +199,7 @@ class SubmissionReader:
         self._seen: set[str] = set()
         self._reading: Path = ()
         self._n_ids_as_keys = 0
+        self._wrapped_in: list[str] = []
         self._is_of_another_form = False
         self.faults = faults
         self.challenge: ChallengeId | None = None
@@ -224,7 +233,7 @@ class SubmissionReader:
         try:
             return self._read_root()
         except JsonStreamError as error:
-            hint = _form_hint(error, self._data)
+            hint = self._form_hint(error)
             self._refuse(error.code, self._reading, error.expected, error.got, hint=hint)
             self.notes.append("Reading stopped there: what follows was not checked.")
         except _TooManyFaultsError:
@@ -240,7 +249,7 @@ class SubmissionReader:
             return False
         if first == "[":
             expected = "an object with the key `schema`"
-            hint = f"looks like a bare list of predictions; {CONVERT}"
+            hint = f"looks like a bare list of predictions; {self._convert}"
             self._refuse(FaultCode.WRONG_TYPE, (), expected, "a list", hint=hint)
             return False
         for key in members(self._stream):
@@ -255,15 +264,25 @@ class SubmissionReader:
                 (),
                 follows.expected,
                 follows.got,
-                hint=f"looks like JSON lines; {CONVERT}" if are_lines else None,
+                hint=f"looks like JSON lines; {self._convert}" if are_lines else None,
             )
-        elif self._n_ids_as_keys >= MIN_IDS_AS_KEYS and not self._seen:
-            self._is_of_another_form = True
-            got = f"an object with {self._n_ids_as_keys:,} objects under other keys"
-            hint = f"looks like an object by sample id; {CONVERT}"
-            expected = "an object with the keys schema, split and predictions"
-            self._refuse(FaultCode.WRONG_TYPE, (), expected, got, hint=hint)
+        elif not self._seen and (self._n_ids_as_keys or self._wrapped_in):
+            self._refuse_other_form()
         return True
+
+    def _refuse_other_form(self) -> None:
+        """Say what a document without any of our keys looks like, in place of its many faults."""
+        if len(self._wrapped_in) == 1:
+            got = f"everything under the key {quoted(self._wrapped_in[0])}"
+        elif self._n_ids_as_keys >= MIN_IDS_AS_KEYS:
+            got = f"an object with {counted(self._n_ids_as_keys, 'object')} under other keys"
+            got += ": sample ids, or columns"
+        else:
+            return
+        self._is_of_another_form = True
+        expected = "an object with the keys schema, split and predictions"
+        hint = f"looks like another form of it; {self._convert}"
+        self._refuse(FaultCode.WRONG_TYPE, (), expected, got, hint=hint)
 
     def _read_member(self, key: str) -> None:
         self._stop_when_full()
@@ -280,9 +299,30 @@ class SubmissionReader:
         else:
             expected = f"only {', '.join(ROOT_KEYS)}"
             self._refuse(FaultCode.UNKNOWN_KEY, (key,), expected, quoted(key))
-            value = self._stream.value()
-            self._n_ids_as_keys += isinstance(value, dict | list)
-            self._report_repeated(value, (key,))
+            self._look_into(key)
+
+    def _look_into(self, key: str) -> None:
+        """Read over what stands under a foreign key, and note whether it may be the whole file."""
+        first = self._stream.peek()
+        if first not in ("{", "["):
+            self._stream.value()
+            return
+        self._n_ids_as_keys += 1
+        if first == "[":
+            skip(self._stream, lambda at, value: self._report_repeated(value, (key, at)))
+            self._wrapped_in.append(key)
+            return
+        is_wrapper, is_looked_at = False, False
+        for inner in members(self._stream):
+            if inner == "predictions" or is_looked_at or self._stream.peek() != "{":
+                is_wrapper |= inner == "predictions"
+                skip(self._stream)
+                continue
+            value, is_looked_at = self._stream.value(), True
+            self._report_repeated(value, (key, inner))
+            is_wrapper |= any(map(challenge_by_key, value))
+        if is_wrapper:
+            self._wrapped_in.append(key)
 
     def _read_name(self, key: str) -> None:
         value = self._stream.value()
@@ -310,7 +350,7 @@ class SubmissionReader:
         is_object = self._stream.peek() == "{"
         got = "an object" if is_object else kind(self._stream.value())
         hint = (
-            f"write a list; the sample id stands inside each prediction ({CONVERT})"
+            f"write a list; the sample id stands inside each prediction: {CONVERT}` does"
             if is_object
             else None
         )
@@ -318,7 +358,7 @@ class SubmissionReader:
             FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
         )
         if is_object:
-            skip_members(self._stream)
+            skip(self._stream)
 
     def _read_prediction(self, value: Any, index: int) -> None:
         path: Path = ("predictions", index)
@@ -363,7 +403,10 @@ class SubmissionReader:
     def _report_missing_keys(self) -> None:
         for key in ROOT_KEYS:
             if key not in self._seen:
-                self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none")
+                hint = None
+                if key == "predictions" and len(self._wrapped_in) == 1:
+                    hint = f"are they under {quoted(self._wrapped_in[0])}? {CONVERT}` renames it"
+                self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none", hint=hint)
 
     def _report_repeated(self, value: Any, path: Path) -> None:
         if self._stream.has_repeated_keys:
@@ -382,6 +425,24 @@ class SubmissionReader:
         self.unranked_because = rules.unranked_because(len(self._answers), self.profile)
         return rules.document(self.split, self._answers)
 
+    @property
+    def _convert(self) -> str:
+        return convert_advice(self._manifest)
+
+    def _form_hint(self, error: JsonStreamError) -> str | None:
+        """Say what a file that is no JSON probably is."""
+        if error.code is not FaultCode.NOT_JSON:
+            return None
+        if error.got.startswith(COMMENTS):
+            return "looks like a comment: JSON has none, remove it"
+        if self._data.lstrip().startswith((b"{", b"[")):
+            return None
+        first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]
+        for delimiter, name in CSV_DELIMITERS.items():
+            if first_line.count(delimiter) >= MIN_CSV_DELIMITERS:
+                return f"looks like CSV with {name}; {self._convert}"
+        return None
+
     def _refuse(
         self,
         code: FaultCode,
@@ -392,18 +453,6 @@ class SubmissionReader:
         hint: str | None = None,
     ) -> None:
         self.faults.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
-
-
-def _form_hint(error: JsonStreamError, data: bytes) -> str | None:
-    """Say what a file that is no JSON probably is."""
-    if error.code is not FaultCode.NOT_JSON:
-        return None
-    if error.got.startswith(COMMENTS):
-        return "looks like a comment: JSON has none, remove it"
-    first_line = data[:MAX_HEADER_BYTES].splitlines()[0]
-    if not data.lstrip().startswith((b"{", b"[")) and first_line.count(b",") >= MIN_CSV_COMMAS:
-        return f"looks like CSV; {CONVERT}"
-    return None
 
 
 UTF8_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -450,7 +499,7 @@ def check(
             data, max_upload_bytes=max_upload_bytes, max_inflated_bytes=max_inflated_bytes
         )
     except UnreadableFileError as error:
-        hint = CONVERT if error.got in CONVERTIBLE else None
+        hint = convert_advice(manifest) if error.got in CONVERTIBLE else None
         faults.add(error.code, (), expected=error.expected, got=error.got, hint=hint)
         return Checked(_report(data, faults), None)
     reader = SubmissionReader(
@@ -492,7 +541,7 @@ def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
         (),
         expected="JSON from the first byte on",
         got="EF BB BF",
-        hint="exceptiondrive convert writes the file without it",
+        hint=f"{CONVERT}` writes it without",
     )
     return text[len(UTF8_BYTE_ORDER_MARK) :]
 

@@ -218,7 +218,7 @@ class FaultList:
             f"{message} Only {n_samples:,} of {counted(n_predictions, 'sample')} "
             f"{'has' if n_samples == 1 else 'have'} it: where the planner's answer is nonsense, "
             "write null for the whole trajectory, which counts as unsafe "
-            "(`exceptiondrive convert --null-invalid` does so and lists them)."
+            "(`exceptiondrive convert FILE --null-invalid` does so and lists them)."
         )
 
 

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from exceptiondrive_schemas.check.fault_list import FaultList
+from exceptiondrive_schemas.check.source_fit import UNITS_M
 from exceptiondrive_schemas.faults import FaultCode
-from exceptiondrive_schemas.file_profile import FileProfile
-from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
+from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
+from exceptiondrive_schemas.protocol import ProtocolDocument
 
 QUARTER_TURN_RAD = math.pi / 2
 DEGREES_EXTENT = 0.01
@@ -20,7 +21,8 @@ FAR_M = 100.0
 """No car is so far from its own origin half a second later."""
 EXTENTS_AWAY = 3.0
 """A position that is so many drives away from the origin does not begin there."""
-CENTIMETRES = 100.0
+SMALLER_UNITS = ("feet", "centimetres", "millimetres")
+"""In which a drive is too fast for a car in metres; the ones that planners write."""
 
 
 @dataclass
@@ -44,32 +46,78 @@ class FrameCheck:
         if x_m * x_m + y_m * y_m > self.protocol.plausibility.frame_check_min_motion_m**2:
             self._angles_rad.append(math.atan2(y_m, x_m))
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether enough trajectories move for a verdict."""
+        return len(self._angles_rad) >= self.protocol.plausibility.frame_check_min_samples
+
+    @property
+    def is_of_the_car(self) -> bool:
+        """Whether the trajectories begin at the car: else no drive can be compared with them."""
+        return not self.is_judged or self._away() is None
+
     def finish(self, faults: FaultList, profile: FileProfile | None) -> None:
         """Refuse the file where it is in another frame or unit, in place of every number of it.
 
         Args:
             faults: Takes the fault.
             profile: What the file looks like; where recorded drives are known it tells a frame from
-                its mirror image.
+                its mirror image, and a unit from another.
         """
-        rules = self.protocol.plausibility
-        if len(self._angles_rad) < rules.frame_check_min_samples:
+        if not self.is_judged:
             return
-        unit = _wrong_unit(self._first_m, self._extents_m, self.protocol.geometry)
-        if unit is not None:
-            got, verdict = unit
+        mended = _mend_verdict(profile)
+        wrong_unit = self._away() or self._too_large(mended)
+        if wrong_unit is not None:
             faults.forget(FaultCode.OUT_OF_BOUNDS, FaultCode.STEP_TOO_LONG)
-            self._refuse(faults, "metres, from the rear axle at t = 0", got, verdict)
+            first, extent = statistics.median(self._first_m), statistics.median(self._extents_m)
+            got = (
+                f"a first waypoint {first:.4g} from the origin, the last {extent:.4g} from it; median "
+                f"of {len(self._first_m):,} source trajectories"
+            )
+            self._refuse(faults, "metres, from the rear axle at t = 0", got, wrong_unit)
             return
+        limit_deg = self.protocol.plausibility.frame_check_max_angle_deg
         median_deg = math.degrees(statistics.median(map(abs, self._angles_rad)))
-        if median_deg > rules.frame_check_max_angle_deg:
+        if median_deg > limit_deg:
             self._refuse(
                 faults,
-                f"a median angle to +x of at most {rules.frame_check_max_angle_deg:g} "
+                f"a median angle to +x of at most {limit_deg:g} "
                 "degrees over the source trajectories that move",
                 f"{median_deg:.1f} degrees over {len(self._angles_rad):,} source trajectories",
-                _mend_verdict(profile) or frame_verdict(self._angles_rad),
+                mended or frame_verdict(self._angles_rad, math.radians(limit_deg)),
             )
+
+    def _away(self) -> str | None:
+        """Say what it looks like where the trajectories do not begin at the car."""
+        first, extent = statistics.median(self._first_m), statistics.median(self._extents_m)
+        if extent < DEGREES_EXTENT and first > 1:
+            return (
+                "looks like degrees of latitude and longitude; turn each trajectory into the frame "
+                "of the car at t = 0 by its pose"
+            )
+        if first > FAR_M and first > EXTENTS_AWAY * extent:
+            return (
+                "looks like global or pixel coordinates; turn each trajectory into the frame of the "
+                "car at t = 0 by its pose"
+            )
+        return None
+
+    def _too_large(self, mended: str | None) -> str | None:
+        """Say what it looks like where no car is so fast: the smallest unit that makes it one."""
+        geometry = self.protocol.geometry
+        speed_mps = statistics.median(self._extents_m) / (geometry.horizon_s - geometry.time_step_s)
+        limit_mps = geometry.max_step_m / geometry.time_step_s
+        if speed_mps <= limit_mps:
+            return None
+        units = (unit for unit in SMALLER_UNITS if speed_mps * UNITS_M[unit] <= limit_mps)
+        unit = next(units, None)
+        guess = (
+            "no unit that is known makes a car of it"
+            if unit is None
+            else f"looks like {unit}; {CONVERT} --unit {unit}`"
+        )
+        return f"sources of {speed_mps:.4g} m/s: {mended or guess}"
 
     def _refuse(self, faults: FaultList, expected: str, got: str, verdict: str) -> None:
         faults.add(
@@ -79,62 +127,40 @@ class FrameCheck:
         faults.say(FaultCode.WRONG_FRAME, sentence)
 
 
-def _wrong_unit(
-    first_m: list[float], extents_m: list[float], geometry: GeometrySection
-) -> tuple[str, str] | None:
-    """Return what was found and what it looks like, where it is no frame of the car at all."""
-    first, extent = statistics.median(first_m), statistics.median(extents_m)
-    n_sources = f"median of {len(first_m):,} source trajectories"
-    got = (
-        f"a first waypoint {first:.4g} from the origin, the last {extent:.4g} from it; {n_sources}"
-    )
-    if extent < DEGREES_EXTENT and first > 1:
-        return got, (
-            "looks like degrees of latitude and longitude; turn each trajectory into the frame of "
-            "the car at t = 0 by its pose"
-        )
-    if first > FAR_M and first > EXTENTS_AWAY * extent:
-        return got, (
-            "looks like global or pixel coordinates; turn each trajectory into the frame of the "
-            "car at t = 0 by its pose"
-        )
-    speed_mps = extent / (geometry.horizon_s - geometry.time_step_s)
-    if speed_mps > geometry.max_step_m / geometry.time_step_s:
-        return f"{speed_mps:.4g} m/s, {n_sources}", (
-            f"{CENTIMETRES:g} times too large: looks like centimetres; "
-            "exceptiondrive convert --centimetres"
-        )
-    return None
-
-
 def _mend_verdict(profile: FileProfile | None) -> str | None:
     if profile is None or profile.mend is None:
         return None
     mend = profile.mend
+    if mend.convert_option is None:
+        return f"looks like {mend.looks_like}"
     if mend.convert_option == "--rotate -90":
         return _RIGHT_FORWARD
-    return f"looks like {mend.looks_like}: exceptiondrive convert {mend.convert_option}"
+    return f"looks like {mend.looks_like}: {CONVERT} {mend.convert_option}`"
 
 
-def frame_verdict(angles_rad: Sequence[float]) -> str:
+def frame_verdict(angles_rad: Sequence[float], limit_rad: float) -> str:
     """Say which wrong frame the directions of motion fit best, and how to convert.
 
     Args:
         angles_rad: Directions of net motion in the file's own axes, in [-pi, pi].
+        limit_rad: Median angle to an axis within which motion is along it.
     """
-    n_along = [0, 0, 0, 0]
-    for angle_rad in angles_rad:
-        n_along[round(angle_rad / QUARTER_TURN_RAD) % 4] += 1
-    return FRAME_VERDICTS[n_along.index(max(n_along))]
+    scatter_rad = [
+        statistics.median(
+            abs(math.remainder(angle - turns * QUARTER_TURN_RAD, math.tau)) for angle in angles_rad
+        )
+        for turns in range(len(FRAME_VERDICTS))
+    ]
+    best = scatter_rad.index(min(scatter_rad))
+    return FRAME_VERDICTS[best] if scatter_rad[best] <= limit_rad else SCATTERED
 
 
-_RIGHT_FORWARD = (
-    "looks like x right / y forward: swap to (y, -x) (exceptiondrive convert --rotate -90)"
-)
+_RIGHT_FORWARD = f"looks like x right / y forward: swap to (y, -x), {CONVERT} --rotate -90`"
+SCATTERED = "motion scatters too much for driving: start each trajectory at (0, 0) with heading 0"
 FRAME_VERDICTS = (
-    "most motion is along +x, but it scatters too much for driving: start each one at heading 0",
-    f"{_RIGHT_FORWARD}; only where x points left, to (y, x) (--swap)",
-    "most motion is along -x: looks like x backward; turn it round to (-x, -y) (--rotate 180)",
-    "most motion is along -y: looks like y backward; turn it to (-y, x) (--rotate 90)",
+    SCATTERED,
+    f"{_RIGHT_FORWARD}; only where x points left, to (y, x), {CONVERT} --swap`",
+    f"most motion is along -x: looks like x backward; turn it round to (-x, -y), {CONVERT} --rotate 180`",
+    f"most motion is along -y: looks like y backward; turn it to (-y, x), {CONVERT} --rotate 90`",
 )
 """Verdicts for motion along +x, +y, -x, -y."""

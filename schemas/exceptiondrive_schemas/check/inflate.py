@@ -3,6 +3,8 @@
 Never inflates past a limit.
 """
 
+import codecs
+import json
 import zlib
 from dataclasses import dataclass
 
@@ -26,15 +28,29 @@ MAGIC_BYTES: tuple[tuple[bytes, str], ...] = (
     (b"\x78\xda", "zlib data without a gzip header"),
     (b"\x1f\x8b", "gzip data inside gzip data"),
     (b"%PDF", "a PDF file"),
-    (b"\xff\xfe", "UTF-16 text"),
-    (b"\xfe\xff", "UTF-16 text"),
     (b"<", "an HTML or XML file"),
 )
-CONVERTIBLE = {"a Parquet file", "a NumPy archive (.npz)"}
+WIDE_TEXT = "UTF-16 or UTF-32 text"
+CONVERTIBLE = {"a Parquet file", "a NumPy archive (.npz)", WIDE_TEXT}
 """Kinds of file that `exceptiondrive convert` reads, if they hold what it looks for."""
 PICKLE_PROTOCOLS = range(2, 6)
 TAR_MAGIC, TAR_MAGIC_AT = b"ustar", 257
 ZIP_HEAD_BYTES = 256
+ENCODING_HEAD_BYTES = 64
+"""A multiple of the bytes of a character."""
+
+
+def wide_encoding(data: bytes) -> str | None:
+    """Return the encoding of UTF-16 or UTF-32 text, with a byte order mark or without."""
+    head = data[:ENCODING_HEAD_BYTES]
+    encoding = json.detect_encoding(head)
+    if encoding.startswith("utf-8"):
+        return None
+    try:
+        text = codecs.getincrementaldecoder(encoding)().decode(head)
+    except UnicodeDecodeError:
+        return None
+    return encoding if text.replace("\r", "").replace("\n", "").isprintable() else None
 
 
 def other_file_kind(data: bytes) -> str | None:
@@ -55,7 +71,7 @@ def other_file_kind(data: bytes) -> str | None:
     for magic, name in MAGIC_BYTES:
         if data.startswith(magic):
             return name
-    return None
+    return WIDE_TEXT if wide_encoding(data) else None
 
 
 MIB = 1024 * 1024

@@ -185,19 +185,22 @@ def elements(stream: JsonStream) -> Iterator[int]:
     yield from _items(stream, "[", "]", lambda _: next(numbers))
 
 
-def skip(stream: JsonStream) -> None:
-    """Read over the value that comes next, however long a list it is."""
-    if stream.peek() != "[":
+def skip(
+    stream: JsonStream, on_value: Callable[[str | int, Any], None] = lambda _key, _value: None
+) -> None:
+    """Read over the value that comes next, however long a list or object it is.
+
+    Args:
+        stream: Stands before the value.
+        on_value: Is told each value of the list or object, and its index or key.
+    """
+    first = stream.peek()
+    if first not in ("{", "["):
         stream.value()
         return
-    for _ in _at_most(MAX_SKIPPED, elements(stream), "a list"):
-        stream.value()
-
-
-def skip_members(stream: JsonStream) -> None:
-    """Read over the object that comes next."""
-    for _ in _at_most(MAX_SKIPPED, members(stream), "an object"):
-        stream.value()
+    items: Iterator[str | int] = members(stream) if first == "{" else elements(stream)
+    for item in _at_most(MAX_SKIPPED, items, "an object" if first == "{" else "a list"):
+        on_value(item, stream.value())
 
 
 Item = TypeVar("Item")

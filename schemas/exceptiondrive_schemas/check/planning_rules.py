@@ -4,6 +4,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 
 import math
 from array import array
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -12,9 +13,10 @@ from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPai
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
 from exceptiondrive_schemas.check.source_fit import file_profile
+from exceptiondrive_schemas.check.trajectory_forms import number_in, point_in, trajectory_in
 from exceptiondrive_schemas.coverage import too_little_covered
-from exceptiondrive_schemas.faults import FaultCode
-from exceptiondrive_schemas.file_profile import FileProfile
+from exceptiondrive_schemas.faults import MESSAGES, FaultCode
+from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -38,6 +40,8 @@ class PlanningRules:
         self._faults = faults
         self._frame = FrameCheck(protocol)
         self._n_missing = {"source": 0, "edited": 0}
+        self._n_trajectories = 0
+        self._wrong_counts: Counter[int] = Counter()
 
     def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
         """Check the trajectories of one prediction and return them."""
@@ -55,10 +59,41 @@ class PlanningRules:
 
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
         """Check what can be told only over all predictions; say what the file looks like."""
-        recorded = manifest.recorded if manifest else None
-        profile = file_profile(answers, self._geometry, self._protocol.plausibility, recorded)
+        is_comparable = manifest is not None and self._frame.is_of_the_car
+        profile = file_profile(
+            answers,
+            self._geometry,
+            self._protocol.plausibility,
+            manifest.recorded if manifest and is_comparable else None,
+            self._n_given,
+        )
         self._frame.finish(self._faults, profile)
+        if self._n_given is not None:
+            mend = profile.mend if profile else None
+            advice = mend.sentence if mend else self._time_step_advice(self._n_given)
+            message = MESSAGES[FaultCode.WRONG_WAYPOINT_COUNT]
+            self._faults.say(FaultCode.WRONG_WAYPOINT_COUNT, f"{message} {advice}")
         return profile
+
+    def _time_step_advice(self, n_given: int) -> str:
+        """Say what another number of waypoints in most trajectories may mean."""
+        step_s, horizon_s = self._geometry.time_step_s, self._geometry.horizon_s
+        if n_given > self._geometry.waypoints:
+            return (
+                f"A finer time step or a longer horizon? {CONVERT} --time-step-s S --truncate`, S the "
+                f"planner's own, keeps those {step_s:g} s apart up to {horizon_s:g} s."
+            )
+        return (
+            f"A coarser time step? {CONVERT} --time-step-s S`, S the planner's own, reads those "
+            f"{step_s:g} s apart off straight lines, if they reach {horizon_s:g} s."
+        )
+
+    @property
+    def _n_given(self) -> int | None:
+        """Waypoints of a trajectory, where most have another number of them than they should."""
+        n_right = self._n_trajectories - self._wrong_counts.total()
+        ((n_given, n_wrong),) = self._wrong_counts.most_common(1) or ((0, 0),)
+        return n_given if n_wrong > n_right else None
 
     def notes(self, n_predictions: int) -> tuple[str, ...]:
         """Say what a sound file leaves out, and what that costs."""
@@ -90,6 +125,13 @@ class PlanningRules:
     def _trajectory(self, value: Any, path: Path, sample_id: str | None) -> array[float] | None:
         if value is None:
             return None
+        other = trajectory_in(value)
+        if other is not None:
+            hint = f"{CONVERT}` reads it"
+            self._refuse(
+                FaultCode.WRONG_WAYPOINT_SHAPE, path, self._form, other[1], sample_id, hint
+            )
+            return None
         if not isinstance(value, list):
             self._refuse(FaultCode.WRONG_TYPE, path, self._form, kind(value), sample_id)
             return None
@@ -99,9 +141,7 @@ class PlanningRules:
             return None
         if value and all(map(_is_trajectory, value)):
             got = f"a list of {counted(len(value), 'trajectory', 'trajectories')}"
-            hint = (
-                "write one trajectory, not several modes; exceptiondrive convert --mode N takes one"
-            )
+            hint = f"write one trajectory, not several modes; {CONVERT} --mode 0` takes the first"
             self._refuse(FaultCode.WRONG_WAYPOINT_SHAPE, path, self._form, got, sample_id, hint)
             return None
         return self._waypoints(value, path, sample_id)
@@ -110,7 +150,9 @@ class PlanningRules:
         """Return the finite points as they are, so that one cause of many faults can be found."""
         flat = array("d")
         previous: tuple[float, float] | None = (0.0, 0.0)
-        for t, waypoint in enumerate(value[: self._geometry.waypoints]):
+        start = 1 if len(value) > self._geometry.waypoints and _is_origin(value[0]) else 0
+        n_read = start + self._geometry.waypoints
+        for t, waypoint in enumerate(value[start:n_read], start):
             point = self._waypoint(waypoint, (*path, t), sample_id)
             if point is None:
                 previous = None
@@ -120,8 +162,9 @@ class PlanningRules:
             if previous is not None and is_within:
                 self._check_step(previous, point, (*path, t), sample_id)
             previous = point if is_within else None
+        self._n_trajectories += 1
         if len(value) != self._geometry.waypoints:
-            self._refuse_count(value, path, sample_id)
+            self._refuse_count(value, path, sample_id, has_start=start > 0)
         return flat
 
     def _waypoint(
@@ -155,7 +198,7 @@ class PlanningRules:
                 code, expected = FaultCode.NON_FINITE, "a finite number"
         else:
             code, expected = FaultCode.WRONG_TYPE, "a number"
-            hint = NULL_HINT if value is None else None
+            hint = _number_hint(value)
         self._refuse(code, (*path, axis), expected, shown(value), sample_id, hint)
         return code is FaultCode.OUT_OF_BOUNDS and abs(value) <= FARTHEST_M
 
@@ -173,15 +216,14 @@ class PlanningRules:
             got = f"{math.hypot(step_x_m, step_y_m):.2f} m"
             self._refuse(FaultCode.STEP_TOO_LONG, path, expected, got, sample_id)
 
-    def _refuse_count(self, value: list[Any], path: Path, sample_id: str | None) -> None:
+    def _refuse_count(
+        self, value: list[Any], path: Path, sample_id: str | None, *, has_start: bool
+    ) -> None:
+        n_given = len(value) - has_start
+        self._wrong_counts[n_given] += n_given != self._geometry.waypoints
         hint = None
-        if len(value) == self._geometry.waypoints + 1 and value[0] == [0, 0]:
-            hint = "leave out (0, 0) at t = 0; it is put in front for you (exceptiondrive convert does)"
-        elif len(value) > self._geometry.waypoints:
-            hint = (
-                f"a finer time step or a longer horizon? exceptiondrive convert --time-step-s S, "
-                f"S the planner's own, keeps those {self._geometry.time_step_s:g} s apart"
-            )
+        if n_given == self._geometry.waypoints:
+            hint = f"leave out (0, 0) at t = 0; it is put in front for you, {CONVERT}` does"
         expected = counted(self._geometry.waypoints, "waypoint")
         got = counted(len(value), "waypoint")
         self._refuse(FaultCode.WRONG_WAYPOINT_COUNT, path, expected, got, sample_id, hint)
@@ -202,14 +244,39 @@ class PlanningRules:
         self._faults.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
 
 
-NULL_HINT = "null stands for the whole trajectory: write it in place of the list of waypoints"
+AT_ORIGIN_M = 0.05
+"""A first point as near to the origin as this is the car at t = 0."""
+NULL_HINT = (
+    "null stands for the whole trajectory: write it in place of the list of waypoints "
+    f"({CONVERT} --null-invalid` does)"
+)
+
+
+def _is_origin(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) >= 2
+        and all(type(each) in NUMBERS for each in value[:2])
+        and math.hypot(*value[:2]) <= AT_ORIGIN_M
+    )
+
+
+def _number_hint(value: Any) -> str | None:
+    if value is None:
+        return NULL_HINT
+    number = number_in(value)
+    if number is None:
+        return None
+    return f"without quotes; {CONVERT}` does" if math.isfinite(number) else NULL_HINT
 
 
 def _shape_hint(value: Any) -> str | None:
     if value is None:
         return NULL_HINT
+    if point_in(value) is not None:
+        return f"write [x, y]; {CONVERT}` does"
     if isinstance(value, list) and len(value) > 2:
-        return "write x and y alone, without heading, z or time (exceptiondrive convert does)"
+        return f"write x and y alone, without heading, z or time; {CONVERT}` does"
     return None
 
 

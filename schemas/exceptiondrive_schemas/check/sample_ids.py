@@ -12,7 +12,7 @@ NEIGHBOURS = 25
 MAX_ID_CHARACTERS = 128
 SIMILARITY = 0.75
 
-SHARDS = "one shard of several? exceptiondrive convert A B ... makes one file of them"
+SHARDS = "one shard of several? `exceptiondrive convert FILE FILE ...` makes one file of them"
 
 
 class NearestId:

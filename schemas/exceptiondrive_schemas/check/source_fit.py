@@ -8,8 +8,8 @@ Distances of a trajectory are compared as shares of the distance of the recorded
 origin, so that a shorter time shown is no better fit. On the 13 planners of LightEMMA (3,181
 samples of nuScenes) a file as it is has 0.07 to 0.15, and every transformation fits at least 3.7
 times worse. Each transformation of each of them is 5.0 to 1,400 times worse than the file mended. A
-mirrored file shows where the drive turns, at its last waypoint, sideways: there right files fit 2.0
-to 3.2 times better than mirrored ones.
+mirrored file shows where the drive turns, at its last waypoint, sideways: there right files are off
+by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones.
 """
 
 import math
@@ -17,6 +17,7 @@ import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 from exceptiondrive_schemas.check.answers import TrajectoryPair
 from exceptiondrive_schemas.file_profile import FileProfile, Mend
@@ -25,15 +26,19 @@ from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection
 Point = tuple[float, float]
 Points = Sequence[Point]
 
+FITS = 0.25
+"""A file is what it claims to be if its sources are at most so far off the recorded drives."""
 FITS_BETTER = 3.0
 """So many times better, and a transformation is named."""
-MIRROR_FITS_BETTER = 1.5
+MIRROR_FITS, MIRROR_FITS_BETTER = 0.75, 1.5
+"""The same sideways, where the drive turns."""
 TURNS_ABOVE_M = 1.0
 """A recorded drive that ends this far to a side turns."""
 MIN_COMPARED = 20
 """Fewer samples tell nothing."""
 MAX_COMPARED = 300
 """More tell nothing new: transformations are tried on every so-manieth sample."""
+SAME_TIME_S = 1e-6
 SECONDS_SHOWN = (1.0, 2.0, 3.0)
 
 
@@ -52,12 +57,12 @@ class Transformation:
 
     Attributes:
         looks_like: What the file looks like, to stand after "looks like".
-        option: What `exceptiondrive convert` needs to mend it.
+        option: What `exceptiondrive convert` needs to mend it; None where no conversion can.
         apply: Returns mended points and the recorded ones at the same times.
     """
 
     looks_like: str
-    option: str
+    option: str | None
     apply: Callable[[Compared], tuple[Points, Points] | None]
 
 
@@ -66,6 +71,7 @@ def file_profile(
     geometry: GeometrySection,
     plausibility: PlausibilitySection,
     recorded: Mapping[str, Points] | None = None,
+    n_given: int | None = None,
 ) -> FileProfile | None:
     """Describe what a planning file says.
 
@@ -74,12 +80,15 @@ def file_profile(
         geometry: Waypoints and time step.
         plausibility: What stands still, and which pairs are equal.
         recorded: The drives that were recorded in the source scenes, where they are public.
+        n_given: Waypoints that the trajectories have, where these are not those of the protocol and
+            `pairs` tell the first of them: then only the time between them is looked for.
 
     Returns:
         Medians and means over all samples; None for a file without a whole trajectory.
     """
+    n_wanted = min(n_given or geometry.waypoints, geometry.waypoints)
     whole = {
-        sample_id: (_points(pair.source, geometry), _points(pair.edited, geometry))
+        sample_id: (_points(pair.source, n_wanted), _points(pair.edited, n_wanted))
         for sample_id, pair in pairs.items()
     }
     sources = [source for source, _ in whole.values() if source]
@@ -92,6 +101,9 @@ def file_profile(
         for sample_id, (source, edited) in sorted(whole.items())
         if source and recorded and sample_id in recorded
     ]
+    mend = _best_mend(compared, geometry, plausibility, n_given)
+    if n_given is not None:
+        return FileProfile(mend=mend)
     distances_m = [_distances_m(each.source, each.recorded) for each in compared]
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
     means_m = [statistics.fmean(of_one) for of_one in distances_m]
@@ -117,12 +129,12 @@ def file_profile(
         source_l2_2s_m=at_s[2.0],
         source_l2_3s_m=at_s[3.0],
         median_source_l2_m=_median(means_m),
-        mend=_best_mend(compared, geometry, plausibility),
+        mend=mend,
     )
 
 
-def _points(flat: Sequence[float] | None, geometry: GeometrySection) -> Points | None:
-    if flat is None or len(flat) != 2 * geometry.waypoints:
+def _points(flat: Sequence[float] | None, n_wanted: int) -> Points | None:
+    if flat is None or len(flat) != 2 * n_wanted:
         return None
     return list(zip(flat[::2], flat[1::2], strict=True))
 
@@ -229,43 +241,79 @@ def _exchanged(sample: Compared) -> tuple[Points, Points] | None:
 
 def _with_step(given_s: float, wanted_s: float, sample: Compared) -> tuple[Points, Points]:
     """Take the source as waypoints `given_s` apart, and compare as far as both reach."""
-    times_s = [min(given_s, wanted_s) * step for step in range(1, len(sample.source) + 1)]
+    step_s = min(given_s, wanted_s)
+    reach_s = min(given_s * len(sample.source), wanted_s * len(sample.recorded))
+    times_s = [step_s * step for step in range(1, round(reach_s / step_s) + 1)]
     return (
         at_times(sample.source, given_s, times_s),
         at_times(sample.recorded, wanted_s, times_s),
     )
 
 
+UNITS_M: Mapping[str, float] = MappingProxyType(
+    {
+        "millimetres": 0.001,
+        "centimetres": 0.01,
+        "inches": 0.0254,
+        "feet": 0.3048,
+        "kilometres": 1000.0,
+    }
+)
+"""Units that trajectories come in, other than metres, each in metres."""
 _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
+    ("mirrored (y to the right)", "--mirror", mirrored),
     ("x and y exchanged (x left, y forward)", "--swap", swapped),
     ("x right / y forward", "--rotate -90", partial(rotated, quarter_turns=-1)),
     ("x left / y backward", "--rotate 90", partial(rotated, quarter_turns=1)),
     ("x backward / y right", "--rotate 180", partial(rotated, quarter_turns=2)),
-    ("centimetres", "--centimetres", partial(scaled, factor=0.01)),
+    *((unit, f"--unit {unit}", partial(scaled, factor=metres)) for unit, metres in UNITS_M.items()),
     ("increments instead of positions", "--cumulative", summed),
     ("reversed in time", "--reverse", lambda points: points[::-1]),
 )
-TIME_FACTORS = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
-MIRROR = ("mirrored (y to the right)", "--mirror")
+TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0, 10.0)
+MIRROR = _SPATIAL[0]
 
 
-def _transformations(time_step_s: float) -> Iterator[Transformation]:
+def _of_space() -> Iterator[Transformation]:
     for looks_like, option, change in _SPATIAL:
         yield Transformation(looks_like, option, partial(_of_source, change))
     yield Transformation("source and edited exchanged", "--exchange", _exchanged)
+
+
+def _of_time(geometry: GeometrySection, n_given: int) -> Iterator[Transformation]:
+    """Yield what waypoints another time apart would be; fewer than the horizon takes cannot be mended."""
     for factor in TIME_FACTORS:
-        given_s = factor * time_step_s
+        given_s = factor * geometry.time_step_s
+        n_needed = waypoints_needed(geometry, given_s)
+        cut = " --truncate" if n_given > n_needed else ""
+        count = "" if n_given == geometry.waypoints else f"{n_given} "
+        looks_like = [f"{count}waypoints {given_s:g} s apart"]
+        if n_given < n_needed:
+            end_s = given_s * n_given
+            looks_like.append(
+                f"(the last at {end_s:g} s, where {geometry.horizon_s:g} s are wanted)"
+            )
+        if n_given == geometry.waypoints:
+            looks_like.append(f"or like a planner at {factor:g} times the recorded speed")
         yield Transformation(
-            f"waypoints {given_s:g} s apart",
-            f"--time-step-s {given_s:g}",
-            partial(_with_step, given_s, time_step_s),
+            " ".join(looks_like),
+            None if n_given < n_needed else f"--time-step-s {given_s:g}{cut}",
+            partial(_with_step, given_s, geometry.time_step_s),
         )
 
 
+def waypoints_needed(geometry: GeometrySection, time_step_s: float) -> int:
+    """Return how many waypoints so far apart in time reach the protocol's horizon."""
+    return math.ceil((geometry.horizon_s - SAME_TIME_S) / time_step_s)
+
+
 def _best_mend(
-    compared: Sequence[Compared], geometry: GeometrySection, plausibility: PlausibilitySection
+    compared: Sequence[Compared],
+    geometry: GeometrySection,
+    plausibility: PlausibilitySection,
+    n_given: int | None,
 ) -> Mend | None:
-    """Return the transformation that fits best, if it fits many times better than none."""
+    """Return the transformation after which the file fits, if it does not fit as it is."""
     moving = [
         each
         for each in compared
@@ -274,9 +322,15 @@ def _best_mend(
     if len(moving) < MIN_COMPARED:
         return None
     tried = _some(moving)
-    error = _error([(each.source, each.recorded) for each in tried])
+    as_is = [_with_step(geometry.time_step_s, geometry.time_step_s, each) for each in tried]
+    error = _error(as_is)
+    transformations = list(_of_time(geometry, n_given or geometry.waypoints))
+    if n_given is None:
+        if error <= FITS:
+            return _mirror_mend(moving)
+        transformations += _of_space()
     mends: list[Mend] = []
-    for transformation in _transformations(geometry.time_step_s):
+    for transformation in transformations:
         applied = [found for each in tried if (found := transformation.apply(each)) is not None]
         if len(applied) >= MIN_COMPARED:
             mends.append(
@@ -288,9 +342,8 @@ def _best_mend(
                 )
             )
     best = min(mends, key=lambda mend: mend.mended_error)
-    if error > FITS_BETTER * best.mended_error:
-        return best
-    return _mirror_mend(moving)
+    is_better = n_given is not None or error > FITS_BETTER * best.mended_error
+    return best if is_better and best.mended_error <= FITS else None
 
 
 def _some(samples: Sequence[Compared]) -> Sequence[Compared]:
@@ -315,7 +368,7 @@ def _mirror_mend(moving: Sequence[Compared]) -> Mend | None:
     scale_m = statistics.median(abs(recorded) for _, recorded in sides_m)
     error = statistics.median(abs(source - recorded) for source, recorded in sides_m) / scale_m
     mended = statistics.median(abs(-source - recorded) for source, recorded in sides_m) / scale_m
-    if error <= MIRROR_FITS_BETTER * mended:
+    if mended > MIRROR_FITS or error <= MIRROR_FITS_BETTER * mended:
         return None
-    looks_like, option = MIRROR
+    looks_like, option, _ = MIRROR
     return Mend(looks_like=looks_like, convert_option=option, error=error, mended_error=mended)

@@ -21,9 +21,12 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
-from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader
+from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader, BoardNews, EntryNews
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.phase_settings import BoardView
+
+MAX_NEWS = 20
+"""Of a board that changes more, as by a new part of the split, the others are counted."""
 
 
 def publish_board(
@@ -77,11 +80,43 @@ def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | Non
     """
     if phase.current_board_id == row.id:
         return None
+    before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
-    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=database_now(session))
+    now, news = database_now(session), _news_since(before, row)
+    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=now, news=news)
     session.add(flip)
     session.flush()
     return flip
+
+
+def _news_since(before: BoardRow | None, row: BoardRow) -> BoardNews:
+    """Say whose scores are new; between protocols or split revisions, nothing can be compared."""
+    if before is None or (before.protocol_digest, before.split_revision) != (
+        row.protocol_digest,
+        row.split_revision,
+    ):
+        return BoardNews()
+    old, board = parsed_board(before), parsed_board(row)
+    key = CHALLENGES[board.challenge].metrics[0].key
+    was = {entry.submission_id: entry for entry in old.entries if entry.submission_id}
+    now = {entry.submission_id: entry for entry in board.entries if entry.submission_id}
+    found = []
+    for name, either in {**was, **now}.items():
+        values = [on[name].metrics.get(key) if name in on else None for on in (was, now)]
+        if name not in was or name not in now or values[0] != values[1]:
+            found.append(
+                EntryNews(
+                    method=either.method,
+                    team=either.team,
+                    rank=either.rank,
+                    before=values[0],
+                    after=values[1],
+                    is_new=name not in was,
+                    has_left=name not in now,
+                )
+            )
+    found.sort(key=lambda each: (each.has_left, each.rank is None, each.rank or 0))
+    return BoardNews(entries=tuple(found[:MAX_NEWS]), n_more=max(0, len(found) - MAX_NEWS))
 
 
 def current_board(session: Session, phase_id: str) -> BoardRow | None:

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
-from exceptiondrive_schemas.board import BoardLeader
+from exceptiondrive_schemas.board import BoardLeader, BoardNews
 
 
 class BoardRow(Base):
@@ -16,7 +16,7 @@ class BoardRow(Base):
     __tablename__ = "boards"
     __table_args__ = (UniqueConstraint("phase_id", "number"),)
     id: Mapped[int] = mapped_column(primary_key=True)
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"))
     protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"))
     split_revision: Mapped[str]
     number: Mapped[int]
@@ -51,6 +51,8 @@ class BoardFlip(Base):
     __tablename__ = "board_flips"
     __table_args__ = (Index("ix_board_flips_phase", "phase_id", "at"),)
     id: Mapped[int] = mapped_column(primary_key=True)
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"))
-    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"))
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"))
+    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id", ondelete="CASCADE"))
     at: Mapped[datetime]
+    news: Mapped[BoardNews] = mapped_column(DocumentText(BoardNews))
+    """Whose scores are others since, for the history: so that no board need be read for that."""

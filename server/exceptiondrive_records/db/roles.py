@@ -47,7 +47,7 @@ def _all_but(table: str, *fixed: str) -> str:
     return f"SELECT, INSERT, UPDATE ({', '.join(name for name in columns if name not in fixed)})"
 
 
-_PHASES = _all_but("phases", "id", "challenge", "split_name", "created_at")
+_PHASES = "DELETE, " + _all_but("phases", "id", "challenge", "split_name", "created_at")
 _SUBMISSIONS = _all_but(
     "submissions",
     "id",
@@ -75,7 +75,7 @@ RIGHTS = MappingProxyType(
         "people": (RIU, NONE, NONE),
         "phases": (_PHASES, _POINTER, R),
         "protocol_drawings": (R, RI, R),
-        "protocols": (RI, R, R),
+        "protocols": (RID, R, R),  # foreign keys keep what is in use
         "receipt_keys": (RI, NONE, NONE),
         "rescoring_runs": (RIU, R, RU),
         "sample_pictures": (R, RID, R),

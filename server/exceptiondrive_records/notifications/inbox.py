@@ -156,6 +156,17 @@ def put_notice(
     return row
 
 
+def notices_about(session: Session, submission_id: str) -> list[NotificationView]:
+    """Return what its team was told of a submission, newest first."""
+    query = (
+        select(Notification)
+        .join(Submission, Submission.team_id == Notification.team_id)
+        .where(Submission.id == submission_id, Notification.body.contains(submission_id))
+        .order_by(Notification.created_at.desc(), Notification.id)
+    )
+    return [_view(row) for row in session.scalars(query)]
+
+
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
     """Send a message to one address alone; it stands in no inbox."""
     row = _row(contact.team_id, view, None, contact.id)

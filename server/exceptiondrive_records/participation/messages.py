@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sqlalchemy import exists, func, select
+from sqlalchemy import Select, exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -12,6 +12,7 @@ from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Notification
+from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
@@ -89,12 +90,7 @@ def send_message(
     said = "\n\n".join((title, *paragraphs))
     digest = f"sha256:{hashlib.sha256(said.encode()).hexdigest()}"
     _lock(session, teams)
-    have = select(Notification.team_id).where(
-        Notification.kind == "message",
-        Notification.subject == digest,
-        Notification.team_id.in_([team.id for team in teams]),
-    )
-    if session.scalar(have.limit(1)) is not None:
+    if session.scalar(_have(digest, teams).limit(1)) is not None:
         raise Conflict("This very message was sent to one of these teams already.")
     for team in teams:
         tell_team(session, team, "message", title, paragraphs, phase=phase_id or "", subject=digest)
@@ -103,6 +99,51 @@ def send_message(
     subject = teams[0].slug if len(teams) == 1 else "teams"
     audit(session, actor, "message sent", subject, detail)
     return told
+
+
+def write_about(session: Session, submission_id: str, *, words: str, actor: str) -> Notification:
+    """Write to a team about one of its submissions; the notice leads to it.
+
+    Args:
+        session: Of a write transaction.
+        submission_id: The submission.
+        words: What the organizers say; blank lines part paragraphs.
+        actor: Who writes.
+
+    Raises:
+        NotFound: No such submission.
+        InvalidRecord: The words cannot be used.
+        Conflict: The team has this very message about it.
+    """
+    submission = find_submission(session, submission_id)
+    title, paragraphs = checked_message(f"The organizers wrote about {submission.method}", words)
+    said = "\n\n".join((submission_id, title, *paragraphs))
+    digest = f"sha256:{hashlib.sha256(said.encode()).hexdigest()}"
+    team = session.get_one(Team, submission.team_id)
+    _lock(session, [team])
+    if session.scalar(_have(digest, [team]).limit(1)) is not None:
+        raise Conflict("This very message about it was sent already.")
+    row = tell_team(
+        session,
+        team,
+        "message",
+        title,
+        paragraphs,
+        address=f"/submissions/{submission_id}",
+        phase=submission.phase_id,
+        subject=digest,
+    )
+    audit(session, actor, "team told", submission_id, {"notice": row.id, "digest": digest})
+    return row
+
+
+def _have(digest: str, teams: Sequence[Team]) -> Select[int]:
+    """Select those of these teams that have a message."""
+    return select(Notification.team_id).where(
+        Notification.kind == "message",
+        Notification.subject == digest,
+        Notification.team_id.in_([team.id for team in teams]),
+    )
 
 
 def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:

@@ -7,6 +7,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_link, checked_slug, checked_text
 from exceptiondrive_records.phases.allowances import allowance_of, is_open_to
@@ -131,7 +132,7 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     )
     check_phase(phase)
     session.add(phase)
-    session.flush()
+    flush_or_refuse(session, "Its protocol was deleted meanwhile, or the id taken: look anew.")
     want_board(session, phase.id, phase.protocol_digest)
     detail = {
         "challenge": phase.challenge,

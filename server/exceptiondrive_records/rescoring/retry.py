@@ -1,4 +1,4 @@
-"""An operator's second chance for what failed by our own fault."""
+"""A second chance from organizers: for what failed by our own fault, and for what was withdrawn."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -10,9 +10,17 @@ from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import score_waiting_under
+from exceptiondrive_records.submissions.submissions import (
+    find_submission,
+    lock_jobs,
+    lock_team,
+    scored_under,
+)
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.jobs import queue_again
+from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.jobs import jobs_of, new_job, queue_again
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 
@@ -54,6 +62,53 @@ def retry_submission(
     score_waiting_under(session, phase.id, key_of_phase(phase))
     detail = {} if reason is None else {"reason": checked_reason(reason)}
     audit(session, actor, "scoring retried by hand", submission_id, detail)
+    return submission
+
+
+def restore_submission(
+    session: Session, submission_id: str, *, actor: str, reason: str
+) -> Submission:
+    """Let a withdrawn submission stand again, at its old place in time; no quota is touched.
+
+    Its sheets were kept: it is scored only where none is there under what the phase shows now.
+
+    Args:
+        session: Of a write transaction.
+        submission_id: The submission.
+        actor: Who.
+        reason: Why; kept in the audit log.
+
+    Raises:
+        InvalidRecord: The reason cannot be kept.
+        NotFound: No such submission.
+        Conflict: It was not withdrawn, or the team has submitted the same bytes again since.
+    """
+    lock_team(session, find_submission(session, submission_id).team_id)
+    lock_jobs(session, submission_id)
+    submission = session.get_one(
+        Submission, submission_id, with_for_update=True, populate_existing=True
+    )
+    if submission.status is not SubmissionStatus.WITHDRAWN:
+        raise Conflict(f"The submission is {submission.status}; only withdrawn ones are restored.")
+    if _same_bytes_since(session, submission):
+        raise Conflict("The team has submitted the same file again since; that one counts.")
+    detail = {"reason": checked_reason(reason)}
+    now = database_now(session)
+    jobs = jobs_of(session, submission_id)
+    was_scored = any(job.is_first and job.state is WorkState.DONE for job in jobs)
+    submission.status = SubmissionStatus.SCORED if was_scored else SubmissionStatus.RECEIVED
+    submission.status_at = now
+    submission.withdrawn_at = None
+    for job in jobs:
+        if job.state is WorkState.CANCELLED:
+            queue_again(job, now)
+    shown = key_of_phase(session.get_one(Phase, submission.phase_id))
+    digest, revision = shown.protocol_digest, shown.split_revision
+    if not any((job.protocol_digest, job.split_revision) == (digest, revision) for job in jobs):
+        session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now))
+    for protocol_digest, split_revision in scored_under(session, submission_id):
+        want_board(session, submission.phase_id, protocol_digest, split_revision)
+    audit(session, actor, "submission restored", submission_id, detail)
     return submission
 
 

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason, random_id
 from exceptiondrive_records.phases.phases import find_phase, lock_phase
@@ -33,6 +34,7 @@ from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, re
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.verification import ask_for_rechecks, cancel_rechecks
 from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
 
@@ -89,7 +91,13 @@ def create_run(
 
 
 def start_verification(
-    session: Session, phase_id: str, *, sample: int | None, reason: str, actor: str
+    session: Session,
+    phase_id: str,
+    *,
+    sample: int | None,
+    submission_id: str | None = None,
+    reason: str,
+    actor: str,
 ) -> RescoringRun:
     """Begin a run that recomputes sheets of a phase from their uploads, and demands every bit again.
 
@@ -99,6 +107,7 @@ def start_verification(
         session: Of a write transaction.
         phase_id: Whose sheets, under the protocol and split revision that it shows.
         sample: How many, drawn by the database; None: all.
+        submission_id: Its sheet alone.
         reason: Why.
         actor: Who.
 
@@ -111,9 +120,27 @@ def start_verification(
     run = _new_run(session, RunKind.VERIFICATION, phase, key_of_phase(phase), reason, actor)
     run.state = RunState.SCORING
     run.started_at = run.resumed_at = run.created_at
-    n_sheets = ask_for_rechecks(session, run, sample)
+    n_sheets = ask_for_rechecks(session, run, sample, submission_id)
     detail = {"phase": phase.id, "reason": reason, "sheets": n_sheets}
     audit(session, actor, "verification started", run.id, detail)
+    return run
+
+
+def verify_submission(
+    session: Session, submission_id: str, *, reason: str, actor: str
+) -> RescoringRun:
+    """Begin a verification of the sheet of one submission; the audit log says so of both.
+
+    Raises:
+        NotFound: No such submission.
+        InvalidRecord: It has no sheet under what its phase shows, or the reason is empty.
+    """
+    phase_id = find_submission(session, submission_id).phase_id
+    run = start_verification(
+        session, phase_id, sample=None, submission_id=submission_id, reason=reason, actor=actor
+    )
+    detail = {"verification": run.id, "reason": run.reason}
+    audit(session, actor, "sheet recomputed by hand", submission_id, detail)
     return run
 
 
@@ -136,7 +163,7 @@ def _new_run(
         state_at=now,
     )
     session.add(run)
-    session.flush()
+    flush_or_refuse(session, "The protocol was deleted meanwhile: look at the list anew.")
     return run
 
 

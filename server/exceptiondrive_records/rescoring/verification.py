@@ -33,8 +33,16 @@ MAX_ATTEMPTS = 4
 _UNANSWERED = "recomputing did not finish in any of its attempts"
 
 
-def ask_for_rechecks(session: Session, run: RescoringRun, sample: int | None) -> int:
+def ask_for_rechecks(
+    session: Session, run: RescoringRun, sample: int | None, submission_id: str | None = None
+) -> int:
     """Ask for sheets of a run to be recomputed, drawn by the database; return how many.
+
+    Args:
+        session: Of a write transaction.
+        run: The verification.
+        sample: How many; None: all.
+        submission_id: Its sheet alone.
 
     Raises:
         InvalidRecord: There is no sheet.
@@ -51,9 +59,12 @@ def ask_for_rechecks(session: Session, run: RescoringRun, sample: int | None) ->
         .order_by(func.random())
         .limit(sample)
     )
+    if submission_id is not None:
+        query = query.where(ScoreSheetRow.submission_id == submission_id)
     sheets = session.execute(query).all()
     if not sheets:
-        raise InvalidRecord("The phase has no score sheets under its protocol yet.")
+        what = "The phase has no score sheets" if submission_id is None else "It has no score sheet"
+        raise InvalidRecord(f"{what} under the protocol that the phase shows.")
     session.add_all(
         new_item(
             Recheck,
@@ -153,16 +164,29 @@ def verification_view(session: Session, run_id: str) -> VerificationView:
         n_equal=counts.get(VerifyState.EQUAL, 0),
         n_different=counts.get(VerifyState.DIFFERS, 0),
         n_failed=counts.get(VerifyState.FAILED, 0),
-        problems=tuple(
-            VerifyItemView(
-                submission_id=item.submission_id,
-                state=_outcome(item.state, has_note=True),
-                expected_digest=item.expected_digest,
-                found_digest=item.found_digest,
-                note=item.note,
-            )
-            for item in session.scalars(bad.order_by(Recheck.submission_id))
-        ),
+        problems=tuple(map(_item, session.scalars(bad.order_by(Recheck.submission_id)))),
+    )
+
+
+def rechecks_of(session: Session, submission_id: str) -> tuple[VerifyItemView, ...]:
+    """Return every recomputation of the sheets of a submission, newest first."""
+    query = (
+        select(Recheck)
+        .where(Recheck.submission_id == submission_id)
+        .order_by(Recheck.created_at.desc(), Recheck.id)
+    )
+    return tuple(map(_item, session.scalars(query)))
+
+
+def _item(item: Recheck) -> VerifyItemView:
+    return VerifyItemView(
+        submission_id=item.submission_id,
+        state=_outcome(item.state, has_note=item.note is not None),
+        expected_digest=item.expected_digest,
+        found_digest=item.found_digest,
+        note=item.note,
+        asked_at=item.created_at,
+        ended_at=item.finished_at,
     )
 
 

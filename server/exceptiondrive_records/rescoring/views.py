@@ -198,6 +198,7 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
         select(
             BoardFlip.id,
             BoardFlip.at,
+            BoardFlip.news,
             BoardRow.number,
             BoardRow.protocol_digest,
             BoardRow.split_revision,
@@ -223,6 +224,7 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
                 shown_from=flip.at,
                 shown_until=end,
                 what_changed=() if run is None else _words_of(session, run, flip.id),
+                news=flip.news,
                 comparison=None if run is None else f"/api/v1/rescoring/{run.id}",
             )
         )

@@ -338,7 +338,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
         NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
-    _lock_jobs(session, submission_id)
+    lock_jobs(session, submission_id)
     submission = session.get(
         Submission, submission_id, with_for_update=True, populate_existing=True
     )
@@ -353,7 +353,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     submission.status = SubmissionStatus.WITHDRAWN
     submission.status_at = submission.withdrawn_at = now
     cancel_jobs_of(session, submission_id, now)
-    for protocol_digest, split_revision in _scored_under(session, submission_id):
+    for protocol_digest, split_revision in scored_under(session, submission_id):
         want_board(session, submission.phase_id, protocol_digest, split_revision)
     audit(session, actor, "submission withdrawn", submission_id, {"was": before})
     return submission
@@ -481,13 +481,14 @@ def _require_open(
     raise PhaseClosed(phase.title, f"closed at {phase.closes_at:%Y-%m-%d %H:%M} UTC")
 
 
-def _lock_jobs(session: Session, submission_id: str) -> None:
+def lock_jobs(session: Session, submission_id: str) -> None:
     """Wait for whoever claims or ends its jobs, in their order: the job first, then its submission."""
     jobs = select(Job.id).where(Job.submission_id == submission_id).order_by(Job.id)
     session.execute(jobs.with_for_update())
 
 
-def _scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+def scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
+    """Return the protocols and split revisions under which a submission has a sheet."""
     query = select(ScoreSheetRow.protocol_digest, ScoreSheetRow.split_revision).where(
         ScoreSheetRow.submission_id == submission_id
     )

@@ -116,7 +116,9 @@ class BoardRequest(WorkItem):
     """A board to be built: phase x protocol x split revision."""
 
     __mapper_args__ = {"polymorphic_identity": "board"}  # noqa: RUF012
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), nullable=True)
+    phase_id: Mapped[str] = mapped_column(
+        ForeignKey("phases.id", ondelete="CASCADE"), nullable=True
+    )
     protocol_digest: Mapped[str] = mapped_column(
         ForeignKey("protocols.digest"), nullable=True, use_existing_column=True
     )

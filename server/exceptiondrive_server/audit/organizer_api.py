@@ -1,27 +1,15 @@
 """The audit log, as organizers read and verify it."""
 
-from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from pydantic import BaseModel
 
 from exceptiondrive_records.audit.log import audit_page, verify_audit
+from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.web.auth import ServicesOf
 
 router = APIRouter()
-
-
-class AuditLineView(BaseModel):
-    """One line of the audit log."""
-
-    id: int
-    at: datetime
-    actor: str
-    action: str
-    subject: str
-    detail: dict[str, Any]
-    hash: str
 
 
 class AuditVerdictView(BaseModel):
@@ -45,20 +33,8 @@ def get_audit(
 ) -> list[AuditLineView]:
     """Read the audit log, newest first."""
     with services.database.read() as session:
-        return [
-            AuditLineView(
-                id=line.id,
-                at=line.at,
-                actor=line.actor,
-                action=line.action,
-                subject=line.subject,
-                detail=line.detail,
-                hash=line.hash,
-            )
-            for line in audit_page(
-                session, before=before, limit=limit, actor=actor, subject=subject
-            )
-        ]
+        lines = audit_page(session, before=before, limit=limit, actor=actor, subject=subject)
+        return list(map(line_view, lines))
 
 
 @router.get("/audit/verify", operation_id="verifyAudit")

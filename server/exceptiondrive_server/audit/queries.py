@@ -2,13 +2,41 @@
 
 import json
 from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
 
+from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_server.web.numbers import short_digest
+
+
+class AuditLineView(BaseModel):
+    """One line of the audit log."""
+
+    id: int
+    at: datetime
+    actor: str
+    action: str
+    subject: str
+    detail: dict[str, Any]
+    hash: str
+
+
+def line_view(line: AuditLine) -> AuditLineView:
+    """Return a line as the API shows it."""
+    return AuditLineView(
+        id=line.id,
+        at=line.at,
+        actor=line.actor,
+        action=line.action,
+        subject=line.subject,
+        detail=line.detail,
+        hash=line.hash,
+    )
 
 
 @dataclass(frozen=True)

@@ -135,6 +135,11 @@ def lead_chart(
     )
 
 
+def takers(leads: Sequence[Lead]) -> list[Lead]:
+    """Return the boards on which another one took the lead, newest first."""
+    return [change.lead for change in _changes(leads) if change.is_new_leader][::-1]
+
+
 def _changes(leads: Sequence[Lead]) -> list[_Change]:
     """Boards that say something else than the one before; those without a leader are left out."""
     found: list[_Change] = []

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.reported import reported_paper
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
 from exceptiondrive_server.boards.headline import own_entries
-from exceptiondrive_server.boards.lead_chart import lead_chart
+from exceptiondrive_server.boards.lead_chart import lead_chart, takers
 from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
 from exceptiondrive_server.boards.queries import (
     chosen_board,
@@ -44,6 +44,7 @@ router = APIRouter(include_in_schema=False)
 front = APIRouter(include_in_schema=False)
 """The board alone, which is matched before all other routes: matching costs more than answering."""
 MAX_HISTORY = 100
+MAX_TAKERS = 8
 
 
 @front.get("/")
@@ -115,6 +116,7 @@ def _history(session: Session, query: BoardQuery) -> Reading:
         "chart": lead_chart(who, now, metric, digits),
         "narrow_chart": lead_chart(who, now, metric, digits, width=NARROW_PX[0]),
         "leaders": {lead.number: lead.leader for lead in who if lead.number in listed},
+        "took_the_lead": takers(who)[:MAX_TAKERS],
         "metric": metric,
         "digits": digits,
     }

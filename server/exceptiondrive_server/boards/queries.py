@@ -27,7 +27,8 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
 from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.shown import shown_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.views import update_reasons
 from exceptiondrive_records.splits.drawings import protocol_drawing
@@ -38,7 +39,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
@@ -58,7 +59,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
     phase = choose_phase(session, query, with_hidden=with_hidden)
     links = _phase_links(session, phase)
     if phase is None:
-        protocol = latest_protocol(session)
+        protocol = packaged_protocol(NEWEST)
         return BoardPage(query, (), None, None, protocol, (), protocol.version)
     row = choose_board(session, phase, query)
     board = own_board(parsed_board(row)) if row else None
@@ -226,6 +227,14 @@ def choose_phase(session: Session, query: BoardQuery, *, with_hidden: bool = Fal
     return min(offered, key=lambda phase: _place(phase, order), default=None)
 
 
+def featured_protocol(session: Session) -> ProtocolDocument:
+    """Return the protocol of the phase on the front page; without any, the newest packaged one."""
+    phase = choose_phase(session, BoardQuery())
+    if phase is None:
+        return packaged_protocol(NEWEST)
+    return find_protocol(session, phase.protocol_digest)
+
+
 def _place(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
     """Where a phase stands among those that may be the front page."""
     position = inf if phase.position is None else phase.position
@@ -246,7 +255,7 @@ def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow 
     if query.board is not None:
         return find_board(session, phase.id, query.board)
     if query.protocol is not None:
-        digest = find_protocol(session, query.protocol).digest
+        digest = shown_protocol(session, query.protocol).digest
         row = latest_public_board(session, phase.id, digest)
         if row is None:
             raise NotFound("board of this phase under protocol", query.protocol)

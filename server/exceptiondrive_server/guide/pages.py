@@ -1,9 +1,6 @@
 """Pages that explain: every problem of the API, every fault of a file, the API itself."""
 
-from collections import defaultdict
-from collections.abc import Mapping
 from functools import cache
-from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
@@ -12,11 +9,11 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.publish.broken_files import report_of
+from exceptiondrive_server.guide.operations import operations
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import origin_of, page
 
 router = APIRouter(include_in_schema=False)
-METHODS = ("get", "post", "put", "patch", "delete")
 
 
 @router.get("/problems")
@@ -52,17 +49,6 @@ def show_api(request: Request) -> Response:
     """Show the API in one table, from the application's own description."""
     groups = operations(request.app.openapi())
     return page(request, "guide/api.html", "api", groups=groups, server=origin_of(request))
-
-
-def operations(openapi: Mapping[str, Any]) -> dict[str, list[tuple[str, str, dict[str, Any]]]]:
-    """Return method, path and description of every operation by tag, in the description's order."""
-    groups = defaultdict(list)
-    for path, item in openapi.get("paths", {}).items():
-        for method in METHODS:
-            if method in item:
-                tag = (item[method].get("tags") or ["other"])[0]
-                groups[tag].append((method.upper(), path, item[method]))
-    return dict(groups)
 
 
 def _faults() -> dict[FaultCode, str]:

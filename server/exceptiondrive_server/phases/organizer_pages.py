@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.phases.changes import (
+    delete_phase,
     feature_phase,
     freeze_phase,
     reveal_board,
@@ -58,10 +59,12 @@ class PhaseStep:
     key: str
     title: str
     meaning: str
-    take: Callable[..., Phase]
+    take: Callable[..., Phase | None]
     command: str
     is_offered: Callable[[PhaseView], bool]
     is_grave: bool = False
+    is_end: bool = False
+    """There is no page of the phase to go back to."""
 
 
 def _now(phase: PhaseView) -> PhaseNow:
@@ -118,6 +121,17 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 'reveal {} --what split --reason "…"',
                 lambda phase: _now(phase).part == "public",
                 is_grave=True,
+            ),
+            PhaseStep(
+                "delete",
+                "Delete the phase",
+                "The phase goes with its empty boards. This works only while nothing was "
+                "submitted or rescored in it; else archive or hide it.",
+                delete_phase,
+                'delete {} --reason "…"',
+                lambda phase: True,
+                is_grave=True,
+                is_end=True,
             ),
         )
     }
@@ -264,12 +278,21 @@ def post_step(
 ) -> Response:
     """Take an action on a phase."""
 
-    def take(session: Session, values: Mapping[str, str]) -> None:
+    def take(session: Session, values: Mapping[str, str]) -> str | None:
         known.take(session, phase_id, reason=values["reason"], actor=browser.principal.actor)
+        return HERE if known.is_end else None
 
     with services.database.read() as session:
         known, page = _step(session, phase_id, step)
-    return take_step(request, services, browser, page, form, take, "phase_changed")
+    return take_step(
+        request,
+        services,
+        browser,
+        page,
+        form,
+        take,
+        "phase_deleted" if known.is_end else "phase_changed",
+    )
 
 
 def _made_of(session: Session) -> tuple[FormField, ...]:

@@ -1,9 +1,9 @@
-"""Protocols: list, check a document against every phase, add it."""
+"""Protocols: list, check a document against every phase, add it, delete an unused one."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
@@ -14,26 +14,40 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.protocols.protocols import (
     add_protocol,
     checked_protocol,
+    delete_protocol,
     find_protocol,
     find_protocol_row,
     list_protocol_rows,
 )
+from exceptiondrive_records.protocols.shown import shown_digests
 from exceptiondrive_records.rescoring.views import protocol_check
 from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_server.protocols.api import TOML
 from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (
     FORM_TOKEN,
+    PostedForm,
     SignedIn,
     require_form_token,
     require_same_origin,
 )
-from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, go, organizer_page
+from exceptiondrive_server.web.forms import REASON
+from exceptiondrive_server.web.organizer_frame import (
+    NO_STORE,
+    OrganizerBrowser,
+    Step,
+    go,
+    organizer_page,
+    step_page,
+    take_step,
+)
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/organize/protocols", include_in_schema=False)
 HERE = "/organize/protocols"
 MAX_FIELDS = 8
+Version = Annotated[str, Path(max_length=100)]
 
 
 @dataclass(frozen=True)
@@ -54,6 +68,7 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         rows = list_protocol_rows(session)[::-1]
         protocols = {row.digest: find_protocol(session, row.digest) for row in rows}
         phases = list_phases(session, with_hidden=True)
+        shown = shown_digests(session)
     return organizer_page(
         request,
         browser,
@@ -62,6 +77,7 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         rows=rows,
         protocols=protocols,
         phases=phases,
+        shown=shown,
     )
 
 
@@ -96,6 +112,58 @@ async def post_new(request: Request, services: ServicesOf, browser: OrganizerBro
             typed = str(form.get("toml", ""))
             return await run_in_threadpool(_form, request, services, browser, typed, fault)
     return await run_in_threadpool(_answer, request, services, browser, toml, shall_add)
+
+
+@router.get("/{version}/toml")
+def show_toml(services: ServicesOf, _browser: OrganizerBrowser, version: Version) -> Response:
+    """Give the document of a protocol, of a draft too."""
+    with services.database.read() as session:
+        toml = find_protocol_row(session, version).toml
+    return Response(toml, media_type=TOML, headers=NO_STORE)
+
+
+@router.get("/{version}/delete")
+def show_deletion(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, version: Version
+) -> Response:
+    """Ask whether a protocol is to be deleted."""
+    return step_page(request, browser, _deletion(services, version))
+
+
+@router.post("/{version}/delete")
+def post_deletion(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    version: Version,
+) -> Response:
+    """Delete a protocol that nothing was made of."""
+
+    def take(session: Session, values: dict[str, str]) -> None:
+        actor = browser.principal.actor
+        delete_protocol(session, version, reason=values["reason"], actor=actor)
+
+    step = _deletion(services, version)
+    return take_step(request, services, browser, step, form, take, "protocol_deleted")
+
+
+def _deletion(services: Services, version: str) -> Step:
+    with services.database.read() as session:
+        protocol = find_protocol(session, version)
+    return Step(
+        section="protocols",
+        title=f"Delete protocol {protocol.version}",
+        meaning="Only a document that nothing was made of goes: neither phase, run, board nor "
+        "sheet. The audit log keeps its digest.",
+        button="Delete the protocol",
+        back=HERE,
+        back_words="Protocols",
+        fields=(REASON,),
+        facts=(("Title", protocol.title), ("What changes", protocol.changes)),
+        command=f'exceptiondrive organizer protocols delete {protocol.version} --reason "…"',
+        is_grave=True,
+    )
 
 
 async def _text(form: FormData) -> str:

@@ -1,14 +1,44 @@
-"""A team's own upload, given back bit by bit."""
+"""Uploads given back bit by bit: one to its team, one or many to organizers."""
 
-from fastapi.responses import Response
+import tarfile
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+
+from fastapi.responses import Response, StreamingResponse
+from pydantic import BaseModel
 
 from exceptiondrive_records.accounts.tokens import Principal
-from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.responses import SECURITY_HEADERS
 from exceptiondrive_server.web.services import Services
 
 GZIP_MAGIC = b"\x1f\x8b"
+BATCH = 50
+"""Submissions of an archive that are read from the records at a time."""
+
+
+class ArchivedFile(BaseModel):
+    """A submission of an archive."""
+
+    file: str | None
+    """Its upload within the archive; None where it could not be read."""
+    missing_because: str | None
+    submission: SubmissionView
+
+
+class ArchiveManifest(BaseModel):
+    """What an archive of uploads holds: `manifest.json`, its last member."""
+
+    made_at: datetime
+    files: tuple[ArchivedFile, ...]
 
 
 def own_upload(services: Services, principal: Principal, submission_id: str) -> Response:
@@ -21,13 +51,123 @@ def own_upload(services: Services, principal: Principal, submission_id: str) -> 
     """
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=team_of(principal))
-        digest, size_bytes = found.file_digest, found.size_bytes
-    data = services.files.read(digest, limit_bytes=size_bytes)
-    suffix = ".json.gz" if data.startswith(GZIP_MAGIC) else ".json"
-    headers = {
+    return _given(services, found)
+
+
+def any_upload(services: Services, principal: Principal, submission_id: str) -> Response:
+    """Return an upload of any team to an organizer; the audit log says who had it.
+
+    Raises:
+        NotFound: There is no such submission, or its file is kept no longer.
+        StoreError: The file store did not answer, or its bytes have changed.
+    """
+    with services.database.read() as session:
+        found = find_submission(session, submission_id)
+    answer = _given(services, found)
+    with services.database.write() as session:
+        audit(session, principal.actor, "upload downloaded", submission_id)
+    return answer
+
+
+def _given(services: Services, found: Submission) -> Response:
+    data = services.files.read(found.file_digest, limit_bytes=found.size_bytes)
+    return Response(
+        data,
+        media_type="application/octet-stream",
+        headers=_headers(f"exceptiondrive-{found.id}{suffix_of(data)}")
+        | {"ETag": f'"{found.file_digest}"'},
+    )
+
+
+def archive(
+    services: Services,
+    principal: Principal,
+    *,
+    team: str | None,
+    phase: str | None,
+    status: SubmissionStatus | None,
+) -> Response:
+    """Return a tar of the uploads that match, newest first, with a manifest at its end.
+
+    The manifest is the last member: it says of each file whether it could be read.
+
+    Raises:
+        NotFound: There is no such team.
+    """
+    with services.database.write() as session:
+        team_id = None if team is None else find_team(session, team).id
+        chosen = {"team": team, "phase": phase, "status": status}
+        detail = {name: value for name, value in chosen.items() if value is not None}
+        audit(session, principal.actor, "uploads downloaded", phase or team or "all", detail)
+    members = _archived(services, team_id, phase, status)
+    return tar_answer(tar_stream(members), "exceptiondrive-submissions.tar")
+
+
+def _archived(
+    services: Services, team_id: int | None, phase: str | None, status: SubmissionStatus | None
+) -> Iterator[tuple[str, bytes]]:
+    files: list[ArchivedFile] = []
+    after: str | None = None
+    while True:
+        with services.database.read() as session:
+            found = list_submissions(
+                session,
+                team_id=team_id,
+                phase_id=phase,
+                status=status,
+                after=after,
+                limit=BATCH,
+            )
+            batch = [(view(session, one), session.get_one(Team, one.team_id).slug) for one in found]
+        for one, slug in batch:
+            data, missing = read_upload(services, one)
+            path = None
+            if data is not None:
+                path = f"{one.phase}/{slug}/{one.id}{suffix_of(data)}"
+                yield path, data
+            files.append(ArchivedFile(file=path, missing_because=missing, submission=one))
+        if len(found) < BATCH:
+            break
+        after = found[-1].id
+    manifest = ArchiveManifest(made_at=datetime.now(UTC), files=tuple(files))
+    yield "manifest.json", manifest.model_dump_json(indent=2).encode()
+
+
+def read_upload(services: Services, one: SubmissionView) -> tuple[bytes | None, str | None]:
+    """Return the bytes of an upload, or why they cannot be had."""
+    try:
+        return services.files.read(one.file_digest, limit_bytes=one.size_bytes), None
+    except NotFound:
+        return None, "the file is kept no longer"
+    except (StoreError, UploadTooLarge) as error:
+        return None, str(error)
+
+
+def tar_stream(members: Iterable[tuple[str, bytes]]) -> Iterator[bytes]:
+    """Yield a tar, member by member: no more than one file stands in memory."""
+    at = int(datetime.now(UTC).timestamp())
+    for name, data in members:
+        info = tarfile.TarInfo(name)
+        info.size, info.mtime = len(data), at
+        yield info.tobuf()
+        yield data
+        yield bytes(-len(data) % tarfile.BLOCKSIZE)
+    yield bytes(2 * tarfile.BLOCKSIZE)
+
+
+def tar_answer(parts: Iterable[bytes], name: str) -> Response:
+    """Return a tar as a download that nobody keeps."""
+    return StreamingResponse(parts, media_type="application/x-tar", headers=_headers(name))
+
+
+def _headers(name: str) -> dict[str, str]:
+    return {
         **SECURITY_HEADERS,
         "Cache-Control": "no-store",
-        "Content-Disposition": f'attachment; filename="exceptiondrive-{found.id}{suffix}"',
-        "ETag": f'"{digest}"',
+        "Content-Disposition": f'attachment; filename="{name}"',
     }
-    return Response(data, media_type="application/octet-stream", headers=headers)
+
+
+def suffix_of(data: bytes) -> str:
+    """Return how the name of a file with these bytes ends."""
+    return ".json.gz" if data.startswith(GZIP_MAGIC) else ".json"

@@ -1,31 +1,129 @@
-"""Submissions that failed by our own fault, as organizers try them again."""
+"""Submissions of all teams, as organizers look at them, recompute, restore and answer for them."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Query
+from fastapi.responses import Response
 from pydantic import Field
 
-from exceptiondrive_records.rescoring.retry import retry_submission
+from exceptiondrive_records.participation.messages import write_about
+from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
+from exceptiondrive_records.rescoring.runs import verify_submission
+from exceptiondrive_records.rescoring.verification import verification_view
 from exceptiondrive_records.submissions.similarity import similarity_report
+from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
+from exceptiondrive_schemas.rescoring import NotificationView, VerificationView
 from exceptiondrive_schemas.similarity import SimilarityReport
-from exceptiondrive_schemas.submission import SubmissionView
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.api import SubmissionId
+from exceptiondrive_server.submissions.download import any_upload, archive
+from exceptiondrive_server.submissions.story import SubmissionStory, story_folder, story_of
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Form
 
 router = APIRouter()
 
 
-class Retry(Form):
-    """Why a failed submission is tried again."""
+class Why(Form):
+    """Why something is done with a submission; stays in the audit log."""
 
     reason: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
+class Note(Form):
+    """What a team is told about a submission of its own."""
+
+    words: Annotated[str, Field(min_length=1, max_length=4000)]
+
+
+_TAR: dict[int | str, dict[str, Any]] = {200: {"content": {"application/x-tar": {}}}}
+
+
+@router.get(
+    "/submissions/archive",
+    operation_id="downloadSubmissions",
+    response_class=Response,
+    responses=_TAR,
+)
+def get_archive(
+    services: ServicesOf,
+    organizer: Organizer,
+    team: Annotated[str | None, Query(max_length=64, description="only of this team")] = None,
+    phase: Annotated[str | None, Query(max_length=64, description="only of this phase")] = None,
+    status: SubmissionStatus | None = None,
+) -> Response:
+    """Download uploads as a tar, newest first; its last member, `manifest.json`, says what each is."""
+    return archive(services, organizer, team=team, phase=phase, status=status)
+
+
+@router.get("/submissions/{submission_id}", operation_id="showStory")
+def get_story(services: ServicesOf, submission_id: SubmissionId) -> SubmissionStory:
+    """Show a submission with everything that ever happened to it."""
+    with services.database.read() as session:
+        return story_of(session, submission_id)
+
+
+@router.get(
+    "/submissions/{submission_id}/file",
+    operation_id="downloadUpload",
+    response_class=Response,
+    responses={200: {"content": {"application/octet-stream": {}}}},
+)
+def get_file(services: ServicesOf, organizer: Organizer, submission_id: SubmissionId) -> Response:
+    """Give the bytes that a team sent; the audit log says who had them."""
+    return any_upload(services, organizer, submission_id)
+
+
+@router.get(
+    "/submissions/{submission_id}/folder",
+    operation_id="downloadStory",
+    response_class=Response,
+    responses=_TAR,
+)
+def get_folder(services: ServicesOf, organizer: Organizer, submission_id: SubmissionId) -> Response:
+    """Download a dispute for a committee, as a tar: upload, receipt, story and a README."""
+    return story_folder(services, organizer, submission_id)
+
+
+@router.post(
+    "/submissions/{submission_id}/verify", operation_id="verifySubmission", status_code=202
+)
+def post_verify(
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, why: Why
+) -> VerificationView:
+    """Recompute its score from the upload, and demand every bit again; nothing is changed."""
+    with services.database.write() as session:
+        run = verify_submission(session, submission_id, reason=why.reason, actor=organizer.actor)
+        return verification_view(session, run.id)
+
+
+@router.post("/submissions/{submission_id}/restore", operation_id="restoreSubmission")
+def post_restore(
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, why: Why
+) -> SubmissionView:
+    """Let a withdrawn submission stand again, at its old place in time."""
+    with services.database.write() as session:
+        restore_submission(session, submission_id, reason=why.reason, actor=organizer.actor)
+    with services.database.read() as session:
+        return view(session, find_submission(session, submission_id))
+
+
+@router.post(
+    "/submissions/{submission_id}/note", operation_id="writeAboutSubmission", status_code=201
+)
+def post_note(
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, note: Note
+) -> NotificationView:
+    """Tell its team something about it: in its inbox, and at every confirmed address."""
+    with services.database.write() as session:
+        told = write_about(session, submission_id, words=note.words, actor=organizer.actor)
+        return NotificationView.model_validate_json(told.body)
+
+
 @router.post("/submissions/{submission_id}/retry", operation_id="retrySubmission")
 def post_retry(
-    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, retry: Retry
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, retry: Why
 ) -> SubmissionView:
     """Queue a failed submission again, with all its attempts."""
     with services.database.write() as session:

@@ -1,29 +1,36 @@
-"""Submissions of all teams: filter, look, try again. No route shows a value of a sample."""
+"""Submissions of all teams: filter, look, recompute, restore, answer. No value of a sample is shown."""
 
-from collections.abc import Mapping
-from typing import Annotated
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
-from exceptiondrive_records.protocols.protocols import list_protocols
-from exceptiondrive_records.rescoring.retry import retry_submission
+from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
+from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
-from exceptiondrive_records.work.jobs import jobs_of
+from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.audit.queries import history
-from exceptiondrive_server.submissions.view import status_of, steps_of
+from exceptiondrive_server.submissions.download import any_upload, archive
+from exceptiondrive_server.submissions.queries import phase_rules, score_tables
+from exceptiondrive_server.submissions.runs import run_lines
+from exceptiondrive_server.submissions.story import story_folder, story_of
+from exceptiondrive_server.submissions.view import policy_sentences, status_of, steps_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON
+from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -40,6 +47,32 @@ SHOWN_PAIRS = 100
 SHOWN_OF_A_TEAM = 10
 SubmissionId = Annotated[str, Path(max_length=64)]
 Choice = Annotated[str, Query(max_length=64)]
+
+Deed = Literal["retry", "verify", "restore", "note"]
+_DEEDS: Mapping[Deed, Callable[..., object]] = MappingProxyType(
+    {
+        "retry": retry_submission,
+        "verify": verify_submission,
+        "restore": restore_submission,
+        "note": write_about,
+    }
+)
+_DONE: Mapping[Deed, str] = MappingProxyType(
+    {
+        "retry": "submission_retried",
+        "verify": "submission_verified",
+        "restore": "submission_restored",
+        "note": "team_told",
+    }
+)
+WORDS = FormField(
+    "words",
+    "What the team is told",
+    "lines",
+    "in its inbox, and at every confirmed address; a blank line begins a paragraph",
+    is_required=True,
+    max_length=4000,
+)
 
 
 @router.get("/submissions")
@@ -63,8 +96,10 @@ def show_submissions(
             after=after,
             limit=SHOWN + 1,
         )
-        teams = {one.id: one for one in list_teams(session)}
+        seen = views(session, found[:SHOWN])
         phases = list_phases(session, with_hidden=True)
+        lines = run_lines(seen, phase_rules(session, phases), can_decide=False)
+        teams = {one.id: one for one in list_teams(session)}
     chosen = {"team": team, "phase": phase, "status": known or ""}
     older = {**chosen, "after": found[SHOWN - 1].id} if len(found) > SHOWN else {}
     return organizer_page(
@@ -72,12 +107,30 @@ def show_submissions(
         browser,
         "submissions/organizer_submissions.html",
         "submissions",
-        found=found[:SHOWN],
-        teams=teams,
+        lines=lines,
+        labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
+        slugs={one.id: teams[one.team_id].slug for one in found},
+        teams=teams.values(),
         phases=phases,
         statuses=list(SubmissionStatus),
         chosen=chosen,
+        query=urlencode({key: value for key, value in chosen.items() if value}),
         older=urlencode({key: value for key, value in older.items() if value}),
+    )
+
+
+@router.get("/submissions/archive")
+def get_archive(
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    team: Choice = "",
+    phase: Choice = "",
+    status: Choice = "",
+) -> Response:
+    """Download the uploads of the list as a tar with a manifest."""
+    known = SubmissionStatus(status) if status in list(SubmissionStatus) else None
+    return archive(
+        services, browser.principal, team=team or None, phase=phase or None, status=known
     )
 
 
@@ -87,72 +140,122 @@ def show_submission(
 ) -> Response:
     """Show where a submission stands, and everything that ever happened to it."""
     with services.database.read() as session:
-        submission = find_submission(session, submission_id)
-        seen = view(session, submission)
-        team = session.get_one(Team, submission.team_id)
-        lines = history(session, submission.id, limit=HISTORY)
-        jobs = jobs_of(session, submission.id)
-        versions = {one.digest: one.version for one in list_protocols(session)}
+        story = story_of(session, submission_id)
+        seen = story.submission
+        sheet = score_tables(session, seen)
+        lines = history(session, submission_id, limit=HISTORY)
+        phase = find_phase(session, seen.phase)
     return organizer_page(
         request,
         browser,
         "submissions/organizer_submission.html",
         "submissions",
         one=seen,
-        team=team,
+        story=story,
+        sheet=sheet,
+        phase_title=phase.title,
+        sentences=list(policy_sentences(seen, phase.policy)),
         now=status_of(seen),
         steps=steps_of(seen),
         n_faults=sum(group.count for group in (seen.report.faults if seen.report else ())),
         lines=lines,
-        jobs=jobs,
-        versions=versions,
     )
 
 
-@router.get("/submissions/{submission_id}/retry")
-def show_retry(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, submission_id: SubmissionId
+@router.get("/submissions/{submission_id}/file")
+def get_file(
+    services: ServicesOf, browser: OrganizerBrowser, submission_id: SubmissionId
 ) -> Response:
-    """Ask whether a failed submission shall be tried again."""
+    """Give the bytes that the team sent."""
+    return any_upload(services, browser.principal, submission_id)
+
+
+@router.get("/submissions/{submission_id}/folder")
+def get_folder(
+    services: ServicesOf, browser: OrganizerBrowser, submission_id: SubmissionId
+) -> Response:
+    """Download the whole story for a committee."""
+    return story_folder(services, browser.principal, submission_id)
+
+
+@router.get("/submissions/{submission_id}/{deed}")
+def show_deed(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    submission_id: SubmissionId,
+    deed: Deed,
+) -> Response:
+    """Ask whether a submission shall be tried again, recomputed, restored, or written about."""
     with services.database.read() as session:
-        step = _retry(find_submission(session, submission_id))
+        step = _step(find_submission(session, submission_id), deed)
     return step_page(request, browser, step)
 
 
-@router.post("/submissions/{submission_id}/retry")
-def post_retry(
+@router.post("/submissions/{submission_id}/{deed}")
+def post_deed(
     request: Request,
     services: ServicesOf,
     browser: OrganizerBrowser,
     form: PostedForm,
     submission_id: SubmissionId,
+    deed: Deed,
 ) -> Response:
-    """Queue a failed submission again."""
+    """Try a submission again, recompute it, restore it, or write to its team."""
 
     def take(session: Session, values: Mapping[str, str]) -> None:
-        actor = browser.principal.actor
-        retry_submission(session, submission_id, actor=actor, reason=values["reason"])
+        _DEEDS[deed](session, submission_id, actor=browser.principal.actor, **values)
 
     with services.database.read() as session:
-        step = _retry(find_submission(session, submission_id))
-    return take_step(request, services, browser, step, form, take, "submission_retried")
+        step = _step(find_submission(session, submission_id), deed)
+    return take_step(request, services, browser, step, form, take, _DONE[deed])
 
 
-def _retry(submission: Submission) -> Step:
-    return Step(
+def _step(submission: Submission, deed: Deed) -> Step:
+    method, of = submission.method, f"exceptiondrive organizer submissions {deed} {submission.id}"
+    step = Step(
         section="submissions",
-        title=f"Try {submission.method} again",
+        title=f"Try {method} again",
         meaning="It is queued again with all its attempts, at its old place in time. "
         "No quota is touched.",
         button="Try again",
         back=f"/organize/submissions/{submission.id}",
         back_words="The submission",
         fields=(REASON,),
-        facts=(("Failed with", f"{submission.failure_code}: {submission.failure_message}"),)
-        if submission.failure_code
-        else (),
-        command=f'exceptiondrive organizer submissions retry {submission.id} --reason "…"',
+        command=f'{of} --reason "…"',
     )
+    match deed:
+        case "retry":
+            why = f"{submission.failure_code}: {submission.failure_message}"
+            return replace(step, facts=(("Failed with", why),) if submission.failure_code else ())
+        case "verify":
+            return replace(
+                step,
+                title=f"Recompute {method}",
+                meaning="A worker scores the upload anew under the protocol and split revision that "
+                "the phase shows, and compares every bit with the sheet. Nothing is changed.",
+                button="Recompute",
+            )
+        case "restore":
+            at = submission.withdrawn_at
+            return replace(
+                step,
+                title=f"Restore {method}",
+                meaning="It stands again at its old place in time, with the score that was kept; where "
+                "none is kept under the present protocol, it is scored. No quota is touched.",
+                button="Restore",
+                facts=(("Withdrawn", minute(at)),) if at is not None else (),
+            )
+        case "note":
+            return replace(
+                step,
+                title=f"Write to the team about {method}",
+                meaning="The team reads it among its notices, with a link to the submission. No address "
+                "is shown to you; the audit log keeps that you wrote, and a digest of the words.",
+                button="Send",
+                fields=(WORDS,),
+                command=f'{of} --words "…"',
+            )
 
 
 @router.get("/similar/{phase_id}")

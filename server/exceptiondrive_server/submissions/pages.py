@@ -16,14 +16,12 @@ from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal, Scope
-from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.notifications.inbox import count_unread
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
-from exceptiondrive_records.phases.policy import can_change, has_closed
-from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
+from exceptiondrive_records.phases.policy import can_change
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
@@ -36,21 +34,19 @@ from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.boards.page import PhaseLink
-from exceptiondrive_server.boards.queries import phase_link
-from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.boards.queries import featured_protocol, phase_link
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
+from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.quick_start import quick_start
-from exceptiondrive_server.submissions.runs import PhaseRules, run_lines
+from exceptiondrive_server.submissions.runs import run_lines
 from exceptiondrive_server.submissions.upload import received_upload, take_upload
 from exceptiondrive_server.submissions.view import (
     actions_of,
-    families_of,
     is_spent,
     left_words,
     policy_sentences,
-    scores_of,
     status_of,
     steps_of,
 )
@@ -124,7 +120,7 @@ def _submit_page(
     """Show the quick start for a phase, and the form again with what was typed before a refusal."""
     with services.database.read() as session:
         links = tuple(phase_link(session, phase) for phase in list_phases(session))
-        protocol = latest_protocol(session)
+        protocol = featured_protocol(session)
         phases = _phases(session, services, None if browser is None else browser.principal)
         standing = () if browser is None else _standing(session, browser.principal)
     phase = _chosen(links, wanted)
@@ -231,13 +227,7 @@ def show_my_submissions(
     with services.database.read() as session:
         found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
         seen = views(session, found[:SHOWN])
-        now = database_now(session)
-        rules = {
-            phase.id: PhaseRules(
-                phase.policy, find_protocol(session, phase.protocol_digest), has_closed(phase, now)
-            )
-            for phase in list_phases(session, with_hidden=True)
-        }
+        rules = phase_rules(session, list_phases(session, with_hidden=True))
         n_unread = count_unread(session, who.team_id) if who.team_id is not None else 0
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
@@ -275,11 +265,9 @@ def show_submission(
         found = find_submission(session, submission_id, team_id=own_team(browser.principal))
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
-        protocol = find_protocol(session, phase.protocol_digest)
         ended = not can_change(phase, found, database_now(session))
-        entry = entries_on(session, phase.current_board_id).get(seen.id)
+        sheet = score_tables(session, seen)
         edits = edits_of(session, seen.id)
-    headline = protocol.grading.headline
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
     return private_page(
         request,
@@ -290,12 +278,8 @@ def show_submission(
         progress=status_of(seen),
         steps=steps_of(seen),
         sentences=list(policy_sentences(seen, phase.policy)),
-        scores=scores_of(seen, protocol),
-        families=families_of(seen, protocol, entry),
-        columns=CHALLENGES[seen.challenge].columns,
+        sheet=sheet,
         edits=edits,
-        headline_title=AVERAGE_TITLES[headline],
-        other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
         n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         actions=actions_of(seen, phase.policy, has_closed=ended),

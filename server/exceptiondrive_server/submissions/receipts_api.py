@@ -42,7 +42,7 @@ def get_receipt(services: ServicesOf, principal: Reader, submission_id: Submissi
     """Give the signed receipt of a scored submission of one's own team."""
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
-        statement = _statement(session, found)
+        statement = statement_of(session, found)
     return services.signer.sign(statement)
 
 
@@ -67,12 +67,16 @@ def entry_receipt(services: Services, submission_id: str) -> Receipt:
         submission = find_submission(session, submission_id)
         if is_anonymous(find_phase(session, submission.phase_id)):
             raise NotFound("public receipt, before names are revealed, of entry", submission_id)
-        statement = _statement(session, submission)
+        statement = statement_of(session, submission)
     return services.signer.sign(statement)
 
 
-def _statement(session: Session, submission: Submission) -> ReceiptStatement:
-    """The published score under the protocol and split revision that the phase shows."""
+def statement_of(session: Session, submission: Submission) -> ReceiptStatement:
+    """Return the published score under the protocol and split revision that the phase shows.
+
+    Raises:
+        NotFound: There is none, or it is kept back.
+    """
     phase = find_phase(session, submission.phase_id)
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)

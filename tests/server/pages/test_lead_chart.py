@@ -85,8 +85,13 @@ async def test_the_history_names_who_led_each_board_and_draws_it(
         "Newcomer leads with HCC 65.11 %, protocol 1.0",
         "Kestrel-2 leads with HCC 61.40 %, protocol 1.1",
     ]
-    rows = [row.text for row in page.one("table", "phs").one("tbody").all("tr")]
-    assert ["Kestrel-2, 61.40" in rows[0], "Newcomer, 65.11" in rows[1]] == [True, True]
+    rows = [row.text for row in page.one("ol", "hist").all("li") if row.all("p", "no")]
+    assert "Kestrel-2 leads, 61.40" in rows[0]
+    assert "Newcomer leads, 65.11" in rows[1]
+    assert f"Newcomer {first.team} HCC 61.40 % to 65.11 % (+3.71)" in rows[1]
+    assert "The first board of the phase." in rows[2]
+    led = [row.text for row in page.one("ol", "led").all("li")]
+    assert [words.split()[0] for words in led] == ["Kestrel-2", "Newcomer", "Kestrel-2"]
     with lively_site.database.read() as session:
         told = leads(session, "sample")
     assert [each.number for each in told] == [1, 2, 3]

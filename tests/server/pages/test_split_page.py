@@ -30,7 +30,7 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
     text = text_of(answer.text)
     assert answer.status_code == 200
     for words in (
-        f"Samples that count {N} N",
+        f"Samples that count {N}",
         "on the road. Hazard regions",
         "The task suits the scene 3,446 19.31 % 17,850",
         "Accepted by review and people 3,181 92.31 % 3,446",

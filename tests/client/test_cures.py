@@ -1,0 +1,82 @@
+"""Every conversion that `check` advises, carried out as it stands, makes the file pass."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from tests.schemas.test_walk import (
+    ALL_FILES,
+    MANIFEST,
+    N,
+    as_bytes,
+    predictions,
+    report_of,
+    said_of,
+    sound,
+)
+from typer.testing import CliRunner
+
+from exceptiondrive.checking import check_file
+from exceptiondrive.cli import app
+
+STEPS_S = {"60 waypoints": "0.1"}
+"""What only its author knows: how far apart the waypoints of a file are."""
+BY_HAND = {"seven kinds at once"}
+"""What takes more than one mend, of which conversion is one."""
+UNTOUCHED = {"60 waypoints", "null inside a trajectory", "NaN and Infinity", "a huge number"}
+UNTOUCHED |= {"NaN as a text", "one a second", "1 s apart"}
+"""What is mended here is not the file that all of them come from: other numbers, or null."""
+COMMAND = re.compile("`exceptiondrive convert FILE([^`]*)`")
+
+
+def advised(name: str) -> list[str]:
+    """Return the options of the conversions that the report advises, shards apart."""
+    found = dict.fromkeys(COMMAND.findall(said_of(report_of(name))))
+    return [options for options in found if "FILE" not in options]
+
+
+CURES = [(name, options) for name in ALL_FILES if name not in BY_HAND for options in advised(name)]
+
+
+def test_most_files_have_a_cure() -> None:
+    assert len({name for name, _ in CURES}) > 38
+
+
+@pytest.mark.parametrize(("name", "options"), CURES)
+def test_the_advice_mends_the_file(name: str, options: str, tmp_path: Path) -> None:
+    file, output = tmp_path / "broken", tmp_path / "mended.json"
+    file.write_bytes(ALL_FILES[name].make())
+    words = shlex.split(options.replace("--time-step-s S", f"--time-step-s {STEPS_S.get(name)}"))
+    done = CliRunner().invoke(app, ["convert", str(file), *words, "-o", str(output)])
+    assert done.exit_code == 0, done.output
+    report = check_file(output, manifest=MANIFEST)
+    assert report.is_valid
+    if name in UNTOUCHED:
+        return
+    assert report.profile is not None
+    assert report.profile.warnings == ()
+    mended = json.loads(output.read_bytes())["predictions"]
+    assert {each["sample_id"] for each in mended} == {each["sample_id"] for each in predictions()}
+    own = {each["sample_id"]: each for each in predictions()}
+    for each in mended:
+        for side in ("source", "edited"):
+            assert [list(point) for point in each[side]] == [
+                pytest.approx(point, abs=0.011) for point in own[each["sample_id"]][side]
+            ]
+
+
+def test_shards_become_the_file(tmp_path: Path) -> None:
+    report = check_file(
+        as_bytes(sound() | {"predictions": predictions()[: N // 4]}), manifest=MANIFEST
+    )
+    assert "`exceptiondrive convert FILE FILE ...` makes one file" in said_of(report)
+    names = []
+    for number in range(4):
+        path = tmp_path / f"{number}.json"
+        path.write_bytes(as_bytes(sound() | {"predictions": predictions()[number::4]}))
+        names.append(str(path))
+    output = tmp_path / "whole.json"
+    assert CliRunner().invoke(app, ["convert", *names, "-o", str(output)]).exit_code == 0
+    assert check_file(output, manifest=MANIFEST).is_valid
