@@ -23,7 +23,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.disqualified import disqualification_notes
-from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
 from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
@@ -32,6 +32,7 @@ from exceptiondrive_records.protocols.shown import shown_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.views import update_reasons
 from exceptiondrive_records.splits.drawings import protocol_drawing
+from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
 from exceptiondrive_records.submissions.tables import ScoreSheetRow

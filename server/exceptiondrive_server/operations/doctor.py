@@ -292,26 +292,29 @@ def _is_open(folder: Path) -> bool:
 
 def _wall(folder: Path) -> Iterator[Finding]:
     """The user of the server must not get into what is withheld."""
+    try:
+        found = folder.stat()
+    except PermissionError:  # a folder above it is closed already
+        yield Finding(Severity.OK, f"this user cannot enter {folder}")
+        return
+    except OSError:
+        yield Finding(
+            Severity.ERROR,
+            f"there is no {folder}: nothing was examined",
+            "name the folder of splits or of the private store that the workers use",
+        )
+        return
     if os.geteuid() == 0:
         yield Finding(
             Severity.WARNING,
             f"cannot tell whether the server may enter {folder}: this is root",
             "run the doctor as the server's user",
         )
-    if _can_list(folder):
-        owner = folder.stat().st_uid
-        if owner == os.geteuid() and not stat.S_IMODE(folder.stat().st_mode) & _OTHERS:
+    if os.access(folder, os.R_OK) or os.access(folder, os.X_OK):
+        if found.st_uid == os.geteuid() and not stat.S_IMODE(found.st_mode) & _OTHERS:
             do = "run server and workers as different users"
         else:
             do = f"run: chmod 0700 {folder}, owned by the workers' user"
         yield Finding(Severity.ERROR, f"this user may read {folder}, which is withheld", do)
     else:
         yield Finding(Severity.OK, f"this user cannot enter {folder}")
-
-
-def _can_list(folder: Path) -> bool:
-    try:
-        next(folder.iterdir(), None)
-    except (PermissionError, FileNotFoundError):
-        return False
-    return True
