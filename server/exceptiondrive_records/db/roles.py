@@ -66,6 +66,7 @@ RIGHTS = MappingProxyType(
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
+        "confirmations": (RID, R, R),  # workers believe a signature, not a row
         "contact_points": (RIUD, R, R),
         "disqualifications": (RIU, R, R),
         "entry_drawings": (R, RI, R),
@@ -104,6 +105,7 @@ WORK_RIGHTS = MappingProxyType(
         "delivery": (RIU, RI, RIU),
         "lead": (R, NONE, RIUD),
         "recheck": (RIU, RU, RU),
+        "trial": (RI, RU, R),  # workers alone say what came of it
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )

@@ -1,11 +1,13 @@
-"""Protocols: list, check a document against every phase, add it, delete an unused one."""
+"""Protocols: list, check against every phase, add, delete; confirmations of organizers."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
+from pydantic import ValidationError
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData, UploadFile
 
@@ -21,6 +23,13 @@ from exceptiondrive_records.protocols.protocols import (
 )
 from exceptiondrive_records.protocols.shown import shown_digests
 from exceptiondrive_records.rescoring.views import protocol_check
+from exceptiondrive_records.splits.confirmations import (
+    add_confirmation,
+    list_confirmations,
+    withdraw_confirmation,
+)
+from exceptiondrive_schemas.confirmation import Confirmation
+from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.protocol_difference import Difference
 from exceptiondrive_server.protocols.api import TOML
 from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
@@ -47,6 +56,22 @@ from exceptiondrive_server.web.services import Services
 router = APIRouter(prefix="/organize/protocols", include_in_schema=False)
 HERE = "/organize/protocols"
 MAX_FIELDS = 8
+ConfirmationId = Annotated[str, Path(max_length=64)]
+CONFIRM = Step(
+    section="protocols",
+    title="Confirm a protocol on a split",
+    meaning="Where a withheld split asks for a second organizer, two sign that it may be scored "
+    "under a protocol, each with a key that is on no server. Sign on your machine, with the "
+    "document that you read there.",
+    button="Keep the confirmation",
+    back=HERE,
+    back_words="Protocols",
+    fields=(
+        FormField("confirmation", "What the command wrote", "lines", "JSON", is_required=True,
+                  max_length=2000),
+    ),
+    command="exceptiondrive organizer protocols confirm new.toml --split NAME --revision REVISION",
+)  # fmt: skip
 Version = Annotated[str, Path(max_length=100)]
 
 
@@ -68,6 +93,7 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         rows = list_protocol_rows(session)[::-1]
         protocols = {row.digest: find_protocol(session, row.digest) for row in rows}
         phases = list_phases(session, with_hidden=True)
+        confirmations = list_confirmations(session)
         shown = shown_digests(session)
     return organizer_page(
         request,
@@ -78,6 +104,73 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         protocols=protocols,
         phases=phases,
         shown=shown,
+        confirmations=confirmations,
+    )
+
+
+@router.get("/confirm")
+def show_confirm(request: Request, browser: OrganizerBrowser) -> Response:
+    """Ask for what an organizer signed on a machine of their own."""
+    return step_page(request, browser, CONFIRM)
+
+
+@router.post("/confirm")
+def post_confirm(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
+) -> Response:
+    """Keep what an organizer signed."""
+
+    def take(session: Session, values: Mapping[str, str]) -> None:
+        try:
+            given = Confirmation.read(values["confirmation"].encode())
+        except ValidationError:
+            raise InvalidRecord(
+                "This is no confirmation: paste all that the command wrote."
+            ) from None
+        add_confirmation(session, given, browser.principal.actor)
+
+    return take_step(request, services, browser, CONFIRM, form, take, "protocol_confirmed")
+
+
+@router.get("/confirmations/{confirmation_id}/withdraw")
+def show_withdraw(
+    request: Request, browser: OrganizerBrowser, confirmation_id: ConfirmationId
+) -> Response:
+    """Ask whether a confirmation shall be taken back."""
+    return step_page(request, browser, _withdraw(confirmation_id))
+
+
+@router.post("/confirmations/{confirmation_id}/withdraw")
+def post_withdraw(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    confirmation_id: ConfirmationId,
+) -> Response:
+    """Take a confirmation back."""
+
+    def take(session: Session, values: Mapping[str, str]) -> None:
+        actor = browser.principal.actor
+        withdraw_confirmation(session, confirmation_id, values["reason"], actor)
+
+    step = _withdraw(confirmation_id)
+    return take_step(request, services, browser, step, form, take, "confirmation_withdrawn")
+
+
+def _withdraw(confirmation_id: str) -> Step:
+    return Step(
+        section="protocols",
+        title="Withdraw the confirmation",
+        meaning="Where the split asks for a second organizer, workers score nothing more and build "
+        "no board under this protocol until it is confirmed again. What is published stays.",
+        button="Withdraw",
+        back=HERE,
+        back_words="Protocols",
+        fields=(REASON,),
+        command=f"exceptiondrive organizer protocols withdraw-confirmation {confirmation_id} "
+        '--reason "…"',
+        is_grave=True,
     )
 
 

@@ -28,6 +28,7 @@ _GO_UNUSED = ("protocols",)
 NEEDED_BY_KIND_OF_WORK = {
     "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
     "board": ("phase_id", "protocol_digest", "split_revision"),
+    "trial": ("run_id",),
     "recheck": ("run_id", "submission_id", "expected_digest"),
     "lead": ("holder",),
     "delivery": ("notification_id", "contact_id"),
@@ -84,6 +85,7 @@ def create_accounts() -> None:
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
         sa.Column("name", sa.String(), nullable=False),
         sa.Column("scopes", sa.JSON(), nullable=False),
+        sa.Column("phases", sa.JSON(), nullable=False),
         sa.Column("secret_digest", sa.String(), nullable=False),
         sa.Column("prefix", sa.String(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
@@ -106,7 +108,8 @@ def create_accounts() -> None:
         sa.Column("subject", sa.String(), nullable=False),
         sa.Column("name", sa.String(), nullable=False),
         sa.Column("email", sa.String()),
-        sa.Column("is_organizer", sa.Boolean(), nullable=False),
+        sa.Column("organizer_role", sa.String()),
+        sa.Column("organizer_phases", sa.JSON(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("signed_in_at", TIME, nullable=False),
         sa.UniqueConstraint("issuer", "subject"),
@@ -219,6 +222,23 @@ def create_splits() -> None:
         ),
     )
     op.create_index("ix_sample_pictures_file", "sample_pictures", ["file_digest"])
+    op.create_table(
+        "confirmations",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("split_name", sa.String(), nullable=False),
+        sa.Column("split_revision", sa.String(), nullable=False),
+        sa.Column("protocol_digest", sa.String(), nullable=False),
+        sa.Column("confirmation", sa.Text(), nullable=False),
+        sa.Column("confirmed_at", TIME, nullable=False),
+        sa.ForeignKeyConstraint(
+            ["split_name", "split_revision"], ["splits.name", "splits.revision"]
+        ),
+    )
+    op.create_index(
+        "ix_confirmations_asked",
+        "confirmations",
+        ["split_name", "split_revision", "protocol_digest"],
+    )
 
 
 def create_phases() -> None:
@@ -439,6 +459,7 @@ def create_boards() -> None:
         sa.Column("news", sa.Text(), nullable=False),
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
+    op.create_index("ix_board_flips_board", "board_flips", ["board_id", "at"])
 
 
 def create_rescoring() -> None:
@@ -559,6 +580,7 @@ def create_work() -> None:
         sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
         sa.Column("expected_digest", sa.String()),
         sa.Column("found_digest", sa.String()),
+        sa.Column("trial", sa.Text()),
         sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
         sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
         sa.UniqueConstraint("kind", "key"),
