@@ -248,6 +248,15 @@ class Client(Connection):
     def _phase_ids(self) -> list[str]:
         return [view.id for view in self.phases()]
 
+    def accept_terms(self, phase: str, version: str) -> Record:
+        """Accept the terms of a phase for the team, in the version that was read.
+
+        Raises:
+            NotAllowedError: The terms are others by now, or none need be accepted.
+        """
+        path = f"/phases/{quoted(phase)}/terms"
+        return self._transport.post_once(path, {"version": version})
+
     def quota(self, phase: str | None = None) -> dict[str, Quota]:
         """Return what the team may still submit, by phase; of one phase or of all.
 
@@ -316,13 +325,14 @@ class Client(Connection):
         return self._check(file, self.phase(phase))
 
     def _check(self, file: SubmissionLike, phase: PhaseView) -> CheckReport:
-        return check_file(
+        report = check_file(
             file,
             manifest=self.manifest(phase.id),
             protocol=self.protocol_of(phase),
             challenge=phase.challenge,
             max_upload_bytes=phase.max_upload_bytes,
         )
+        return report.model_copy(update={"notes": (*report.notes, *phase.not_checked)})
 
     def outlook(self, file: SubmissionLike, *, phase: str, method: str | None = None) -> Outlook:
         """Check a file as `check` does, and say what an upload of it will do.

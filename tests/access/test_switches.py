@@ -69,7 +69,7 @@ def test_operators_do_the_same_by_command(
         person_id = welcome_person(session, Identity("https://issuer.example", "s", "Ada")).id
     run = CliRunner()
     assert run.invoke(app, ["set-organizer", person_id]).exit_code == 0
-    assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\torganizer\n"
+    assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\towner\n"
     assert run.invoke(app, ["set-organizer", person_id, "off"]).exit_code == 0
     assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\t\n"
     assert run.invoke(app, ["self-registration", "on"]).exit_code == 0

@@ -16,6 +16,7 @@ from exceptiondrive_records.accounts.people import (
     set_organizer,
     welcome_person,
 )
+from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import BrowserSession, Invitation, Person
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.errors import NotFound
@@ -192,12 +193,12 @@ def test_one_acts_for_own_teams_alone_and_organizers_do_not_mix(
         assert answer.status_code in (400, 403)
     with site.database.write() as session:
         person_id = session.scalars(select(Person.id)).one()
-        set_organizer(session, person_id, True, actor="test")
+        set_organizer(session, person_id, OrganizerRole.OWNER, actor="test")
     assert "My submissions" in ada.get("/my").text
     ada.post("/my/team/act-for", {"team": ""}, page="/my/team")
     assert "All submissions" in ada.get("/my").text
     with site.database.write() as session:
-        set_organizer(session, person_id, False, actor="test")
+        set_organizer(session, person_id, None, actor="test")
     assert ada.get("/my").headers["location"] == "/my/team"
 
 

@@ -1,4 +1,6 @@
 import json
+import tarfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -130,3 +132,101 @@ def test_the_report_of_alike_submissions_names_teams_and_is_for_organizers(
     assert "Team Beta: Planner" in shown.replace("\n", " ")
     assert organize(working, "similar", "--phase", "dev", token=token).exit_code == 4
     assert organize(working, "similar", "--phase", "none").exit_code == 2
+
+
+def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path: Path) -> None:
+    table = tmp_path / "teams.csv"
+    table.write_text("id,name,affiliation\nalef,Alef,Lab\nbet,Bet,\n", encoding="utf-8")
+    made = organize(running, "teams", "import", table)
+    assert (made.exit_code, made.stdout.count(",edk_")) == (0, 2)
+    why = ("--reason", "asked for by mail")
+    assert organize(running, "teams", "change", "bet", "--name", "Beth", *why).exit_code == 0
+    assert organize(running, "teams", "change", "bet", *why).exit_code == 2
+    out = organize(running, "teams", "disqualify", "bet", "--phase", "dev", *why, "--json")
+    number = json.loads(out.stdout)["id"]
+    assert "bet" in organize(running, "teams", "disqualified").stdout
+    assert organize(running, "teams", "reinstate", number, *why).stdout == "bet reinstated\n"
+    limits = organize(running, "teams", "limits", "bet", "--phase", "dev", "--quota-total", 2, *why)
+    assert limits.stdout == "team bet has its own limits in dev\n"
+    text = tmp_path / "text.txt"
+    text.write_text("It moves.", encoding="utf-8")
+    to = ("message", "The deadline", "--text", text, "--to", "alef", "--to", "bet")
+    assert "would reach 2 teams" in organize(running, *to, "--preview").stdout
+    assert "sent to 2 teams" in organize(running, *to).stdout
+    assert organize(running, *to).exit_code == 4
+    merged = organize(running, "teams", "merge", "alef", "--into", "bet", *why)
+    assert merged.stdout == "team bet has 0 submissions of alef\n"
+    shown = organize(running, "teams", "show", "bet").stdout
+    assert "quota total" in shown
+    terms = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.token}
+    none = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms)
+    assert (none.exit_code, "no terms to accept" in none.stderr) == (2, True)
+    asked = ("--terms", "Be fair.", "--terms-required")
+    assert organize(running, "phases", "update", "dev", *asked).exit_code == 0
+    shown = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
+    version = shown.split("version ")[1].split(";")[0]
+    words = ["terms", "--phase", "dev", "--accept", version]
+    assert CliRunner().invoke(app, words, env=terms).exit_code == 0
+    assert "accepted 2" in CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
+
+
+def test_what_is_done_with_a_submission_from_the_command_line(
+    running: "Running", tmp_path: Path, planning_file: Callable[..., Path]
+) -> None:
+    path = planning_file()
+    with running.client() as client:
+        sent = client.submit(path, phase="dev", method="Planner")
+        client.withdraw(sent.id)
+    of = ("submissions",)
+    back = organize(running, *of, "restore", sent.id, "--reason", "by mistake")
+    assert back.stdout == f"submission {sent.id} is received\n"
+    assert organize(running, *of, "restore", sent.id, "--reason", "again").exit_code == 4
+    told = organize(running, *of, "note", sent.id, "--words", "It stands again.")
+    assert told.stdout.startswith("Alpha is told: notice ")
+    with running.client() as client:
+        assert [notice.what_changed for notice in client.notices()] == [("It stands again.",)]
+    no_sheet = organize(running, *of, "verify", sent.id, "--reason", "a dispute")
+    assert (no_sheet.exit_code, "no score sheet" in no_sheet.stderr) == (2, True)
+    upload = tmp_path / "upload.json"
+    got = organize(running, *of, "download", sent.id, "--output", upload)
+    assert got.exit_code == 0, got.stderr
+    assert upload.read_bytes() == path.read_bytes()
+    assert organize(running, *of, "download", sent.id, "--output", upload).exit_code == 2
+    for command, name in (("folder", f"submission-{sent.id}/upload.json"), ("archive", None)):
+        file = tmp_path / f"{command}.tar"
+        more = [sent.id] if command == "folder" else ["--team", "alpha"]
+        assert organize(running, *of, command, *more, "--output", file).exit_code == 0
+        with tarfile.open(file) as tar:
+            assert (name or f"dev/alpha/{sent.id}.json") in tar.getnames()
+    story = organize(running, *of, "show", sent.id).stdout
+    for words in ("told ", "submission restored", "upload downloaded", "story downloaded"):
+        assert words in story
+    people = json.loads(organize(running, "audit", "list", "--by-people", "--json").stdout)
+    assert not {line["actor"] for line in people} & {"worker", "reconciler", "server"}
+    about = json.loads(organize(running, "audit", "list", "--subject", sent.id, "--json").stdout)
+    assert {line["subject"] for line in about} == {sent.id}
+
+
+def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
+    running: "Running", tmp_path: Path
+) -> None:
+    key, document = tmp_path / "key.pem", tmp_path / "1.1.toml"
+    document.write_text(packaged_protocol_toml("1.1"))
+    shown = organize(running, "protocols", "key", "--key", key)
+    assert (shown.exit_code, str(key) in shown.stderr) == (0, True)
+    public_key = shown.stdout.strip()
+    splits = json.loads(organize(running, "splits", "list", "--json").stdout)
+    what = ("--split", "tiny", "--revision", splits[0]["revision"], "--key", key)
+    unknown = organize(running, "protocols", "confirm", document, *what)
+    assert unknown.exit_code == 2
+    assert organize(running, "protocols", "add", document).exit_code == 0
+    done = organize(running, "protocols", "confirm", document, *what)
+    assert (done.exit_code, "confirmed: protocol 1.1" in done.stdout) == (0, True)
+    written = organize(running, "protocols", "confirm", document, *what, "-o", tmp_path / "c.json")
+    assert written.exit_code == 0
+    (kept,) = json.loads(organize(running, "protocols", "confirmations", "--json").stdout)
+    assert kept["confirmation"] == json.loads((tmp_path / "c.json").read_text())
+    assert kept["confirmation"]["public_key"] == public_key
+    why = ("--reason", "wrong document")
+    assert organize(running, "protocols", "withdraw-confirmation", kept["id"], *why).exit_code == 0
+    assert json.loads(organize(running, "protocols", "confirmations", "--json").stdout) == []

@@ -83,7 +83,7 @@ REFUSED = [
         "UPDATE alembic_version SET version_num = 'x'",
     )),
     *((role, f"DELETE FROM {table}") for role in (Role.WORKER, Role.RECONCILER)
-      for table in ("teams", "phases", "rescoring_runs")),
+      for table in ("teams", "phases", "protocols", "rescoring_runs")),
     (Role.WORKER, "UPDATE phases SET quota_per_day = 1000"),
     (Role.WORKER, "UPDATE submissions SET team_id = 1"),
     (Role.WORKER, "INSERT INTO submissions DEFAULT VALUES"),
@@ -94,7 +94,7 @@ REFUSED = [
         "UPDATE phases SET created_at = now()", "UPDATE phases SET challenge = 'strategy'",
         "UPDATE submissions SET team_id = 1", "UPDATE submissions SET phase_id = 'x'",
         "UPDATE submissions SET received_at = now()", "UPDATE submissions SET file_digest = 'x'",
-        "UPDATE score_sheets SET created_at = now()", "DELETE FROM protocols",
+        "UPDATE score_sheets SET created_at = now()",
     )),
     (Role.API, "INSERT INTO splits DEFAULT VALUES"),
     (Role.API, "UPDATE splits SET public_file_digest = 'x'"),

@@ -98,6 +98,18 @@ PROTECTIONS = (
         "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_usual_floors_hold",
     ),
     Protection(
+        "second-organizer",
+        "exceptiondrive_worker.split_floors:unconfirmed",
+        _always(()),
+        "tests/worker/test_second_organizer.py::test_nothing_is_scored_until_two_organizers_have_signed",
+    ),
+    Protection(
+        "confirmation-signature",
+        f"{RECORDS}.splits.confirmations:is_signed",
+        _always(True),
+        "tests/worker/test_second_organizer.py::test_rows_that_a_taken_over_server_writes_confirm_nothing",
+    ),
+    Protection(
         "split-day",
         "exceptiondrive_records.submissions.sheets:scored_within_a_day",
         _always(0),
@@ -127,6 +139,12 @@ PROTECTIONS = (
         _every_scope,
         "tests/server/test_access.py::test_a_participant_who_calls_every_organizer_route_is_told_403",
         is_short=True,
+    ),
+    Protection(
+        "roles",
+        f"{SERVER}.web.organizer_rights:require_right",
+        _nothing,
+        "tests/access/test_roles.py::test_no_route_of_the_organizers_lacks_the_guard",
     ),
     Protection(
         "csrf-token",

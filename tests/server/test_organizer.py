@@ -149,7 +149,9 @@ def test_a_protocol_is_added_once(api_on_both: "Api", as_problem: Problem) -> No
     made = post_protocol(api_on_both, toml)
     assert made.status_code == 201, made.text
     assert post_protocol(api_on_both, toml).status_code == 200
-    versions = [row["version"] for row in api_on_both.get("/protocols").json()]
+    versions = [
+        row["version"] for row in api_on_both.get("/organizer/protocols", "organizer").json()
+    ]
     assert versions == ["1.0", "1.1"]
     other = toml.replace("bootstrap_draws = 1000", "bootstrap_draws = 2000")
     problem = as_problem(post_protocol(api_on_both, other), 409, "conflict")

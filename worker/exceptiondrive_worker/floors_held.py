@@ -5,6 +5,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.rescoring.trials import tried_protocols
+from exceptiondrive_records.splits.confirmations import keys_that_confirm
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
@@ -15,6 +17,7 @@ from exceptiondrive_worker.split_floors import (
     SplitDayFullError,
     SplitFloors,
     breaches,
+    unconfirmed,
 )
 
 
@@ -40,8 +43,12 @@ def hold_floors(
     """
     if find_public_split(session, ref) is not None:
         return
-    protocols = protocols_of_split(session, ref.name) | {protocol.digest}
-    found = [*breaches(floors, protocol)]
+    told = protocols_of_split(session, ref.name) | tried_protocols(session, ref.name)
+    protocols = told | {protocol.digest}
+    found = [
+        *breaches(floors, protocol),
+        *unconfirmed(floors, keys_that_confirm(session, ref, protocol.digest)),
+    ]
     if len(protocols) > floors.max_protocols:
         found.append(
             f"it would be protocol number {len(protocols)}, at most {floors.max_protocols} may be"

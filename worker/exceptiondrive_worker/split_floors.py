@@ -15,10 +15,13 @@ import tomllib
 from pydantic import Field, ValidationError, model_validator
 
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.confirmation import PublicKey
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
 FLOORS_FILE = "floors.toml"
 
+NEEDED = 2
+"""How many organizers have to confirm, where a split asks for a second one."""
 Bounds = tuple[float, float]
 Count = Annotated[int, Field(ge=1)]
 Decimals = Annotated[int, Field(ge=0, le=4)]
@@ -48,6 +51,10 @@ class SplitFloors(Document):
     """Submissions that get their first sheet within 24 hours, over all phases and teams."""
     private_part_from: datetime | None = None
     """Before this the private part is not scored; with a time zone."""
+    second_organizer: bool = False
+    """Whether two of `organizers` have to sign that a revision is scored under a protocol."""
+    organizers: dict[str, PublicKey] = Field(default_factory=dict)
+    """Name to public key, as `exceptiondrive organizer protocols key` prints it."""
 
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> Self:
@@ -55,6 +62,11 @@ class SplitFloors(Document):
             least, most = getattr(self, name)
             if not 0 <= least <= most:
                 raise ValueError(f"{name}: the least comes first, and none is negative")
+        n_keys = len(set(self.organizers.values()))
+        if n_keys < len(self.organizers):
+            raise ValueError("organizers: each has a key of their own")
+        if self.second_organizer and n_keys < NEEDED:
+            raise ValueError(f"second_organizer needs {NEEDED} organizers with their keys")
         if self.private_part_from is not None and self.private_part_from.tzinfo is None:
             raise ValueError("private_part_from needs a time zone, such as Z")
         return self
@@ -132,6 +144,19 @@ def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
         if not low <= number <= high and name not in told:
             told.add(name)
             yield f"{name} is {number:g}, it must lie from {low:g} to {high:g}"
+
+
+def unconfirmed(floors: SplitFloors, keys: set[str]) -> Iterator[str]:
+    """Yield in words whose confirmation is missing.
+
+    Args:
+        floors: Of a split.
+        keys: Whose signature holds for what is asked; keys of nobody named there count nothing.
+    """
+    names = sorted(name for name, key in floors.organizers.items() if key in keys)
+    if floors.second_organizer and len(names) < NEEDED:
+        who = f"{' and '.join(names)} alone" if names else "nobody"
+        yield f"it is confirmed by {who}, and {NEEDED} of {len(floors.organizers)} organizers must"
 
 
 def _required_clearances_m(protocol: ProtocolDocument) -> list[float]:

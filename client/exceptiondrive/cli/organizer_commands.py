@@ -6,12 +6,20 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
+from exceptiondrive.cli import (
+    options,
+    participation_commands,
+    phase_commands,
+    rescore_commands,
+    site_commands,
+)
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
+from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive_schemas.split import SplitRef
 
 SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
 OutputOption = Annotated[
@@ -294,10 +302,11 @@ def revoke_token(
 
 
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
-    """List all protocols, oldest first."""
+    """List all protocols, drafts too, oldest first."""
     with open_organizer(server) as organizer:
         found = organizer.protocols()
-    show_result(found, json, records_table(found, ("version", "title", "digest")))
+    rows = [one | {"readers": "no, a draft" if one["is_draft"] else "yes"} for one in found]
+    show_result(found, json, records_table(rows, ("version", "title", "readers", "digest")))
 
 
 def add_protocol(
@@ -313,6 +322,89 @@ def add_protocol(
         added = organizer.add_protocol(toml)
     what = "is there already, nothing was added" if added["digest"] in known else "added"
     show_result(added, json, f"protocol {added['version']} {what}, {added['digest']}")
+
+
+KeyOption = Annotated[
+    Path | None,
+    typer.Option("--key", metavar="FILE", help="Your private key; it stays on this machine."),
+]
+
+
+def protocol_key(key: KeyOption = None, json: options.Json = False) -> None:
+    """Show the public half of your key, made if there is none: for `floors.toml` of a split."""
+    path = key or default_key_path()
+    public_key = make_key(path)
+    say(f"the private key lies at {path}: keep it from every server")
+    show_result({"public_key": public_key, "key": str(path)}, json, public_key)
+
+
+def confirm_protocol(
+    file: FileArgument,
+    split: Annotated[str, typer.Option("--split", metavar="NAME", help="Name of the split.")],
+    revision: Annotated[
+        str,
+        typer.Option("--revision", metavar="REVISION", help="As `register-splits` printed it."),
+    ],
+    key: KeyOption = None,
+    to_file: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Write it here; send nothing."),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Sign that a withheld split may be scored under a protocol, and hand it in.
+
+    What is signed is the document on this machine: read it first.
+    """
+    protocol = given_protocol(str(file))
+    ref = SplitRef(name=split, revision=revision)
+    signed = confirm(ref, protocol.digest, key or default_key_path())
+    words = f"protocol {protocol.version} ({protocol.digest}) on {split} at {revision}"
+    if to_file is not None:
+        to_file.write_text(signed.model_dump_json(by_alias=True) + "\n", encoding="utf-8")
+        show_result(signed.model_dump(mode="json", by_alias=True), json, f"signed: {words}")
+        return
+    with open_organizer(server) as organizer:
+        kept = organizer.confirm(signed.model_dump(mode="json", by_alias=True))
+    show_result(kept, json, f"confirmed: {words}")
+
+
+def list_confirmations(server: options.Server = None, json: options.Json = False) -> None:
+    """List what organizers signed: which split may be scored under which protocol."""
+    with open_organizer(server) as organizer:
+        found = organizer.confirmations()
+    rows = [
+        {"id": one["id"], "protocol": said["protocol"], "key": said["public_key"], **said["split"]}
+        for one in found
+        for said in [one["confirmation"]]
+    ]
+    columns = ("id", "name", "revision", "protocol", "key")
+    show_result(found, json, records_table(rows, columns))
+
+
+def withdraw_confirmation(
+    confirmation_id: Annotated[str, typer.Argument(metavar="ID", help="`confirmations` shows it.")],
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Take a confirmation back: workers score and publish nothing more that needs it."""
+    with open_organizer(server) as organizer:
+        left = organizer.withdraw_confirmation(confirmation_id, reason)
+    show_result(left, json, f"confirmation {confirmation_id} withdrawn")
+
+
+def delete_protocol(
+    version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
+    reason: phase_commands.ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
+    with open_organizer(server) as organizer:
+        gone = organizer.delete_protocol(version, reason)
+    show_result(gone, json, f"protocol {gone['version']} deleted")
 
 
 def list_splits(server: options.Server = None, json: options.Json = False) -> None:
@@ -366,12 +458,21 @@ def read_audit(
     limit: Annotated[
         int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
     ] = 50,
+    actor: Annotated[
+        str | None, typer.Option("--actor", metavar="WHO", help="Only by this one.")
+    ] = None,
+    subject: Annotated[
+        str | None, typer.Option("--subject", metavar="ID", help="Only about this.")
+    ] = None,
+    by_people: Annotated[
+        bool, typer.Option("--by-people", help="Without what worker and server write.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
     with open_organizer(server) as organizer:
-        found = organizer.audit(limit)
+        found = organizer.audit(limit, actor=actor, subject=subject, by_people=by_people)
     show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 
 
@@ -386,6 +487,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "tokens": list_tokens,
             "issue-token": issue_token,
             "revoke-token": revoke_token,
+            **participation_commands.TEAM_COMMANDS,
         },
     ),
     "phases": (
@@ -397,8 +499,13 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {
             "list": list_protocols,
             "add": add_protocol,
+            "delete": delete_protocol,
             "check": check_protocol,
             "diff": diff_protocol,
+            "key": protocol_key,
+            "confirm": confirm_protocol,
+            "confirmations": list_confirmations,
+            "withdraw-confirmation": withdraw_confirmation,
         },
     ),
     "rescore": (
@@ -416,6 +523,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "download": download_upload,
             "folder": download_story,
             "archive": download_archive,
+            "disqualify": participation_commands.disqualify_submission,
         },
     ),
     "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
@@ -437,4 +545,5 @@ def register(app: typer.Typer) -> None:
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
     organizer.command("similar")(similar)
+    organizer.command("message")(participation_commands.send_message)
     app.add_typer(organizer, name="organizer")

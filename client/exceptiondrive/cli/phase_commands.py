@@ -76,7 +76,8 @@ def create(
         if protocol is not None:
             wanted["protocol"] = protocol
         phase = organizer.create_phase(wanted)
-    show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples")
+    notes = (f"note: {words}" for words in phase.get("not_checked", ()))
+    show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples", *notes)
 
 
 def update(
@@ -106,6 +107,18 @@ def feature(
     with open_organizer(server) as organizer:
         phase = organizer.feature_phase(phase_id, reason)
     _show(phase, json)
+
+
+def delete(
+    phase_id: PhaseArgument,
+    reason: ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Delete a phase in which nothing was submitted or rescored; others are archived or hidden."""
+    with open_organizer(server) as organizer:
+        phase = organizer.delete_phase(phase_id, reason)
+    show_result(phase, json, f"phase {phase['id']} deleted")
 
 
 def freeze(
@@ -242,6 +255,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "show": show_phase,
     "update": with_settings(update, PhaseChange),
     "feature": feature,
+    "delete": delete,
     "freeze": freeze,
     "reveal": reveal,
 }

@@ -3,12 +3,14 @@
 import hashlib
 import hmac
 import secrets
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import timedelta
 
 from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
 from exceptiondrive_records.accounts.tables import Invitation, Membership, Person
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
@@ -51,7 +53,8 @@ def welcome_person(session: Session, identity: Identity) -> Person:
         subject=identity.subject,
         name="",
         email=None,
-        is_organizer=False,
+        organizer_role=None,
+        organizer_phases=[],
         created_at=now,
         signed_in_at=now,
     )
@@ -82,16 +85,33 @@ def find_person(session: Session, person_id: str) -> Person:
     return person
 
 
-def set_organizer(session: Session, person_id: str, is_organizer: bool, *, actor: str) -> Person:
+def set_organizer(
+    session: Session,
+    person_id: str,
+    role: OrganizerRole | None,
+    phases: Iterable[str] = (),
+    *,
+    actor: str,
+) -> Person:
     """Make a person an organizer, or no longer; it counts from the next request on.
 
+    Args:
+        session: Of a write transaction.
+        person_id: Who.
+        role: As what; None: no longer.
+        phases: Ids of those that the role is confined to; none: it is for the whole site.
+        actor: Who does it.
+
     Raises:
-        NotFound: There is none with this id.
+        NotFound: There is no such person or phase.
+        InvalidRecord: There are too many phases.
     """
     person = find_person(session, person_id)
-    if person.is_organizer != is_organizer:
-        person.is_organizer = is_organizer
-        audit(session, actor, "organizer granted" if is_organizer else "organizer ended", person_id)
+    wanted = role, checked_phases(session, phases if role else ())
+    if (person.organizer_role, person.organizer_phases) != wanted:
+        person.organizer_role, person.organizer_phases = wanted
+        detail = {} if role is None else {"role": str(role), "phases": wanted[1]}
+        audit(session, actor, "organizer granted" if role else "organizer ended", person_id, detail)
     return person
 
 

@@ -12,9 +12,10 @@ from sqlalchemy import delete, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.people import is_member, teams_of
+from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import BrowserSession, Person, Token
 from exceptiondrive_records.accounts.tokens import (
-    ORGANIZER_SCOPES,
+    SCOPES_OF_ROLE,
     TEAM_SCOPES,
     Principal,
     principal_of,
@@ -117,10 +118,14 @@ def _open(
 
 def _principal(person: Person, team: Team | None) -> Principal:
     """A member acts for the team alone: an organizer's rights are never mixed with a team's."""
+    phases: list[str] = []
     if team is not None:
         scopes = frozenset(str(scope) for scope in TEAM_SCOPES)
+    elif person.organizer_role is not None:
+        role, phases = OrganizerRole(person.organizer_role), person.organizer_phases
+        scopes = frozenset(str(scope) for scope in SCOPES_OF_ROLE[role])
     else:
-        scopes = frozenset(str(scope) for scope in ORGANIZER_SCOPES if person.is_organizer)
+        scopes = frozenset()
     return Principal(
         token_id="",
         token_name="",
@@ -131,4 +136,5 @@ def _principal(person: Person, team: Team | None) -> Principal:
         team_name=team.name if team else None,
         person_id=person.id,
         person_name=person.name,
+        phases=frozenset(phases),
     )

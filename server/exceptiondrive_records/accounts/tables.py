@@ -20,6 +20,8 @@ class Token(Base):
     team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"), index=True)
     name: Mapped[str]
     scopes: Mapped[list[str]]
+    phases: Mapped[list[str]]
+    """Of an organizer's token: the phases that it is confined to; none: it is for the whole site."""
     secret_digest: Mapped[str]
     prefix: Mapped[str]
     created_at: Mapped[datetime]
@@ -64,9 +66,17 @@ class Person(Base):
     name: Mapped[str]
     email: Mapped[str | None]
     """As the provider gave it: shown to people who know the person, and never compared."""
-    is_organizer: Mapped[bool]
+    organizer_role: Mapped[str | None]
+    """An `OrganizerRole`; None: no organizer."""
+    organizer_phases: Mapped[list[str]]
+    """The phases that the role is confined to; none: it is for the whole site."""
     created_at: Mapped[datetime]
     signed_in_at: Mapped[datetime]
+
+    @property
+    def is_organizer(self) -> bool:
+        """Whether the person has any role."""
+        return self.organizer_role is not None
 
 
 class Membership(Base):

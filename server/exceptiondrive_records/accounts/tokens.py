@@ -14,10 +14,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
+from types import MappingProxyType
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
 from exceptiondrive_records.accounts.tables import Person, Token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
@@ -42,12 +45,33 @@ class Scope(StrEnum):
     TOKENS = "tokens"
     """List, issue, rotate and revoke the tokens of its own team."""
     ORGANIZE = "organizer"
+    """Everything that organizers do: the role `owner`."""
+    ORGANIZE_HELP = "organizer:helper"
+    ORGANIZE_READ = "organizer:read-only"
 
 
+MEANING_OF_SCOPE = MappingProxyType(
+    {
+        Scope.SUBMIT: "submit and withdraw",
+        Scope.READ_OWN: "see the team's submissions",
+        Scope.TOKENS: "manage the team's tokens",
+        Scope.ORGANIZE: "everything that organizers do",
+        Scope.ORGANIZE_HELP: "help the organizers with teams and submissions",
+        Scope.ORGANIZE_READ: "see what organizers see",
+    }
+)
+"""In words, as pages list the scopes of a token."""
 PARTICIPANT_SCOPES = (Scope.SUBMIT, Scope.READ_OWN)
 TEAM_SCOPES = (*PARTICIPANT_SCOPES, Scope.TOKENS)
 """What organizers hand to a team, so that it can look after its own tokens."""
 ORGANIZER_SCOPES = (Scope.SUBMIT, Scope.READ_OWN, Scope.ORGANIZE)
+SCOPES_OF_ROLE = MappingProxyType(
+    {
+        OrganizerRole.OWNER: ORGANIZER_SCOPES,
+        OrganizerRole.HELPER: (Scope.READ_OWN, Scope.ORGANIZE_HELP),
+        OrganizerRole.READ_ONLY: (Scope.READ_OWN, Scope.ORGANIZE_READ),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -65,11 +89,23 @@ class Principal:
     person_id: str | None = None
     """Somebody who signed in through the provider, with no token at all."""
     person_name: str = ""
+    phases: frozenset[str] = frozenset()
+    """The phases that an organizer is confined to; none: the role is for the whole site."""
+
+    @property
+    def role(self) -> OrganizerRole | None:
+        """As what it organizes, if at all."""
+        held = (role for role, scopes in SCOPES_OF_ROLE.items() if scopes[-1] in self.scopes)
+        return next(held, None)
 
     @property
     def is_organizer(self) -> bool:
-        """Whether it may do what organizers do."""
-        return Scope.ORGANIZE in self.scopes
+        """Whether it may see what organizers of the whole site see."""
+        return self.role is not None and not self.phases
+
+    def organizes(self, phase_id: str | None) -> bool:
+        """Whether its role counts for a phase; None: for what is no single phase's."""
+        return self.is_organizer or (self.role is not None and phase_id in self.phases)
 
     @property
     def actor(self) -> str:
@@ -86,12 +122,14 @@ def issue_token(
     scopes: tuple[str, ...] = PARTICIPANT_SCOPES,
     expires_at: datetime | None = None,
     *,
+    phases: Iterable[str] = (),
     actor: str,
 ) -> tuple[str, Token]:
     """Issue a token; its text is returned here and never again.
 
     Raises:
         InvalidRecord: A scope is unknown, the name cannot be used, or it would be expired.
+        NotFound: It is confined to a phase that is not there.
     """
     name = checked_text("token name", name, max_length=80)
     unknown = sorted(set(scopes) - set(Scope))
@@ -101,7 +139,8 @@ def issue_token(
     now = database_now(session)
     if expires_at is not None and expires_at <= now:
         raise InvalidRecord("The token would be expired already.")
-    letter = "o" if Scope.ORGANIZE in scopes else "s"
+    confined_to = checked_phases(session, phases)
+    letter = "o" if any(scope.startswith(Scope.ORGANIZE) for scope in scopes) else "s"
     token_id = random_id(8)
     text = _token_text(letter, token_id)
     token = Token(
@@ -109,6 +148,7 @@ def issue_token(
         team_id=team_id,
         name=name,
         scopes=sorted(str(scope) for scope in scopes),
+        phases=confined_to,
         secret_digest=_digest(text),
         prefix=f"edk_{letter}_{token_id}",
         created_at=now,
@@ -118,7 +158,9 @@ def issue_token(
     )
     session.add(token)
     session.flush()
-    detail = {"name": name, "scopes": token.scopes, "team_id": team_id}
+    detail: dict[str, Any] = {"name": name, "scopes": token.scopes, "team_id": team_id}
+    if confined_to:
+        detail["phases"] = confined_to
     audit(session, actor, "token issued", token_id, detail)
     return text, token
 
@@ -156,6 +198,7 @@ def _principal(token: Token, team: Team | None, now: datetime) -> Principal:
         team_id=team.id if team else None,
         team_slug=team.slug if team else None,
         team_name=team.name if team else None,
+        phases=frozenset(token.phases),
         use_is_stale=used_at is None or now - used_at > _USE_IS_COARSE,
     )
 

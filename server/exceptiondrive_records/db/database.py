@@ -14,14 +14,15 @@ from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.dialects.postgresql import insert as postgres_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from exceptiondrive_records.audit.log import seal_audit_lines
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
 
-__all__ = ["Database", "database_now"]
+__all__ = ["Database", "database_now", "flush_or_refuse"]
 
 _WRITES = "exceptiondrive_writes"
 BUSY_TIMEOUT_MS = 15_000
@@ -197,3 +198,15 @@ def upsert(
 
 def _insert(session: Session) -> Any:
     return sqlite_insert if session.get_bind().dialect.name == "sqlite" else postgres_insert
+
+
+def flush_or_refuse(session: Session, words: str) -> None:
+    """Send what was changed; where the database's own rules forbid it, refuse in these words.
+
+    Raises:
+        Conflict: A key is taken, something refers to what goes, or what is referred to has gone.
+    """
+    try:
+        session.flush()
+    except IntegrityError:
+        raise Conflict(words) from None

@@ -47,7 +47,7 @@ def _all_but(table: str, *fixed: str) -> str:
     return f"SELECT, INSERT, UPDATE ({', '.join(name for name in columns if name not in fixed)})"
 
 
-_PHASES = _all_but("phases", "id", "challenge", "split_name", "created_at")
+_PHASES = "DELETE, " + _all_but("phases", "id", "challenge", "split_name", "created_at")
 _SUBMISSIONS = _all_but(
     "submissions",
     "id",
@@ -66,6 +66,7 @@ RIGHTS = MappingProxyType(
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
+        "confirmations": (RID, R, R),  # workers believe a signature, not a row
         "contact_points": (RIUD, R, R),
         "disqualifications": (RIU, R, R),
         "entry_drawings": (R, RI, R),
@@ -75,7 +76,7 @@ RIGHTS = MappingProxyType(
         "people": (RIU, NONE, NONE),
         "phases": (_PHASES, _POINTER, R),
         "protocol_drawings": (R, RI, R),
-        "protocols": (RI, R, R),
+        "protocols": (RID, R, R),  # foreign keys keep what is in use
         "receipt_keys": (RI, NONE, NONE),
         "rescoring_runs": (RIU, R, RU),
         "sample_pictures": (R, RID, R),
@@ -104,6 +105,7 @@ WORK_RIGHTS = MappingProxyType(
         "delivery": (RIU, RI, RIU),
         "lead": (R, NONE, RIUD),
         "recheck": (RIU, RU, RU),
+        "trial": (RI, RU, R),  # workers alone say what came of it
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )

@@ -1,4 +1,4 @@
-"""What organizers change in a phase that is there: settings, freeze, reveal. Each is audited."""
+"""What organizers change in a phase that is there: settings, place, freeze, reveal, its end."""
 
 from datetime import datetime
 from typing import Any
@@ -15,6 +15,7 @@ from exceptiondrive_records.boards.boards import (
 )
 from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
 from exceptiondrive_records.phases.phases import (
@@ -90,6 +91,26 @@ def feature_phase(session: Session, phase_id: str, *, reason: str, actor: str) -
     phase.position = 1
     audit(session, actor, "phase featured", phase.id, {"reason": _reason(reason)})
     return phase
+
+
+def delete_phase(session: Session, phase_id: str, *, reason: str, actor: str) -> None:
+    """Delete a phase that was never used, with the boards without submissions that it has.
+
+    The database itself keeps a phase that a submission or a rescoring run refers to.
+
+    Raises:
+        NotFound: No such phase.
+        Conflict: Something was submitted or rescored in it.
+    """
+    phase = lock_phase(session, phase_id)
+    detail = {"title": phase.title, "split": phase.split_name, "reason": _reason(reason)}
+    session.delete(phase)
+    flush_or_refuse(
+        session,
+        f"Phase {phase_id!r} was used: submissions or rescoring runs refer to it, so it stays. "
+        "Archive it, or hide it: `visibility`.",
+    )
+    audit(session, actor, "phase deleted", phase_id, detail)
 
 
 def freeze_phase(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:

@@ -7,14 +7,17 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     NEWEST_WITHHELD,
     ProtocolDocument,
     ProtocolError,
-    packaged_protocol,
     packaged_protocol_toml,
     parse_protocol,
 )
@@ -40,6 +43,34 @@ def add_protocol(session: Session, toml: str, actor: str) -> ProtocolDocument:
     )
     session.flush()
     audit(session, actor, "protocol added", protocol.version, {"digest": protocol.digest})
+    return protocol
+
+
+def delete_protocol(
+    session: Session, version_or_digest: str, *, reason: str, actor: str
+) -> ProtocolDocument:
+    """Delete a protocol that nothing was ever made of; its version may be taken again.
+
+    Raises:
+        NotFound: There is none.
+        InvalidRecord: The reason is empty.
+        Conflict: A phase, a run, a board or a sheet names it.
+    """
+    row = find_protocol_row(session, version_or_digest)
+    protocol = find_protocol(session, row.digest)
+    reason = checked_reason(reason)
+    phases = session.scalars(select(Phase.id).where(Phase.protocol_digest == row.digest))
+    is_named = (RescoringRun.from_protocol_digest == row.digest) | (
+        RescoringRun.to_protocol_digest == row.digest
+    )
+    runs = session.scalars(select(RescoringRun.id).where(is_named))
+    users = [*(f"phase {key}" for key in phases), *(f"rescoring run {key}" for key in runs)]
+    if users:
+        raise Conflict(f"Protocol {row.version} is in use and stays: {', '.join(sorted(users))}.")
+    session.delete(row)
+    flush_or_refuse(session, f"Protocol {protocol.version} is in use and stays.")
+    detail = {"digest": protocol.digest, "reason": reason}
+    audit(session, actor, "protocol deleted", protocol.version, detail)
     return protocol
 
 
@@ -108,13 +139,6 @@ def list_protocol_rows(session: Session) -> list[ProtocolRow]:
 @lru_cache(maxsize=32)
 def _parsed(toml: str) -> ProtocolDocument:
     return parse_protocol(toml)
-
-
-def latest_protocol(session: Session) -> ProtocolDocument:
-    """Return the protocol added last; before any was added, the newest packaged one."""
-    query = select(ProtocolRow.digest).order_by(ProtocolRow.created_at.desc()).limit(1)
-    digest = session.scalar(query)
-    return find_protocol(session, digest) if digest else packaged_protocol(NEWEST)
 
 
 def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:

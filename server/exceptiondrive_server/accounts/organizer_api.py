@@ -4,9 +4,10 @@ from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Path
-from pydantic import BaseModel, StrictBool
+from pydantic import BaseModel, Field, StrictBool
 
 from exceptiondrive_records.accounts.people import invite, list_people, set_organizer
+from exceptiondrive_records.accounts.roles import MAX_PHASES, OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
 from exceptiondrive_records.teams.teams import (
     find_team,
@@ -28,6 +29,9 @@ class PersonView(BaseModel):
     name: str
     email: str | None
     is_organizer: bool
+    role: OrganizerRole | None
+    phases: tuple[str, ...]
+    """To which the role is confined; none: it is for the whole site."""
     signed_in_at: datetime
 
 
@@ -35,6 +39,9 @@ class OrganizerSwitch(Form):
     """Whether a person is an organizer."""
 
     is_organizer: StrictBool
+    role: OrganizerRole = OrganizerRole.OWNER
+    phases: tuple[str, ...] = Field(default=(), max_length=MAX_PHASES)
+    """To confine the role to; none: it is for the whole site."""
 
 
 class SelfRegistration(BaseModel):
@@ -69,10 +76,11 @@ def get_people(services: ServicesOf) -> list[PersonView]:
 def post_organizer(
     services: ServicesOf, organizer: Organizer, person_id: PersonId, wanted: OrganizerSwitch
 ) -> PersonView:
-    """Make a person an organizer, or no longer."""
+    """Make a person an organizer in some role, or no longer."""
+    role = wanted.role if wanted.is_organizer else None
     with services.database.write() as session:
         return _person(
-            set_organizer(session, person_id, wanted.is_organizer, actor=organizer.actor)
+            set_organizer(session, person_id, role, wanted.phases, actor=organizer.actor)
         )
 
 
@@ -110,5 +118,7 @@ def _person(person: Person) -> PersonView:
         name=person.name,
         email=person.email,
         is_organizer=person.is_organizer,
+        role=None if person.organizer_role is None else OrganizerRole(person.organizer_role),
+        phases=tuple(person.organizer_phases),
         signed_in_at=person.signed_in_at,
     )

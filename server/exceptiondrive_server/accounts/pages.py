@@ -108,7 +108,7 @@ def _session_for(services: Services, token: str, address: str) -> tuple[str, boo
     note_use(services.database, principal)
     with services.database.write() as session:
         give_attempt_back(session, limits)
-        return open_token_session(session, principal), principal.is_organizer
+        return open_token_session(session, principal), principal.role is not None
 
 
 def show_form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:

@@ -13,6 +13,7 @@ from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
     DEFAULT_KEEP_DAYS,
     MAX_KEEP_DAYS,
+    MEANING_OF_SCOPE,
     PARTICIPANT_SCOPES,
     TEAM_SCOPES,
     Principal,
@@ -29,14 +30,6 @@ from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
-
-MEANING = {
-    Scope.SUBMIT: "submit and withdraw",
-    Scope.READ_OWN: "see the team's submissions",
-    Scope.TOKENS: "manage the team's tokens",
-    Scope.ORGANIZE: "everything that organizers do",
-}
-
 
 router = APIRouter(prefix="/my/tokens", include_in_schema=False)
 TokenId = Annotated[str, Path(max_length=64)]
@@ -108,7 +101,7 @@ def _page(
         live={token.id for token in tokens if is_live(token, now)},
         scopes=[scope for scope in TEAM_SCOPES if scope in browser.principal.scopes],
         chosen=PARTICIPANT_SCOPES,
-        meaning=MEANING,
+        meaning=MEANING_OF_SCOPE,
         issued=issued,
         form_token=browser.form_token,
         keep_days=DEFAULT_KEEP_DAYS,

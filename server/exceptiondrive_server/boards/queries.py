@@ -23,14 +23,16 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.disqualified import disqualification_notes
-from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
 from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol, latest_protocol
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.protocols.shown import shown_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.views import update_reasons
 from exceptiondrive_records.splits.drawings import protocol_drawing
+from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
@@ -38,7 +40,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
@@ -58,7 +60,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
     phase = choose_phase(session, query, with_hidden=with_hidden)
     links = _phase_links(session, phase)
     if phase is None:
-        protocol = latest_protocol(session)
+        protocol = packaged_protocol(NEWEST)
         return BoardPage(query, (), None, None, protocol, (), protocol.version)
     row = choose_board(session, phase, query)
     board = own_board(parsed_board(row)) if row else None
@@ -177,6 +179,8 @@ def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    is_whole = split.whole_revision is None
+    whole = split if is_whole else whole_split(session, split.name, split.revision)
     now = database_now(session)
     challenge = CHALLENGES[phase.challenge]
     return PhaseLink(
@@ -196,6 +200,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
         has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
+        not_checked=not_checked(phase.challenge, whole),
         url=f"/?phase={phase.id}#board",
     )
 
@@ -224,6 +229,14 @@ def choose_phase(session: Session, query: BoardQuery, *, with_hidden: bool = Fal
     return min(offered, key=lambda phase: _place(phase, order), default=None)
 
 
+def featured_protocol(session: Session) -> ProtocolDocument:
+    """Return the protocol of the phase on the front page; without any, the newest packaged one."""
+    phase = choose_phase(session, BoardQuery())
+    if phase is None:
+        return packaged_protocol(NEWEST)
+    return find_protocol(session, phase.protocol_digest)
+
+
 def _place(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
     """Where a phase stands among those that may be the front page."""
     position = inf if phase.position is None else phase.position
@@ -244,7 +257,7 @@ def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow 
     if query.board is not None:
         return find_board(session, phase.id, query.board)
     if query.protocol is not None:
-        digest = find_protocol(session, query.protocol).digest
+        digest = shown_protocol(session, query.protocol).digest
         row = latest_public_board(session, phase.id, digest)
         if row is None:
             raise NotFound("board of this phase under protocol", query.protocol)
@@ -285,7 +298,7 @@ def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
         .scalar_subquery()
     )
     query = (
-        select(BoardRow.number, ProtocolRow.version, BoardRow.published_at)
+        select(BoardRow.number, ProtocolRow.version, BoardRow.told_at)
         .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
         .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
         .where(BoardFlip.id == before)
@@ -342,7 +355,7 @@ def _note(session: Session, row: BoardRow, reasons: tuple[str, ...]) -> BoardNot
         row.number,
         row.digest,
         protocol.version,
-        row.published_at,
+        board.published_at,
         " ".join(said.findings),
         f"{moves[0].upper()}{moves[1:]}." if moves else "",
         reasons,

@@ -11,7 +11,7 @@ from resvg_py import svg_to_bytes
 
 from exceptiondrive_records.boards.boards import entry_ids
 from exceptiondrive_records.phases.phases import list_phases
-from exceptiondrive_records.protocols.protocols import list_protocols
+from exceptiondrive_records.protocols.shown import shown_protocols
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.responses import origin_of
@@ -41,7 +41,7 @@ def sitemap(request: Request, services: ServicesOf) -> Response:
             if phase.current_board_id is not None:
                 entries = entry_ids(session, phase.current_board_id)
                 paths += [f"/entries/{entry}" for entry in sorted(entries)]
-        paths += [f"/protocols/{quote(row.version)}" for row in list_protocols(session)]
+        paths += [f"/protocols/{quote(row.version)}" for row in shown_protocols(session)]
     listed = "".join(f"<url><loc>{escape(origin_of(request) + path)}</loc></url>" for path in paths)
     text = (
         '<?xml version="1.0" encoding="utf-8"?>\n'

@@ -14,6 +14,7 @@ import typer
 
 from exceptiondrive_records.accounts import tokens
 from exceptiondrive_records.accounts.people import list_people, set_organizer
+from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
 from exceptiondrive_records.teams.teams import switch_self_registration
@@ -33,6 +34,13 @@ def say(text: str) -> None:
     typer.echo(text, err=True)
 
 
+RoleOption = Annotated[
+    OrganizerRole, typer.Option("--role", help="What the organizer may do; see docs/organizing.md.")
+]
+PhasesOption = Annotated[
+    list[str] | None,
+    typer.Option("--phase", metavar="ID", help="Confine the role to a phase; may be repeated."),
+]
 records_app = typer.Typer()
 
 
@@ -42,13 +50,21 @@ def create_organizer(
     days: Annotated[
         int | None, typer.Option(min=1, help="Days until the token expires; default never.")
     ] = None,
+    role: RoleOption = OrganizerRole.OWNER,
+    phase: PhasesOption = None,
     data: DataOption = None,
 ) -> None:
-    """Issue a token with which an organizer may do everything, and print it, once."""
+    """Issue a token of an organizer, by default one that may do everything; print it, once."""
     expires_at = None if days is None else datetime.now(UTC) + timedelta(days=days)
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         text, _ = tokens.issue_token(
-            session, None, name, tokens.ORGANIZER_SCOPES, expires_at, actor=ACTOR
+            session,
+            None,
+            name,
+            tokens.SCOPES_OF_ROLE[role],
+            expires_at,
+            phases=phase or (),
+            actor=ACTOR,
         )
     say("the token, shown this once (put it into EXCEPTIONDRIVE_TOKEN):")
     typer.echo(text)
@@ -89,10 +105,10 @@ class Switch(StrEnum):
 
 @people_app.command("list-people")
 def list_people_command(data: DataOption = None) -> None:
-    """List who signed in through the provider: id, name, email, whether an organizer."""
+    """List who signed in through the provider: id, name, email, role as an organizer."""
     with opened(load_settings(RecordsSettings, data)) as database, database.read() as session:
         for person in list_people(session):
-            role = "organizer" if person.is_organizer else ""
+            role = ":".join((person.organizer_role or "", *person.organizer_phases))
             typer.echo("\t".join((person.id, person.name, person.email or "", role)))
 
 
@@ -100,11 +116,14 @@ def list_people_command(data: DataOption = None) -> None:
 def set_organizer_command(
     person: Annotated[str, typer.Argument(metavar="PERSON", help="Id; list-people shows it.")],
     switch: Annotated[Switch, typer.Argument(help="on or off")] = Switch.ON,
+    role: RoleOption = OrganizerRole.OWNER,
+    phase: PhasesOption = None,
     data: DataOption = None,
 ) -> None:
-    """Make a person an organizer, or no longer."""
+    """Make a person an organizer in some role, or no longer."""
+    wanted = role if switch is Switch.ON else None
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
-        row = set_organizer(session, person, switch is Switch.ON, actor=ACTOR)
+        row = set_organizer(session, person, wanted, phase or (), actor=ACTOR)
         name = row.name
     say(f"{name} is {'an organizer' if switch is Switch.ON else 'no organizer'} now")
 

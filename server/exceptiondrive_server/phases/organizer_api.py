@@ -4,13 +4,14 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path
-from pydantic import BaseModel, Field
+from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.boards.ranking import names_of
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.changes import (
+    delete_phase,
     feature_phase,
     freeze_phase,
     reveal_board,
@@ -27,20 +28,14 @@ from exceptiondrive_schemas.datasheet import SplitWarning
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.forms import Deed
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 
 
-class PhaseStep(Form):
-    """An action on a phase, and why."""
-
-    reason: Annotated[str, Field(min_length=1, max_length=1000)]
-
-
-class Reveal(PhaseStep):
+class Reveal(Deed):
     """What is to be shown: the board behind a freeze, the names, or the other part of the split."""
 
     what: Literal["board", "names", "split"]
@@ -107,7 +102,7 @@ def patch_phase(
 
 @router.post("/phases/{phase_id}/feature", operation_id="featurePhase")
 def post_feature(
-    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: PhaseStep
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Deed
 ) -> PhaseView:
     """Put a phase before all others: in lists, and on the front page."""
     with services.database.write() as session:
@@ -115,9 +110,20 @@ def post_feature(
         return _view(session, services, phase)
 
 
+@router.post("/phases/{phase_id}/delete", operation_id="deletePhase")
+def post_deletion(
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Deed
+) -> PhaseView:
+    """Delete a phase in which nothing was ever submitted or rescored, with its empty boards."""
+    with services.database.write() as session:
+        gone = _view(session, services, find_phase(session, phase_id))
+        delete_phase(session, phase_id, reason=step.reason, actor=organizer.actor)
+    return gone
+
+
 @router.post("/phases/{phase_id}/freeze", operation_id="freezePhase")
 def post_freeze(
-    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: PhaseStep
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Deed
 ) -> PhaseView:
     """Freeze the public board now; scoring goes on."""
     with services.database.write() as session:

@@ -12,7 +12,9 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.changes import (
+    delete_phase,
     feature_phase,
     freeze_phase,
     reveal_board,
@@ -25,6 +27,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_records.submissions.submissions import counts_by_phase
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import (
@@ -58,10 +61,12 @@ class PhaseStep:
     key: str
     title: str
     meaning: str
-    take: Callable[..., Phase]
+    take: Callable[..., Phase | None]
     command: str
     is_offered: Callable[[PhaseView], bool]
     is_grave: bool = False
+    is_end: bool = False
+    """There is no page of the phase to go back to."""
 
 
 def _now(phase: PhaseView) -> PhaseNow:
@@ -119,6 +124,17 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 lambda phase: _now(phase).part == "public",
                 is_grave=True,
             ),
+            PhaseStep(
+                "delete",
+                "Delete the phase",
+                "The phase goes with its empty boards. This works only while nothing was "
+                "submitted or rescored in it; else archive or hide it.",
+                delete_phase,
+                'delete {} --reason "…"',
+                lambda phase: True,
+                is_grave=True,
+                is_end=True,
+            ),
         )
     }
 )
@@ -150,6 +166,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
             for one in list_phases(session, with_hidden=True)
         ]
         splits = [one for one in list_splits(session) if one.part is None]
+        counts = counts_by_phase(session)
         seen_at = database_now(session)
     return organizer_page(
         request,
@@ -158,6 +175,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
         "phases",
         phases=phases,
         splits=splits,
+        counts=counts,
         seen_at=seen_at,
     )
 
@@ -264,12 +282,21 @@ def post_step(
 ) -> Response:
     """Take an action on a phase."""
 
-    def take(session: Session, values: Mapping[str, str]) -> None:
+    def take(session: Session, values: Mapping[str, str]) -> str | None:
         known.take(session, phase_id, reason=values["reason"], actor=browser.principal.actor)
+        return HERE if known.is_end else None
 
     with services.database.read() as session:
         known, page = _step(session, phase_id, step)
-    return take_step(request, services, browser, page, form, take, "phase_changed")
+    return take_step(
+        request,
+        services,
+        browser,
+        page,
+        form,
+        take,
+        "phase_deleted" if known.is_end else "phase_changed",
+    )
 
 
 def _made_of(session: Session) -> tuple[FormField, ...]:
@@ -306,7 +333,7 @@ def _new(
 ) -> Response:
     with services.database.read() as session:
         made_of = filled(_made_of(session), texts)
-    return _page(request, browser, texts, refusal, phase=None, made_of=made_of)
+    return _page(request, browser, texts, refusal, phase=None, made_of=made_of, troubles=())
 
 
 def _phase(
@@ -322,6 +349,7 @@ def _phase(
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
+        found = [one for one in troubles(session) if one.subject in (phase_id, phase.split_name)]
     return _page(
         request,
         browser,
@@ -333,6 +361,7 @@ def _phase(
         seen_at=seen_at,
         steps=[step for step in PHASE_STEPS.values() if step.is_offered(seen)],
         lines=[one for one in lines if one.line.action != "board published"],
+        troubles=found,
     )
 
 

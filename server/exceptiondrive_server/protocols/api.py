@@ -6,15 +6,12 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from pydantic import BaseModel
 
-from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.protocols.protocols import (
-    find_protocol,
-    find_protocol_row,
-    list_protocols,
-)
+from exceptiondrive_records.protocols.protocols import find_protocol_row
+from exceptiondrive_records.protocols.shown import shown_protocol, shown_protocols
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
+from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.problems import problem_responses
@@ -45,9 +42,9 @@ def protocol_head(protocol: ProtocolDocument) -> ProtocolHead:
 
 @router.get("/protocols", operation_id="listProtocols", responses=problem_responses())
 def get_protocols(services: ServicesOf) -> list[ProtocolHead]:
-    """List all protocols, oldest first."""
+    """List the protocols that phases stand or stood under, oldest first."""
     with services.database.read() as session:
-        return [protocol_head(protocol) for protocol in list_protocols(session)]
+        return [protocol_head(protocol) for protocol in shown_protocols(session)]
 
 
 @router.get(
@@ -76,8 +73,8 @@ def get_protocol(
     """Give a protocol: every constant that turns a trajectory into a score."""
     wants_toml = form == "toml" or (form is None and TOML in request.headers.get("accept", ""))
     with services.database.read() as session:
-        text = find_protocol_row(session, version).toml
-        protocol = find_protocol(session, version)
+        protocol = shown_protocol(session, version)
+        text = find_protocol_row(session, protocol.digest).toml
     body = text if wants_toml else protocol.model_dump_json(by_alias=True)
     media_type = TOML if wants_toml else "application/json"
     answer = conditional(request, body.encode(), media_type, max_age_s=FRESH_S)
@@ -88,13 +85,12 @@ def get_protocol(
 @router.get("/tasks", operation_id="listTasks", responses=problem_responses(ProblemCode.NOT_FOUND))
 def get_tasks(
     services: ServicesOf,
-    protocol: Annotated[str | None, Query(max_length=100, description="else the newest")] = None,
+    protocol: Annotated[
+        str | None, Query(max_length=100, description="else that of the front page")
+    ] = None,
 ) -> Taxonomy:
     """Give the taxonomy of a protocol: six families, 21 tasks."""
     with services.database.read() as session:
         if protocol is not None:
-            return find_protocol(session, protocol).taxonomy
-        known = list_protocols(session)
-    if not known:
-        raise NotFound("protocol", "newest")
-    return known[-1].taxonomy
+            return shown_protocol(session, protocol).taxonomy
+        return featured_protocol(session).taxonomy

@@ -1,11 +1,13 @@
-"""Protocols: list, check a document against every phase, add it."""
+"""Protocols: list, check against every phase, add, delete; confirmations of organizers."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
+from pydantic import ValidationError
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData, UploadFile
 
@@ -14,26 +16,63 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.protocols.protocols import (
     add_protocol,
     checked_protocol,
+    delete_protocol,
     find_protocol,
     find_protocol_row,
     list_protocol_rows,
 )
+from exceptiondrive_records.protocols.shown import shown_digests
 from exceptiondrive_records.rescoring.views import protocol_check
+from exceptiondrive_records.splits.confirmations import (
+    add_confirmation,
+    list_confirmations,
+    withdraw_confirmation,
+)
+from exceptiondrive_schemas.confirmation import Confirmation
+from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_server.protocols.api import TOML
 from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (
     FORM_TOKEN,
+    PostedForm,
     SignedIn,
     require_form_token,
     require_same_origin,
 )
-from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, go, organizer_page
+from exceptiondrive_server.web.forms import REASON
+from exceptiondrive_server.web.organizer_frame import (
+    NO_STORE,
+    OrganizerBrowser,
+    Step,
+    go,
+    organizer_page,
+    step_page,
+    take_step,
+)
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/organize/protocols", include_in_schema=False)
 HERE = "/organize/protocols"
 MAX_FIELDS = 8
+ConfirmationId = Annotated[str, Path(max_length=64)]
+CONFIRM = Step(
+    section="protocols",
+    title="Confirm a protocol on a split",
+    meaning="Where a withheld split asks for a second organizer, two sign that it may be scored "
+    "under a protocol, each with a key that is on no server. Sign on your machine, with the "
+    "document that you read there.",
+    button="Keep the confirmation",
+    back=HERE,
+    back_words="Protocols",
+    fields=(
+        FormField("confirmation", "What the command wrote", "lines", "JSON", is_required=True,
+                  max_length=2000),
+    ),
+    command="exceptiondrive organizer protocols confirm new.toml --split NAME --revision REVISION",
+)  # fmt: skip
+Version = Annotated[str, Path(max_length=100)]
 
 
 @dataclass(frozen=True)
@@ -54,6 +93,8 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         rows = list_protocol_rows(session)[::-1]
         protocols = {row.digest: find_protocol(session, row.digest) for row in rows}
         phases = list_phases(session, with_hidden=True)
+        confirmations = list_confirmations(session)
+        shown = shown_digests(session)
     return organizer_page(
         request,
         browser,
@@ -62,6 +103,74 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         rows=rows,
         protocols=protocols,
         phases=phases,
+        shown=shown,
+        confirmations=confirmations,
+    )
+
+
+@router.get("/confirm")
+def show_confirm(request: Request, browser: OrganizerBrowser) -> Response:
+    """Ask for what an organizer signed on a machine of their own."""
+    return step_page(request, browser, CONFIRM)
+
+
+@router.post("/confirm")
+def post_confirm(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
+) -> Response:
+    """Keep what an organizer signed."""
+
+    def take(session: Session, values: Mapping[str, str]) -> None:
+        try:
+            given = Confirmation.read(values["confirmation"].encode())
+        except ValidationError:
+            raise InvalidRecord(
+                "This is no confirmation: paste all that the command wrote."
+            ) from None
+        add_confirmation(session, given, browser.principal.actor)
+
+    return take_step(request, services, browser, CONFIRM, form, take, "protocol_confirmed")
+
+
+@router.get("/confirmations/{confirmation_id}/withdraw")
+def show_withdraw(
+    request: Request, browser: OrganizerBrowser, confirmation_id: ConfirmationId
+) -> Response:
+    """Ask whether a confirmation shall be taken back."""
+    return step_page(request, browser, _withdraw(confirmation_id))
+
+
+@router.post("/confirmations/{confirmation_id}/withdraw")
+def post_withdraw(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    confirmation_id: ConfirmationId,
+) -> Response:
+    """Take a confirmation back."""
+
+    def take(session: Session, values: Mapping[str, str]) -> None:
+        actor = browser.principal.actor
+        withdraw_confirmation(session, confirmation_id, values["reason"], actor)
+
+    step = _withdraw(confirmation_id)
+    return take_step(request, services, browser, step, form, take, "confirmation_withdrawn")
+
+
+def _withdraw(confirmation_id: str) -> Step:
+    return Step(
+        section="protocols",
+        title="Withdraw the confirmation",
+        meaning="Where the split asks for a second organizer, workers score nothing more and build "
+        "no board under this protocol until it is confirmed again. What is published stays.",
+        button="Withdraw",
+        back=HERE,
+        back_words="Protocols",
+        fields=(REASON,),
+        command=f"exceptiondrive organizer protocols withdraw-confirmation {confirmation_id} "
+        '--reason "…"',
+        is_grave=True,
     )
 
 
@@ -96,6 +205,58 @@ async def post_new(request: Request, services: ServicesOf, browser: OrganizerBro
             typed = str(form.get("toml", ""))
             return await run_in_threadpool(_form, request, services, browser, typed, fault)
     return await run_in_threadpool(_answer, request, services, browser, toml, shall_add)
+
+
+@router.get("/{version}/toml")
+def show_toml(services: ServicesOf, _browser: OrganizerBrowser, version: Version) -> Response:
+    """Give the document of a protocol, of a draft too."""
+    with services.database.read() as session:
+        toml = find_protocol_row(session, version).toml
+    return Response(toml, media_type=TOML, headers=NO_STORE)
+
+
+@router.get("/{version}/delete")
+def show_deletion(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, version: Version
+) -> Response:
+    """Ask whether a protocol is to be deleted."""
+    return step_page(request, browser, _deletion(services, version))
+
+
+@router.post("/{version}/delete")
+def post_deletion(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    version: Version,
+) -> Response:
+    """Delete a protocol that nothing was made of."""
+
+    def take(session: Session, values: dict[str, str]) -> None:
+        actor = browser.principal.actor
+        delete_protocol(session, version, reason=values["reason"], actor=actor)
+
+    step = _deletion(services, version)
+    return take_step(request, services, browser, step, form, take, "protocol_deleted")
+
+
+def _deletion(services: Services, version: str) -> Step:
+    with services.database.read() as session:
+        protocol = find_protocol(session, version)
+    return Step(
+        section="protocols",
+        title=f"Delete protocol {protocol.version}",
+        meaning="Only a document that nothing was made of goes: neither phase, run, board nor "
+        "sheet. The audit log keeps its digest.",
+        button="Delete the protocol",
+        back=HERE,
+        back_words="Protocols",
+        fields=(REASON,),
+        facts=(("Title", protocol.title), ("What changes", protocol.changes)),
+        command=f'exceptiondrive organizer protocols delete {protocol.version} --reason "…"',
+        is_grave=True,
+    )
 
 
 async def _text(form: FormData) -> str:

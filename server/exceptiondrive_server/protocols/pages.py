@@ -7,19 +7,18 @@ from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.protocols.protocols import (
-    find_protocol,
-    latest_protocol,
-    list_protocols,
-)
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.protocols.shown import shown_protocols
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.shown import splits_under
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.taxonomy import Strategy
+from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.protocols.scene_drawing import scene_drawing
-from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
+from exceptiondrive_server.web.browser_session import principal_of_browser
 from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
@@ -27,28 +26,33 @@ _SELF_DESCRIPTION = ("version", "title", "changes")
 
 
 @router.get("/protocols")
-def show_latest_protocol(services: ServicesOf) -> Response:
-    """Lead to the newest protocol."""
+def show_featured_protocol(services: ServicesOf) -> Response:
+    """Lead to the protocol of the phase on the front page."""
     with services.database.read() as session:
-        version = latest_protocol(session).version
+        version = featured_protocol(session).version
     return RedirectResponse(f"/protocols/{version}", status_code=307)
 
 
 @router.get("/protocols/{version}")
 def show_protocol(request: Request, version: str) -> Response:
-    """Show the rules of a protocol."""
-    template = "protocols/protocol.html"
-    return public_page(request, template, "protocol", lambda it: _protocol(it, version))
+    """Show the rules of a protocol; a draft to organizers alone."""
+
+    def read(session: Session) -> Reading:
+        may_see = sees_hidden(principal_of_browser(session, request))
+        return _protocol(session, version, with_drafts=may_see)
+
+    return public_page(request, "protocols/protocol.html", "protocol", read)
 
 
-def _protocol(session: Session, version: str) -> Reading:
-    versions = list_protocols(session) or [latest_protocol(session)]
-    known = {protocol.version: protocol for protocol in versions}
-    protocol = known.get(version) or find_protocol(session, version)
+def _protocol(session: Session, version: str, *, with_drafts: bool) -> Reading:
+    versions = shown_protocols(session, with_drafts=with_drafts) or [packaged_protocol(NEWEST)]
+    protocol = next((one for one in versions if version in (one.version, one.digest)), None)
+    if protocol is None:
+        raise NotFound("protocol", version)
     drawing = protocol_drawing(session, protocol)
     splits = splits_under(session, protocol.digest)
     digests = [each.digest for each in versions]
-    place = digests.index(protocol.digest) if protocol.digest in digests else 0
+    place = digests.index(protocol.digest)
     previous = versions[place - 1] if place else None
     caution = protocol.grading.caution
     return (protocol.digest, digests, drawing.pictured, splits), lambda: {

@@ -8,11 +8,11 @@ from fastapi.responses import Response
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import list_phases
-from exceptiondrive_records.protocols.protocols import latest_protocol
 from exceptiondrive_records.splits.pictures import shows_picture
 from exceptiondrive_records.splits.shown import is_kept_back, shown_revisions
 from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
@@ -53,7 +53,7 @@ def show_split(
         if not found:
             raise NotFound("split", name)
         phases = [phase for phase in list_phases(session) if phase.split_name == name]
-        families = {it.id: it.title for it in latest_protocol(session).families}
+        families = {it.id: it.title for it in featured_protocol(session).families}
     return page(
         request,
         "splits/split.html",

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
+    MEANING_OF_SCOPE,
     TEAM_SCOPES,
     Scope,
     find_token,
@@ -20,6 +21,7 @@ from exceptiondrive_records.accounts.tokens import (
 )
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import (
@@ -31,6 +33,7 @@ from exceptiondrive_records.teams.teams import (
 )
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.audit.queries import history
+from exceptiondrive_server.participation.queries import participation_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON, filled, read, typed
@@ -44,12 +47,6 @@ from exceptiondrive_server.web.organizer_frame import (
 )
 from exceptiondrive_server.web.services import Services
 
-MEANING = {
-    Scope.SUBMIT: "submit and withdraw",
-    Scope.READ_OWN: "see the team's submissions",
-    Scope.TOKENS: "manage the team's tokens",
-    Scope.ORGANIZE: "everything that organizers do",
-}
 NEW_TEAM = (
     FormField("id", "Id", hint="small letters, digits, hyphens; never changes", is_required=True,
           max_length=64),
@@ -58,7 +55,10 @@ NEW_TEAM = (
 )  # fmt: skip
 NEW_TOKEN = (
     FormField("name", "Name", hint="what it is for", is_required=True, max_length=80),
-    *(FormField(f"may_{n}", MEANING[scope], "yes", scope) for n, scope in enumerate(TEAM_SCOPES)),
+    *(
+        FormField(f"may_{n}", MEANING_OF_SCOPE[scope], "yes", scope)
+        for n, scope in enumerate(TEAM_SCOPES)
+    ),
     FormField("expires_at", "Expires at", "moment", "empty: never"),
 )
 """`may_0` and so on stand for the scopes that a team's token may have."""
@@ -179,6 +179,8 @@ def _team(
         tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
         lines = history(session, team.slug, limit=HISTORY)
         n_submissions = counts_by_team(session).get(team.id, 0)
+        seen = participation_of(session, team)
+        phases = list_phases(session, with_hidden=True)
     return organizer_page(
         request,
         browser,
@@ -187,10 +189,12 @@ def _team(
         refusal=refusal,
         team=team,
         tokens=sorted(tokens, key=lambda one: not one[1]),
-        rights_of=lambda token: [MEANING[Scope(scope)] for scope in token.scopes],
+        rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
         issued=issued,
         lines=lines,
         n_submissions=n_submissions,
+        seen=seen,
+        phases=phases,
         fields=filled(NEW_TOKEN, USUAL if texts is None else texts),
     )
 

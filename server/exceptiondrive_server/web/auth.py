@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import Depends, Security
+from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from exceptiondrive_records.accounts.tokens import Principal, Scope, note_use, verify_token
 from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.web.organizer_rights import require_right
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import Services, services_of
 
@@ -17,6 +18,7 @@ _bearer = HTTPBearer(
     description="`Authorization: Bearer edk_...`, a token of your team or of an organizer.",
 )
 
+_NO_TOKEN = "Send a token: Authorization: Bearer ..."
 ServicesOf = Annotated[Services, Depends(services_of)]
 Credentials = Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]
 
@@ -49,7 +51,7 @@ def require(scope: Scope) -> Callable[[Principal | None], Principal]:
 
     def demand(principal: MaybePrincipal) -> Principal:
         if principal is None:
-            raise ApiProblem(ProblemCode.NOT_SIGNED_IN, "Send a token: Authorization: Bearer ...")
+            raise ApiProblem(ProblemCode.NOT_SIGNED_IN, _NO_TOKEN)
         if scope not in principal.scopes:
             detail = f"This needs a token with the scope {scope.value!r}."
             raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
@@ -61,11 +63,25 @@ def require(scope: Scope) -> Callable[[Principal | None], Principal]:
 Submitter = Annotated[Principal, Depends(require(Scope.SUBMIT))]
 Reader = Annotated[Principal, Depends(require(Scope.READ_OWN))]
 TokenKeeper = Annotated[Principal, Depends(require(Scope.TOKENS))]
-Organizer = Annotated[Principal, Depends(require(Scope.ORGANIZE))]
+
+
+def organizer(request: Request, services: ServicesOf, principal: MaybePrincipal) -> Principal:
+    """Return the organizer who asks, if this route is for the role that they have.
+
+    Raises:
+        ApiProblem: No token was sent, or its role is not enough.
+    """
+    if principal is None:
+        raise ApiProblem(ProblemCode.NOT_SIGNED_IN, _NO_TOKEN)
+    require_right(request, services, principal)
+    return principal
+
+
+Organizer = Annotated[Principal, Depends(organizer)]
 
 
 def sees_hidden(principal: Principal | None) -> bool:
-    """Whether who asks may see hidden phases: organizers alone."""
+    """Whether who asks may see hidden phases: organizers of the whole site alone."""
     return principal is not None and principal.is_organizer
 
 

@@ -62,6 +62,13 @@ class SignInNeeded(Exception):  # noqa: N818 - named for what it asks
     """A page is for teams; the browser is led to the sign-in page and back."""
 
 
+class PhaseNeeded(Exception):  # noqa: N818 - named for what it asks
+    """An organizer of a phase alone asked for the overview of the site; they are led to theirs."""
+
+    def __init__(self, phase_id: str) -> None:
+        self.phase_id = phase_id
+
+
 class TeamNeeded(Exception):  # noqa: N818 - named for what it asks
     """A page is for members of a team; the browser is led to where one is joined or chosen."""
 
@@ -124,11 +131,9 @@ def require_scope(browser: SignedIn, scope: Scope) -> None:
     who = browser.principal
     if scope in who.scopes:
         return
-    if who.person_id is not None and who.team_id is None and scope is not Scope.ORGANIZE:
+    if who.person_id is not None and who.team_id is None:
         raise TeamNeeded
     detail = f"You signed in with a token that lacks the scope {scope.value!r}."
-    if who.person_id is not None:
-        detail = "This is for organizers."
     raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 
@@ -223,6 +228,7 @@ def lead_to_sign_in(app: FastAPI) -> None:
     """Lead a browser that is not signed in to the sign-in page, and from there back."""
     app.add_exception_handler(SignInNeeded, _to_sign_in)
     app.add_exception_handler(TeamNeeded, _to_team)
+    app.add_exception_handler(PhaseNeeded, _to_phase)
 
 
 async def _to_sign_in(request: Request, error: Exception) -> Response:
@@ -234,3 +240,9 @@ async def _to_sign_in(request: Request, error: Exception) -> Response:
 
 async def _to_team(request: Request, error: Exception) -> Response:
     return RedirectResponse("/my/team", status_code=303, headers={"Cache-Control": "no-store"})
+
+
+async def _to_phase(request: Request, error: Exception) -> Response:
+    assert isinstance(error, PhaseNeeded)
+    path = f"/organize/phases/{error.phase_id}"
+    return RedirectResponse(path, status_code=303, headers={"Cache-Control": "no-store"})

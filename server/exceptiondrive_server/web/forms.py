@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -168,3 +168,9 @@ class Form(BaseModel):
     """Base of what is sent."""
 
     model_config = ConfigDict(extra="forbid")
+
+
+class Deed(Form):
+    """Something that an organizer does, and why."""
+
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]

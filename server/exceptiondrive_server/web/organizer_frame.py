@@ -10,12 +10,14 @@ from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
-from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.web.browser_session import Browser, SignedIn, require_scope
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, SignedIn
 from exceptiondrive_server.web.forms import filled, read, typed
+from exceptiondrive_server.web.organizer_rights import require_right
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
@@ -25,16 +27,26 @@ DONE: Mapping[str, str] = MappingProxyType(
         "team_created": "The team is created. Issue its first token below, and hand it over.",
         "team_approved": "The team is approved: it may submit.",
         "team_refused": "The registration is refused. The team and its tokens are gone.",
+        "team_changed": "The team is changed. New boards show it, and earlier ones stay as they are.",
+        "teams_merged": "The two are one team. Boards with its new entries are being built.",
+        "allowance_set": "The limits are set, and the team is told.",
+        "disqualified": "Disqualified. The next board leaves it out, and the team is told.",
+        "reinstated": "Reinstated. The next board shows what was scored, and the team is told.",
+        "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
         "token_revoked": "The token is revoked. It no longer works.",
         "phase_created": "The phase is created.",
         "site_changed": "The links are changed: every page shows them from now on.",
         "phase_changed": "The phase is changed; the audit log says from what to what.",
+        "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",
         "submission_retried": "The submission is queued again, with all its attempts.",
         "submission_verified": "A worker recomputes it; what came of it stands below when it is done.",
         "submission_restored": "The submission stands again.",
         "team_told": "Sent. The team finds it among its notices.",
         "protocol_added": "The protocol is added. No score changes until you rescore with it.",
+        "protocol_deleted": "The protocol is deleted; its version may be used again.",
         "protocol_known": "This very document is there already. Nothing was added.",
+        "protocol_confirmed": "The confirmation is kept. Workers believe it if its key is one of the split's.",
+        "confirmation_withdrawn": "The confirmation is withdrawn.",
         "run_drafted": "The run is drafted. Nothing is scored until you start it.",
         "run_started": "Scoring has begun, behind fresh submissions.",
         "run_paused": "The run is paused: no further sheet begins.",
@@ -60,14 +72,17 @@ SECTIONS = (
 NO_STORE = {"Cache-Control": "no-store"}
 
 
-def organizing(browser: Browser) -> SignedIn:
-    """Return the organizer who signed in.
+def organizing(request: Request, services: ServicesOf, browser: Browser) -> SignedIn:
+    """Return the organizer who signed in, if this page is for the role that they have.
 
     Raises:
         SignInNeeded: Nobody did.
-        ApiProblem: The token of the session is not an organizer's: 403, as the API answers.
+        PhaseNeeded: The overview of the site was asked for, with a role for single phases.
+        ApiProblem: The session is not an organizer's, or the role is not enough: 403, as the API.
     """
-    require_scope(browser, Scope.ORGANIZE)
+    if request.url.path == "/organize" and browser.principal.phases:
+        raise PhaseNeeded(min(browser.principal.phases))
+    require_right(request, services, browser.principal)
     return browser
 
 
@@ -97,7 +112,7 @@ def organizer_page(
     """
     frame = {
         "section": section,
-        "sections": SECTIONS,
+        "sections": _sections(browser.principal),
         "organizer": browser.principal.person_name or browser.principal.token_name,
         "form_token": browser.form_token,
         "done": DONE.get(request.query_params.get("done", "")),
@@ -108,6 +123,13 @@ def organizer_page(
     return private_page(
         request, template, "organize", status=status, frame=frame, refusal=words, **values
     )
+
+
+def _sections(principal: Principal) -> tuple[tuple[str, str, str], ...]:
+    """Whoever is confined to phases is led to these alone."""
+    if principal.is_organizer:
+        return SECTIONS
+    return tuple((each, each, f"/organize/phases/{each}") for each in sorted(principal.phases))
 
 
 def go(path: str, done: str | None = None) -> Response:

@@ -125,6 +125,7 @@ class Site:
         phase_id: str,
         challenge: str = "planning",
         manifest: Manifest = MANIFEST,
+        protocol: str = "1.0",
         **more: Any,
     ) -> None:
         """Create a phase over a split, by default the small one, registering protocol and split."""
@@ -139,7 +140,7 @@ class Site:
                     challenge=ChallengeId(challenge),
                     title=phase_id.replace("-", " ").title(),
                     split=manifest.name,
-                    protocol="1.0",
+                    protocol=protocol,
                     **({"quota_per_day": 3, "quota_total": None} | more),
                 ),
                 actor="test",

@@ -35,7 +35,7 @@ MANIFEST_OF_TWO = Manifest(
 )
 
 
-async def test_protocols_lead_to_the_newest_version(site: Any) -> None:
+async def test_without_a_phase_protocols_lead_to_the_newest_version(site: Any) -> None:
     answer = await site.get("/protocols")
     assert (answer.status_code, answer.headers["location"]) == (307, f"/protocols/{NEWEST}")
 
@@ -57,6 +57,8 @@ async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_
 ) -> None:
     with site.database.write() as session:
         add_protocol(session, packaged_protocol_toml("1.1"), "test")
+    for version in ("1.0", "1.1"):
+        site.create_phase(f"under-{version[-1]}", protocol=version)
     text = " ".join((await site.get("/protocols/1.1")).text.split())
     codes = packaged_protocol("1.1").ranking.unranked_flags
     labels = ", ".join(FLAGS[code].label for code in codes)

@@ -42,6 +42,7 @@ async def test_until_its_own_is_made_a_protocol_shows_that_of_the_first_and_says
 ) -> None:
     with site.database.write() as session:
         add_protocol(session, WIDER, "test")
+    site.create_phase("wide", protocol="1.1")
     assert "Drawn under protocol 1.0" in (await site.get("/protocols/1.1")).text
     own = pictured_digest(parse_protocol(WIDER))
     moved = packaged_drawing().sample.model_copy(update={"clearance_m": 0.4321})

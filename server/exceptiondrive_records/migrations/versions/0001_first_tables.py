@@ -17,11 +17,18 @@ IMMUTABLE = (
     "score_sheets",
     "submission_edits",
 )
-"""Nothing in these tables is ever overwritten or deleted, by whatever code."""
+"""Nothing in these tables is ever overwritten, by whatever code, and nothing is deleted but by
+`_GO_WITH_PHASE` and `_GO_UNUSED`."""
+_GO_WITH_PHASE = ("boards", "board_flips")
+"""Rows that go when the row of their phase is gone, which foreign keys allow only while nothing was
+submitted or rescored in it."""
+_GO_UNUSED = ("protocols",)
+"""Rows that go while nothing refers to them: foreign keys keep the others."""
 
 NEEDED_BY_KIND_OF_WORK = {
     "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
     "board": ("phase_id", "protocol_digest", "split_revision"),
+    "trial": ("run_id",),
     "recheck": ("run_id", "submission_id", "expected_digest"),
     "lead": ("holder",),
     "delivery": ("notification_id", "contact_id"),
@@ -78,6 +85,7 @@ def create_accounts() -> None:
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
         sa.Column("name", sa.String(), nullable=False),
         sa.Column("scopes", sa.JSON(), nullable=False),
+        sa.Column("phases", sa.JSON(), nullable=False),
         sa.Column("secret_digest", sa.String(), nullable=False),
         sa.Column("prefix", sa.String(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
@@ -100,7 +108,8 @@ def create_accounts() -> None:
         sa.Column("subject", sa.String(), nullable=False),
         sa.Column("name", sa.String(), nullable=False),
         sa.Column("email", sa.String()),
-        sa.Column("is_organizer", sa.Boolean(), nullable=False),
+        sa.Column("organizer_role", sa.String()),
+        sa.Column("organizer_phases", sa.JSON(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("signed_in_at", TIME, nullable=False),
         sa.UniqueConstraint("issuer", "subject"),
@@ -213,6 +222,23 @@ def create_splits() -> None:
         ),
     )
     op.create_index("ix_sample_pictures_file", "sample_pictures", ["file_digest"])
+    op.create_table(
+        "confirmations",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("split_name", sa.String(), nullable=False),
+        sa.Column("split_revision", sa.String(), nullable=False),
+        sa.Column("protocol_digest", sa.String(), nullable=False),
+        sa.Column("confirmation", sa.Text(), nullable=False),
+        sa.Column("confirmed_at", TIME, nullable=False),
+        sa.ForeignKeyConstraint(
+            ["split_name", "split_revision"], ["splits.name", "splits.revision"]
+        ),
+    )
+    op.create_index(
+        "ix_confirmations_asked",
+        "confirmations",
+        ["split_name", "split_revision", "protocol_digest"],
+    )
 
 
 def create_phases() -> None:
@@ -388,7 +414,12 @@ def create_boards() -> None:
     op.create_table(
         "boards",
         sa.Column("id", sa.Integer(), primary_key=True),
-        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column(
+            "phase_id",
+            sa.String(),
+            sa.ForeignKey("phases.id", ondelete="CASCADE"),
+            nullable=False,
+        ),
         sa.Column(
             "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
         ),
@@ -412,12 +443,23 @@ def create_boards() -> None:
     op.create_table(
         "board_flips",
         sa.Column("id", sa.Integer(), primary_key=True),
-        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
-        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), nullable=False),
+        sa.Column(
+            "phase_id",
+            sa.String(),
+            sa.ForeignKey("phases.id", ondelete="CASCADE"),
+            nullable=False,
+        ),
+        sa.Column(
+            "board_id",
+            sa.Integer(),
+            sa.ForeignKey("boards.id", ondelete="CASCADE"),
+            nullable=False,
+        ),
         sa.Column("at", TIME, nullable=False),
         sa.Column("news", sa.Text(), nullable=False),
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
+    op.create_index("ix_board_flips_board", "board_flips", ["board_id", "at"])
 
 
 def create_rescoring() -> None:
@@ -493,6 +535,7 @@ def create_operations() -> None:
         sa.Column("lanes", sa.JSON(), nullable=False),
         sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("scorer_version", sa.String()),
+        sa.Column("missing_splits", sa.JSON(), nullable=False),
     )
     op.create_table(
         "receipt_keys",
@@ -529,7 +572,7 @@ def create_work() -> None:
         sa.Column("note", sa.String()),
         sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id")),
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
-        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id")),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id", ondelete="CASCADE")),
         sa.Column("protocol_digest", sa.String(), sa.ForeignKey("protocols.digest")),
         sa.Column("split_revision", sa.String()),
         sa.Column("is_first", sa.Boolean()),
@@ -537,6 +580,7 @@ def create_work() -> None:
         sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
         sa.Column("expected_digest", sa.String()),
         sa.Column("found_digest", sa.String()),
+        sa.Column("trial", sa.Text()),
         sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
         sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
         sa.UniqueConstraint("kind", "key"),
@@ -558,9 +602,11 @@ def create_work() -> None:
 def protect(table: str) -> None:
     """Make the database refuse updates and deletions of a table."""
     if op.get_bind().dialect.name == "sqlite":
-        for act in ("UPDATE", "DELETE"):
+        for act in ("UPDATE",) if table in _GO_UNUSED else ("UPDATE", "DELETE"):
+            goes = act == "DELETE" and table in _GO_WITH_PHASE
             op.execute(
                 f"CREATE TRIGGER {table}_no_{act.lower()} BEFORE {act} ON {table} "
+                f"{'WHEN EXISTS (SELECT 1 FROM phases WHERE id = OLD.phase_id)' if goes else ''} "
                 f"BEGIN SELECT RAISE(ABORT, '{table} is append-only'); END"
             )
         return
@@ -568,7 +614,18 @@ def protect(table: str) -> None:
         "CREATE OR REPLACE FUNCTION refuse_change() RETURNS trigger LANGUAGE plpgsql AS "
         "$$ BEGIN RAISE EXCEPTION '% is append-only', TG_TABLE_NAME; END $$"
     )
+    if table in _GO_WITH_PHASE:
+        op.execute(
+            "CREATE OR REPLACE FUNCTION phase_is_there(phase varchar) RETURNS boolean LANGUAGE sql "
+            "AS $$ SELECT EXISTS (SELECT 1 FROM phases WHERE id = phase) $$"
+        )
+        op.execute(
+            f"CREATE TRIGGER {table}_go_with_phase BEFORE DELETE ON {table} "
+            "FOR EACH ROW WHEN (phase_is_there(OLD.phase_id)) EXECUTE FUNCTION refuse_change()"
+        )
+    may_go = table in (*_GO_WITH_PHASE, *_GO_UNUSED)
     op.execute(
-        f"CREATE TRIGGER {table}_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON {table} "
+        f"CREATE TRIGGER {table}_append_only "
+        f"BEFORE UPDATE OR {'' if may_go else 'DELETE OR '}TRUNCATE ON {table} "
         "FOR EACH STATEMENT EXECUTE FUNCTION refuse_change()"
     )

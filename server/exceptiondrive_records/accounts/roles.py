@@ -1,0 +1,46 @@
+"""What an organizer may do: a role, for the whole site or for named phases alone.
+
+Which deed asks for which role is decided at the routes (`exceptiondrive_server.web.organizer_rights`).
+"""
+
+from collections.abc import Iterable
+from enum import StrEnum
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.errors import InvalidRecord, NotFound
+from exceptiondrive_records.phases.tables import Phase
+
+
+class OrganizerRole(StrEnum):
+    """From the least to the most: each may do what those before it may."""
+
+    READ_ONLY = "read-only"
+    HELPER = "helper"
+    OWNER = "owner"
+
+    def includes(self, other: "OrganizerRole") -> bool:
+        """Whether whoever has this role may do what the other one may."""
+        order = list(OrganizerRole)
+        return order.index(self) >= order.index(other)
+
+
+def checked_phases(session: Session, phases: Iterable[str]) -> list[str]:
+    """Return the ids of the phases that a role is confined to; none: it is for the whole site.
+
+    Raises:
+        NotFound: One of them is no phase.
+        InvalidRecord: There are too many.
+    """
+    wanted = sorted(set(phases))
+    if len(wanted) > MAX_PHASES:
+        raise InvalidRecord(f"A role is confined to at most {MAX_PHASES} phases.")
+    known = set(session.scalars(select(Phase.id).where(Phase.id.in_(wanted))))
+    for phase_id in wanted:
+        if phase_id not in known:
+            raise NotFound("phase", phase_id)
+    return wanted
+
+
+MAX_PHASES = 20

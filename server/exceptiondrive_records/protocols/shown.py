@@ -1,0 +1,53 @@
+"""Which protocols readers know of: a phase stands under them, or a board was shown.
+
+One that is added for a run in preparation is not among them.
+"""
+
+from sqlalchemy import select, union
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import (
+    find_protocol,
+    find_protocol_row,
+    list_protocols,
+)
+from exceptiondrive_schemas.protocol import ProtocolDocument
+
+
+def shown_protocols(session: Session, *, with_drafts: bool = False) -> list[ProtocolDocument]:
+    """Return the protocols that readers know of, oldest first; for organizers all of them."""
+    known = list_protocols(session)
+    if with_drafts:
+        return known
+    shown = shown_digests(session)
+    return [protocol for protocol in known if protocol.digest in shown]
+
+
+def shown_protocol(
+    session: Session, version_or_digest: str, *, with_drafts: bool = False
+) -> ProtocolDocument:
+    """Return a protocol that readers know of.
+
+    Raises:
+        NotFound: There is none, or it is a draft; the words are the same.
+    """
+    row = find_protocol_row(session, version_or_digest)
+    if not with_drafts and row.digest not in shown_digests(session):
+        raise NotFound("protocol", version_or_digest)
+    return find_protocol(session, row.digest)
+
+
+def shown_digests(session: Session) -> frozenset[str]:
+    """Return the digests of the protocols that readers know of."""
+    is_seen = Phase.visibility != "hidden"
+    in_force = select(Phase.protocol_digest).where(is_seen)
+    ever = (
+        select(BoardRow.protocol_digest)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .join(Phase, Phase.id == BoardRow.phase_id)
+        .where(is_seen)
+    )
+    return frozenset(session.scalars(union(in_force, ever)))

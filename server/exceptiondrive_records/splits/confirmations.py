@@ -1,0 +1,94 @@
+"""Confirmations of organizers: kept here, believed by workers alone."""
+
+import base64
+
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import InvalidRecord, NotFound
+from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.tables import ConfirmationRow
+from exceptiondrive_schemas.confirmation import Confirmation, confirmed_bytes
+from exceptiondrive_schemas.split import SplitRef
+
+
+def add_confirmation(session: Session, given: Confirmation, actor: str) -> ConfirmationRow:
+    """Keep a confirmation; the same one again does nothing.
+
+    Raises:
+        NotFound: The split revision is not registered, or no such protocol was added.
+        InvalidRecord: The signature is not of this split, protocol and key.
+    """
+    find_split(session, given.split.name, given.split.revision)
+    protocol = session.get(ProtocolRow, given.protocol)
+    if protocol is None:
+        raise NotFound("protocol", given.protocol)
+    if not is_signed(given):
+        raise InvalidRecord("The signature does not fit this split, protocol and key.")
+    known = session.get(ConfirmationRow, given.id)
+    if known is not None:
+        return known
+    row = ConfirmationRow(
+        id=given.id,
+        split_name=given.split.name,
+        split_revision=given.split.revision,
+        protocol_digest=given.protocol,
+        confirmation=given,
+        confirmed_at=database_now(session),
+    )
+    session.add(row)
+    session.flush()
+    detail = {"protocol": protocol.version, **given.split.model_dump(), "key": given.public_key}
+    audit(session, actor, "protocol confirmed", given.split.name, detail)
+    return row
+
+
+def withdraw_confirmation(session: Session, confirmation_id: str, reason: str, actor: str) -> None:
+    """Take a confirmation back: workers score and publish nothing more that needed it.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
+    row = session.get(ConfirmationRow, confirmation_id)
+    if row is None:
+        raise NotFound("confirmation", confirmation_id)
+    session.delete(row)
+    detail = {"protocol": row.protocol_digest, "revision": row.split_revision, "reason": reason}
+    audit(session, actor, "confirmation withdrawn", row.split_name, detail)
+
+
+def list_confirmations(session: Session) -> list[ConfirmationRow]:
+    """Return all confirmations, newest first."""
+    order = (ConfirmationRow.confirmed_at.desc(), ConfirmationRow.id)
+    return list(session.scalars(select(ConfirmationRow).order_by(*order)))
+
+
+def keys_that_confirm(session: Session, split: SplitRef, protocol_digest: str) -> set[str]:
+    """Return the public keys whose signature holds now, whatever the table says of them."""
+    query = select(ConfirmationRow).where(
+        ConfirmationRow.split_name == split.name,
+        ConfirmationRow.split_revision == split.revision,
+        ConfirmationRow.protocol_digest == protocol_digest,
+    )
+    found = [row.confirmation for row in session.scalars(query)]
+    return {
+        each.public_key
+        for each in found
+        if (each.split, each.protocol) == (split, protocol_digest) and is_signed(each)
+    }
+
+
+def is_signed(given: Confirmation) -> bool:
+    """Whether the signature is of this split and protocol, by this key."""
+    try:
+        key = Ed25519PublicKey.from_public_bytes(base64.b64decode(given.public_key, validate=True))
+        signature = base64.b64decode(given.signature, validate=True)
+        key.verify(signature, confirmed_bytes(given.split, given.protocol))
+    except (InvalidSignature, ValueError):
+        return False
+    return True

@@ -1,0 +1,98 @@
+"""Which organizer may use which route: one table, asked once for the API and for pages.
+
+Whoever reads needs the role read-only, whoever changes anything the role owner, but for the deeds of
+helpers below. A route whose path names a phase, a run or a submission is a phase's: a role that is
+confined to that phase counts there. Every other route is the whole site's.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from fastapi import Request
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.web.middleware import route_of
+from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+from exceptiondrive_server.web.services import Services
+
+_READING = frozenset({"/api/v1/organizer/protocols/check"})
+"""What is sent by POST and changes nothing."""
+HELPER_DEEDS = frozenset(
+    {
+        "/api/v1/organizer/submissions/{submission_id}/note",
+        "/api/v1/organizer/submissions/{submission_id}/retry",
+        "/api/v1/organizer/submissions/{submission_id}/verify",
+        "/api/v1/organizer/teams/{team_id}/approve",
+        "/api/v1/organizer/teams/{team_id}/refuse",
+        "/organize/submissions/{submission_id}/note",
+        "/organize/submissions/{submission_id}/retry",
+        "/organize/submissions/{submission_id}/verify",
+        "/organize/teams/{team_id}/approve",
+        "/organize/teams/{team_id}/refuse",
+    }
+)
+"""Paths of what a helper may do: none lets anybody act for a team, or moves a score or a board."""
+
+
+def role_needed(method: str, path: str) -> OrganizerRole:
+    """Return the role that a route asks for.
+
+    Args:
+        method: GET, POST, and so on.
+        path: Of the route, with the names of its parameters.
+    """
+    if method in ("GET", "HEAD") or path in _READING:
+        return OrganizerRole.READ_ONLY
+    return OrganizerRole.HELPER if path in HELPER_DEEDS else OrganizerRole.OWNER
+
+
+def require_right(request: Request, services: Services, principal: Principal) -> None:
+    """Refuse what an organizer may not do.
+
+    Raises:
+        ApiProblem: Whoever asks is no organizer, or has too small a role for this, or one that is
+            confined to other phases.
+    """
+    role = principal.role
+    if role is None:
+        detail = "This is for organizers."
+        if principal.person_id is None:
+            detail += f" It needs a token with the scope {Scope.ORGANIZE.value!r}."
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+    needed = role_needed(request.method, _path_of(request))
+    if not role.includes(needed):
+        detail = f"This needs an organizer with the role {needed}; yours is {role}."
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+    if principal.is_organizer:
+        return
+    with services.database.read() as session:
+        phase_id = _phase_of(session, request.path_params)
+    if not principal.organizes(phase_id):
+        confined = ", ".join(sorted(principal.phases))
+        detail = f"Your role is confined to {confined}, and this is not of it."
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+
+
+def _path_of(request: Request) -> str:
+    """Return the path of the route; a parameter that names the deed stands for it."""
+    path = route_of(request.scope)
+    for name in ("deed", "step"):
+        path = path.replace(f"{{{name}}}", str(request.path_params.get(name)))
+    return path
+
+
+def _phase_of(session: Session, named: Mapping[str, Any]) -> str | None:
+    """Return the phase that the parameters of a path belong to."""
+    if "phase_id" in named:
+        return str(named["phase_id"])
+    owner: RescoringRun | Submission | None = None
+    if "run_id" in named:
+        owner = session.get(RescoringRun, named["run_id"])
+    elif "submission_id" in named:
+        owner = session.get(Submission, named["submission_id"])
+    return None if owner is None else owner.phase_id

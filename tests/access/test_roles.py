@@ -1,0 +1,217 @@
+"""Organizers' roles: every route is asked with every role, the deeds one by one from a table."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from typer.testing import CliRunner
+
+from exceptiondrive_records.accounts.people import Identity, set_organizer, welcome_person
+from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_records.accounts.sessions import find_session, open_person_session
+from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, Scope, issue_token
+from exceptiondrive_server.operations.cli import app
+from exceptiondrive_server.routes import ROUTES
+from exceptiondrive_server.web.organizer_rights import HELPER_DEEDS
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+OWNER, HELPER, READER = OrganizerRole.OWNER, OrganizerRole.HELPER, OrganizerRole.READ_ONLY
+ROLES: dict[str, tuple[OrganizerRole, tuple[str, ...]]] = {
+    "owner": (OWNER, ()),
+    "helper": (HELPER, ()),
+    "reader": (READER, ()),
+    "owner of dev": (OWNER, ("dev",)),
+    "reader of dev": (READER, ("dev",)),
+    "owner of other": (OWNER, ("other",)),
+}
+ALL, WRITERS = set(ROLES), {"owner"}
+OF_DEV = {"owner", "owner of dev"}
+SEEN_OF_DEV = ALL - {"owner of other"}
+WHOLE_SITE = {"owner", "helper", "reader"}
+DEEDS = [
+    # method, path, who may
+    ("GET", "/organizer/teams", WHOLE_SITE),
+    ("GET", "/organizer/audit", WHOLE_SITE),
+    ("GET", "/organizer/people", WHOLE_SITE),
+    ("GET", "/organizer/phases/dev/board", SEEN_OF_DEV),
+    ("GET", "/organizer/phases/dev/similar", SEEN_OF_DEV),
+    ("POST", "/organizer/protocols/check", WHOLE_SITE),
+    ("POST", "/organizer/teams/alpha/approve", {"owner", "helper"}),
+    ("POST", "/organizer/teams/alpha/refuse", {"owner", "helper"}),
+    ("POST", "/organizer/submissions/{submission}/retry", {"owner", "helper", "owner of dev"}),
+    ("POST", "/organizer/submissions/{submission}/note", {"owner", "helper", "owner of dev"}),
+    ("POST", "/organizer/submissions/{submission}/verify", {"owner", "helper", "owner of dev"}),
+    ("POST", "/organizer/submissions/{submission}/restore", OF_DEV),
+    ("GET", "/organizer/submissions/{submission}", SEEN_OF_DEV),
+    ("POST", "/organizer/teams", WRITERS),
+    ("POST", "/organizer/teams/alpha/tokens", WRITERS),
+    ("POST", "/organizer/teams/alpha/invitations", WRITERS),
+    ("POST", "/organizer/tokens/x/revoke", WRITERS),
+    ("POST", "/organizer/people/x/organizer", WRITERS),
+    ("POST", "/organizer/self-registration", WRITERS),
+    ("PATCH", "/organizer/site", WRITERS),
+    ("POST", "/organizer/phases", WRITERS),
+    ("POST", "/organizer/protocols", WRITERS),
+    ("POST", "/organizer/rescoring", WRITERS),
+    ("PATCH", "/organizer/phases/dev", OF_DEV),
+    ("POST", "/organizer/phases/dev/freeze", OF_DEV),
+    ("POST", "/organizer/phases/dev/reveal", OF_DEV),
+    ("GET", "/submissions/{submission}", WHOLE_SITE),
+    ("POST", "/submissions/{submission}/withdraw", WRITERS),
+]
+
+
+@pytest.fixture
+def site(api: "Api") -> "Api":
+    """A site with two phases, a submission in one, and a token for every role."""
+    api.phase("other")
+    with api.database.write() as session:
+        for name, (role, phases) in ROLES.items():
+            scopes = SCOPES_OF_ROLE[role]
+            text, _ = issue_token(session, None, name, scopes, phases=phases, actor="test")
+            api.tokens[name] = text
+    return api
+
+
+@pytest.mark.parametrize(("method", "path", "may"), DEEDS, ids=[f"{m} {p}" for m, p, _ in DEEDS])
+def test_each_deed_is_for_the_roles_of_the_table(
+    site: "Api", method: str, path: str, may: set[str]
+) -> None:
+    submission = site.submit("a").json()["id"]
+    asked = path.replace("{submission}", submission)
+    status = {who: site.request(method, asked, who).status_code for who in ROLES}
+    refused = {403, 404} if not path.startswith("/organizer") else {403}
+    assert {who for who in ROLES if status[who] not in refused} == may, status
+
+
+def organizer_routes() -> list[tuple[str, str]]:
+    """Method and path of every route of the organizers, of the API and of the pages."""
+    found = []
+    for included in ROUTES.routes:
+        for route in included.effective_route_contexts():  # type: ignore[attr-defined]
+            if "/organize" in route.path:
+                found += [(method, route.path) for method in route.methods]
+    return found
+
+
+def filled(path: str) -> str:
+    names = {"phase_id": "dev", "team_id": "alpha"}
+    parts = path.split("/")
+    return "/".join(
+        names.get(part[1:-1].partition(":")[0], "x") if part.startswith("{") else part
+        for part in parts
+    )
+
+
+def test_no_route_of_the_organizers_lacks_the_guard(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    """Routes that come later are an owner's unless they read, or stand among the helpers' deeds."""
+    routes = organizer_routes()
+    assert {path for _, path in routes if path.startswith("/organize/")}
+    assert {path for _, path in routes} >= {path for path in HELPER_DEEDS if "/api/" in path}
+    browsers = {who: browse(site) for who in ("alpha", "reader", "helper", "owner of other")}
+    for who, browser in browsers.items():
+        assert browser.sign_in(who).status_code == 303
+    for method, path in routes:
+        is_read = method in ("GET", "HEAD") or path.endswith("/protocols/check")
+        for who, browser in browsers.items():
+            headers = {"Origin": browser.origin}
+            if path.startswith("/api/"):
+                headers = site.headers(who)
+            status = browser.client.request(method, filled(path), headers=headers).status_code
+            is_free = {
+                "alpha": False,
+                "reader": is_read,
+                "helper": is_read or path in HELPER_DEEDS,
+                "owner of other": False,
+            }[who]
+            if (who, path) == ("owner of other", "/organize"):
+                assert status == 303  # to the phase
+            elif not is_free:
+                assert status == 403, (who, method, path)
+            elif path.startswith("/api/"):
+                assert status != 403, (who, method, path)
+
+
+def test_a_helper_has_the_same_deeds_on_pages(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    submission = site.submit("a").json()["id"]
+    browser = browse(site)
+    browser.sign_in("helper")
+    status = {
+        deed: browser.send(f"/organize/{deed}", browser.form("/organize/teams")).status_code
+        for deed in (f"submissions/{submission}/retry", "teams/alpha/approve", "teams/alpha/tokens")
+    }
+    assert [code == 403 for code in status.values()] == [False, False, True], status
+
+
+def test_a_role_for_one_phase_is_led_to_it_and_sees_no_other(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    browser = browse(site)
+    browser.sign_in("owner of dev")
+    led = browser.get("/organize")
+    assert (led.status_code, led.headers["location"]) == (303, "/organize/phases/dev")
+    page = browser.get("/organize/phases/dev")
+    assert page.status_code == 200
+    assert 'href="/organize/phases/dev"' in page.text
+    assert "/organize/audit" not in page.text
+    assert browser.get("/organize/phases/other").status_code == 403
+    hidden = {"visibility": "hidden"}
+    assert site.request("PATCH", "/organizer/phases/other", "owner", json=hidden).status_code == 200
+    assert site.get("/phases/other", "owner of dev").status_code == 404
+    assert site.get("/phases/other", "reader").status_code == 200
+
+
+def test_a_person_has_the_role_that_was_given_from_the_next_request_on(site: "Api") -> None:
+    with site.database.write() as session:
+        ada = welcome_person(session, Identity("https://issuer.example", "s", "Ada"))
+        secret, person_id = open_person_session(session, ada), ada.id
+
+    def now() -> Any:
+        with site.database.read() as session:
+            return find_session(session, secret)
+
+    assert now().role is None
+    path = f"/organizer/people/{person_id}/organizer"
+    wanted = {"is_organizer": True, "role": "helper", "phases": ["dev"]}
+    told = site.post(path, "owner", json=wanted).json()
+    assert (told["role"], told["phases"], told["is_organizer"]) == ("helper", ["dev"], True)
+    assert (now().role, now().phases, now().is_organizer) == (HELPER, {"dev"}, False)
+    missing = {**wanted, "phases": ["no-such"]}
+    assert site.post(path, "owner", json=missing).status_code == 404
+    site.post(path, "owner", json={"is_organizer": False})
+    assert (now().role, now().phases) == (None, frozenset())
+    lines = site.get("/organizer/audit", "owner").json()
+    granted = next(line for line in lines if line["action"] == "organizer granted")
+    assert granted["detail"] == {"role": "helper", "phases": ["dev"]}
+
+
+def test_operators_give_roles_by_command(
+    site: "Api", sqlite_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", sqlite_url)
+    with site.database.write() as session:
+        person_id = welcome_person(session, Identity("https://issuer.example", "s", "Ada")).id
+    run = CliRunner()
+    of_dev = ["--role", "helper", "--phase", "dev"]
+    assert run.invoke(app, ["set-organizer", person_id, *of_dev]).exit_code == 0
+    assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\thelper:dev\n"
+    made = run.invoke(app, ["create-organizer", "Ben", *of_dev])
+    site.tokens["ben"] = made.stdout.splitlines()[-1]
+    assert site.get("/organizer/phases/dev/board", "ben").status_code != 403
+    assert site.get("/organizer/teams", "ben").status_code == 403
+    assert run.invoke(app, ["create-organizer", "Cy", "--phase", "no-such"]).exit_code != 0
+
+
+def test_a_team_never_gets_an_organizers_scope(site: "Api") -> None:
+    with site.database.write() as session:
+        person = welcome_person(session, Identity("https://issuer.example", "m", "Member"))
+        set_organizer(session, person.id, READER, actor="test")
+    for scope in (Scope.ORGANIZE, Scope.ORGANIZE_HELP, Scope.ORGANIZE_READ):
+        body = {"name": "more", "scopes": [scope.value]}
+        assert site.post("/tokens", "alpha", json=body).status_code in (403, 422)
