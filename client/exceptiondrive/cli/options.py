@@ -31,13 +31,13 @@ ONE_FILE = {"allow_extra_args": True}
 """Settings of a command that says itself that it takes one file: see `given`."""
 
 
-def given(file: Path, context: typer.Context) -> GivenFile:
+def given(file: Path, context: typer.Context | None = None) -> GivenFile:
     """Return what a file holds that was named, or stdin where it is `-`.
 
     Raises:
         InvalidArgumentError: It cannot be read, or is not the only one.
     """
-    if context.args:
+    if context is not None and context.args:
         names = shlex.join([str(file), *context.args])
         raise InvalidArgumentError(
             "too_many_files",
