@@ -3,7 +3,7 @@
 from datetime import datetime
 
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
-from sqlalchemy.orm import Mapped, mapped_column
+from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
@@ -30,6 +30,26 @@ class BoardRow(Base):
     """`main`, or `late`: the board with late entries among the others."""
     leader: Mapped[BoardLeader | None] = mapped_column(DocumentText(BoardLeader), default=None)
     """Who leads it, for the history: so that no board need be read for that."""
+    alias: Mapped["BoardAlias | None"] = relationship(lazy="joined", viewonly=True)
+
+    @property
+    def told_body(self) -> str:
+        """The bytes that are served: those of the board, until a team on it is forgotten."""
+        return self.body if self.alias is None else self.alias.body
+
+    @property
+    def told_digest(self) -> str:
+        """Digest of `told_body`: the strong ETag."""
+        return self.body_digest if self.alias is None else self.alias.body_digest
+
+
+class BoardAlias(Base):
+    """What is told of a board since a team on it was forgotten; `BoardRow.digest` stays its digest."""
+
+    __tablename__ = "board_aliases"
+    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"), primary_key=True)
+    body: Mapped[str] = mapped_column(Text)
+    body_digest: Mapped[str]
 
 
 class BoardEntryRow(Base):

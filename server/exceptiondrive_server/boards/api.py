@@ -44,7 +44,7 @@ def get_board(request: Request, services: ServicesOf, query: AskedBoard) -> Resp
         board = parsed_board(row)
         facts = facts_on(session, board)
     shown = selected_board(board, query, facts)
-    body = row.body if shown is board else shown.model_dump_json()
+    body = row.told_body if shown is board else shown.model_dump_json()
     max_age_s = services.settings.board_max_age_s
     return conditional(request, body.encode(), "application/json", max_age_s=max_age_s)
 
@@ -110,5 +110,5 @@ def get_board_by_number(
 ) -> Response:
     """Give a board at its permanent address; its bytes never change."""
     with services.database.read() as session:
-        body = find_board(session, shown_phase(session, phase).id, number).body
+        body = find_board(session, shown_phase(session, phase).id, number).told_body
     return conditional(request, body.encode(), "application/json", max_age_s=FOR_EVER_S)

@@ -69,6 +69,7 @@ def create_teams() -> None:
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("pending_since", TIME),
         sa.Column("registration_note", sa.String()),
+        sa.Column("forgotten_at", TIME),
         sa.Column("registered_from", sa.String()),
         sa.UniqueConstraint("name"),
         sa.UniqueConstraint("name_skeleton"),
@@ -431,6 +432,12 @@ def create_boards() -> None:
         sa.Column("view", sa.String(), nullable=False),
         sa.Column("leader", sa.Text()),
         sa.UniqueConstraint("phase_id", "number"),
+    )
+    op.create_table(
+        "board_aliases",
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
+        sa.Column("body", sa.Text(), nullable=False),
+        sa.Column("body_digest", sa.String(), nullable=False),
     )
     op.create_table(
         "board_entries",
