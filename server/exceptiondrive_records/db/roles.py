@@ -64,6 +64,7 @@ RIGHTS = MappingProxyType(
         "allowances": (RIUD, R, R),
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
         "board_aliases": (RIU, R, R),
+        "board_flip_aliases": (RIU, R, R),
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
@@ -106,6 +107,7 @@ WORK_RIGHTS = MappingProxyType(
         "delivery": (RIU, RI, RIU),
         "lead": (R, NONE, RIUD),
         "recheck": (RIU, RU, RU),
+        "trial": (RI, RU, R),  # workers alone say what came of it
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )

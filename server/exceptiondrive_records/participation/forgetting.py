@@ -17,7 +17,13 @@ from exceptiondrive_records.accounts.tables import (
     Token,
 )
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.tables import BoardAlias, BoardEntryRow, BoardRow
+from exceptiondrive_records.boards.tables import (
+    BoardAlias,
+    BoardEntryRow,
+    BoardFlip,
+    BoardFlipAlias,
+    BoardRow,
+)
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason, skeleton
@@ -133,19 +139,18 @@ def _alias_boards(session: Session, team: Team) -> int:
     boards = select(BoardRow).where(
         BoardRow.id.in_(select(BoardEntryRow.board_id).where(BoardEntryRow.submission_id.in_(own)))
     )
-    n_boards = 0
+    n_boards, names = 0, set[str]()
     for row in session.scalars(boards.order_by(BoardRow.id)):
-        told = _aliased(
-            session.get_one(Phase, row.phase_id),
-            Board.model_validate_json(row.told_body),
-            team,
-            own,
-        )
+        board = Board.model_validate_json(row.told_body)
+        told = _aliased(session.get_one(Phase, row.phase_id), board, team, own)
+        pairs = zip(board.entries, told.entries, strict=True)
+        names |= {entry.team for entry, told_entry in pairs if entry is not told_entry}
         body = canonical_json(told)
         session.merge(
             BoardAlias(board_id=row.id, body=body.decode("utf-8"), body_digest=bytes_digest(body))
         )
         n_boards += 1
+    _alias_news(session, team, names)
     return n_boards
 
 
@@ -159,3 +164,23 @@ def _aliased(phase: Phase, board: Board, team: Team, own: frozenset[str]) -> Boa
         for entry in board.entries
     )
     return board.model_copy(update={"entries": entries})
+
+
+def _alias_news(session: Session, team: Team, names: set[str]) -> None:
+    """Write anew what is told of each flip whose news name the team, as it stood on boards."""
+    of_team = select(Submission.phase_id).where(Submission.team_id == team.id)
+    query = (
+        select(BoardFlip, BoardFlipAlias)
+        .outerjoin(BoardFlipAlias, BoardFlipAlias.flip_id == BoardFlip.id)
+        .where(BoardFlip.phase_id.in_(of_team))
+    )
+    for flip, alias in session.execute(query).all():
+        told = flip.news if alias is None else alias.news
+        if not any(entry.team in names for entry in told.entries):
+            continue
+        entries = tuple(
+            entry.model_copy(update={"team": team.name}) if entry.team in names else entry
+            for entry in told.entries
+        )
+        news = told.model_copy(update={"entries": entries})
+        session.merge(BoardFlipAlias(flip_id=flip.id, news=news))

@@ -4,7 +4,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import latest_board
-from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
+from exceptiondrive_records.boards.tables import BoardFlip, BoardFlipAlias, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, shadow_key
@@ -24,6 +24,7 @@ from exceptiondrive_records.rescoring.comparison import (
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
@@ -65,6 +66,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         actions=actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
+        trial=trial_of(session, run.id),
         old_board=compared.comparison.old_board if compared else None,
         new_board=compared.comparison.new_board if compared else None,
         preview=compared.digest if compared else None,
@@ -198,12 +200,13 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
         select(
             BoardFlip.id,
             BoardFlip.at,
-            BoardFlip.news,
+            func.coalesce(BoardFlipAlias.news, BoardFlip.news).label("news"),
             BoardRow.number,
             BoardRow.protocol_digest,
             BoardRow.split_revision,
         )
         .join(BoardRow, BoardRow.id == BoardFlip.board_id)
+        .outerjoin(BoardFlipAlias, BoardFlipAlias.flip_id == BoardFlip.id)
         .where(BoardFlip.phase_id == phase_id)
         .order_by(BoardFlip.at, BoardFlip.id)
     )

@@ -39,7 +39,7 @@ from exceptiondrive_server.boards.headline import (
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, Average, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.protocols.scene_drawing import scene_drawing
+from exceptiondrive_server.protocols.scene_drawing import answers_to, scene_drawing
 from exceptiondrive_server.web.numbers import Digits, day, minute
 from exceptiondrive_server.web.templating import macro
 
@@ -153,7 +153,10 @@ def _scene(
     caption = challenge.value.words.scene_caption.format(
         clearance_m=scene.clearance_m, d_safe_m=scene.d_safe_m, hcc=scene.hcc
     )
-    return macro("boards/charts.html", "scene_figure")(scene, caption)
+    tasks = protocol.value.tasks
+    task = next((each for each in tasks if each.id == scene.task_id), tasks[0])
+    answers = () if challenge.value.has_waypoints else answers_to(task)
+    return macro("boards/charts.html", "scene_figure")(scene, caption, task, answers)
 
 
 def forget_shown_boards() -> None:

@@ -28,6 +28,7 @@ _GO_UNUSED = ("protocols",)
 NEEDED_BY_KIND_OF_WORK = {
     "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
     "board": ("phase_id", "protocol_digest", "split_revision"),
+    "trial": ("run_id",),
     "recheck": ("run_id", "submission_id", "expected_digest"),
     "lead": ("holder",),
     "delivery": ("notification_id", "contact_id"),
@@ -434,12 +435,6 @@ def create_boards() -> None:
         sa.UniqueConstraint("phase_id", "number"),
     )
     op.create_table(
-        "board_aliases",
-        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
-        sa.Column("body", sa.Text(), nullable=False),
-        sa.Column("body_digest", sa.String(), nullable=False),
-    )
-    op.create_table(
         "board_entries",
         sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
         sa.Column("submission_id", sa.String(), primary_key=True),
@@ -465,6 +460,18 @@ def create_boards() -> None:
         sa.Column("news", sa.Text(), nullable=False),
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
+    op.create_index("ix_board_flips_board", "board_flips", ["board_id", "at"])
+    op.create_table(
+        "board_aliases",
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
+        sa.Column("body", sa.Text(), nullable=False),
+        sa.Column("body_digest", sa.String(), nullable=False),
+    )
+    op.create_table(
+        "board_flip_aliases",
+        sa.Column("flip_id", sa.Integer(), sa.ForeignKey("board_flips.id"), primary_key=True),
+        sa.Column("news", sa.Text(), nullable=False),
+    )
 
 
 def create_rescoring() -> None:
@@ -584,6 +591,7 @@ def create_work() -> None:
         sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
         sa.Column("expected_digest", sa.String()),
         sa.Column("found_digest", sa.String()),
+        sa.Column("trial", sa.Text()),
         sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
         sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
         sa.UniqueConstraint("kind", "key"),
