@@ -231,7 +231,9 @@ def test_a_forgotten_team_stands_under_an_alias_and_the_board_keeps_its_digest(
     api.post("/contacts", "alpha", json={"channel": "email", "address": "ada@example.com"})
     own = api.submit("a", description="By Ada of Alpha").json()["id"]
     api.score(own)
+    api.publish(make_entry("Baseline", source="reference", rank=None))
     row = api.publish(make_entry("Planner", submission_id=own, team="Alpha"))
+    assert "Alpha" in api.client.get("/history?phase=dev").text
     page = "/organize/teams/alpha/forget"
     wrong = organizer.post(page, {"again": "beta", "reason": "They asked."}, page=page)
     assert wrong.status_code == 400
@@ -240,7 +242,7 @@ def test_a_forgotten_team_stands_under_an_alias_and_the_board_keeps_its_digest(
         r"/organize/teams/(former-\w+)\?done=team_forgotten", done.headers["location"]
     )
     assert alias is not None
-    told = api.get("/boards/dev/1")
+    told = api.get("/boards/dev/2")
     assert told.json()["entries"][0]["team"] == f"Former team {alias[1][7:].upper()}"
     for address in ("/", "/history?phase=dev", "/api/v1/leaderboard?phase=dev", f"/entries/{own}"):
         seen = api.client.get(address, headers={"Accept": "text/html, application/json"})

@@ -169,12 +169,8 @@ def _aliased(phase: Phase, board: Board, team: Team, own: frozenset[str]) -> Boa
 def _alias_news(session: Session, team: Team, names: set[str]) -> None:
     """Write anew what is told of each flip whose news name the team, as it stood on boards."""
     of_team = select(Submission.phase_id).where(Submission.team_id == team.id)
-    query = (
-        select(BoardFlip, BoardFlipAlias)
-        .outerjoin(BoardFlipAlias, BoardFlipAlias.flip_id == BoardFlip.id)
-        .where(BoardFlip.phase_id.in_(of_team))
-    )
-    for flip, alias in session.execute(query).all():
+    for flip in session.scalars(select(BoardFlip).where(BoardFlip.phase_id.in_(of_team))):
+        alias = session.get(BoardFlipAlias, flip.id)
         told = flip.news if alias is None else alias.news
         if not any(entry.team in names for entry in told.entries):
             continue
