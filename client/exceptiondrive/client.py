@@ -334,13 +334,14 @@ class Client(Connection):
         return self._check(file, self.phase(phase))
 
     def _check(self, file: SubmissionLike, phase: PhaseView) -> CheckReport:
-        return check_file(
+        report = check_file(
             file,
             manifest=self.manifest(phase.id),
             protocol=self.protocol_of(phase),
             challenge=phase.challenge,
             max_upload_bytes=phase.max_upload_bytes,
         )
+        return report.model_copy(update={"notes": (*report.notes, *phase.not_checked)})
 
     def outlook(self, file: SubmissionLike, *, phase: str, method: str) -> Outlook:
         """Check a file as `check` does, and say what an upload of it will do.

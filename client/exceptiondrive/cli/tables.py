@@ -126,13 +126,13 @@ def report_view(
             yield Text(f"  ... and {rest} more; --all names every one", style="dim")
         elif not group.n_samples and group.count > EXAMPLES_SHOWN:
             yield Text(f"  ... and {group.count - EXAMPLES_SHOWN:,} more", style="dim")
-    for note in report.notes:
-        yield Text(f"note: {note}", style="yellow")
     yield from outlook_view(report)
 
 
 def outlook_view(report: CheckReport) -> Iterator[RenderableType]:
     """Yield what a file looks like, what is probably wrong with it, and whether it would rank."""
+    for note in report.notes:
+        yield Text(f"note: {note}", style="yellow")
     if report.unranked_because is not None:
         unranked = f"it will be scored but not ranked: {report.unranked_because}"
         yield Text(f"warning: {unranked}", style="bold yellow")

@@ -196,6 +196,8 @@ class PhaseLink:
     quota_per_day: int
     split: str
     split_is_public: bool
+    not_checked: tuple[str, ...]
+    """What nobody checks of a file for it, in sentences."""
     url: str
 
     @property

@@ -547,6 +547,7 @@ def create_operations() -> None:
         sa.Column("lanes", sa.JSON(), nullable=False),
         sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("scorer_version", sa.String()),
+        sa.Column("missing_splits", sa.JSON(), nullable=False),
     )
     op.create_table(
         "receipt_keys",
