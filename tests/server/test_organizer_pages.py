@@ -217,10 +217,10 @@ def test_the_list_shows_scores_and_the_page_of_one_all_that_is_done_with_it(
         assert words in page
     for deed in ("verify", "note", "file", "folder"):
         assert f'href="{here}/{deed}"' in page
-    words = {"words": "We look into it.\n\nBack on Monday."}
-    sent = organizer.post(f"{here}/note", words, page=f"{here}/note")
+    note = {"words": "We look into it.\n\nBack on Monday."}
+    sent = organizer.post(f"{here}/note", note, page=f"{here}/note")
     assert (sent.status_code, sent.headers["location"]) == (303, f"{here}?done=team_told")
-    twice = organizer.post(f"{here}/note", words, page=f"{here}/note")
+    twice = organizer.post(f"{here}/note", note, page=f"{here}/note")
     assert (twice.status_code, "was sent already" in twice.text) == (409, True)
     asked = organizer.post(f"{here}/verify", {"reason": "a dispute"}, page=f"{here}/verify")
     assert asked.headers["location"] == f"{here}?done=submission_verified"
