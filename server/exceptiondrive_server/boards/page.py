@@ -200,6 +200,10 @@ class PhaseLink:
     quota_per_day: int
     split: str
     split_is_public: bool
+    has_data: bool
+    """Whether its page says where scenes and pictures are had."""
+    not_checked: tuple[str, ...]
+    """What nobody checks of a file for it, in sentences."""
     url: str
 
     @property
