@@ -49,6 +49,11 @@ class Organizer(Connection):
         path = f"/organizer/teams/{quoted(team_id)}/merge"
         return self._transport.post_once(path, {"into": into, "reason": reason})
 
+    def forget_team(self, team_id: str, reason: str) -> Record:
+        """Take everything personal of a team out of the records; its alias is answered."""
+        path = f"/organizer/teams/{quoted(team_id)}/forget"
+        return self._transport.post_once(path, {"reason": reason})
+
     def import_teams(self, csv: str) -> Record:
         """Make the `teams` of a table, each with a token that is answered once: all or none."""
         return self._transport.post_once("/organizer/team-imports", {"csv": csv})
@@ -251,9 +256,22 @@ class Organizer(Connection):
         self._transport.post(path, lambda: {"json": {"reason": reason}}, False)
         return self.confirmations()
 
-    def audit(self, limit: int = 100) -> list[Record]:
-        """Return the newest lines of the audit log."""
-        return self._transport.records("/organizer/audit", {"limit": limit})
+    def audit(
+        self,
+        limit: int = 100,
+        *,
+        actor: str | None = None,
+        subject: str | None = None,
+        by_people: bool = False,
+    ) -> list[Record]:
+        """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes."""
+        query = {
+            "limit": limit,
+            "actor": actor,
+            "subject": subject,
+            "by_people": "true" if by_people else None,
+        }
+        return self._transport.records("/organizer/audit", query)
 
     def verify_audit(self, head: str | None = None) -> Record:
         """Recompute the chain of the audit log; look for the head that was kept earlier."""

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.board import BoardNews, ReminderEffect
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol_difference import Difference
 from exceptiondrive_schemas.python310 import StrEnum
-from exceptiondrive_schemas.score_sheet import MetricRow, ProtocolRef
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
 
@@ -204,6 +204,7 @@ class Standing(Document):
     rank_interval: tuple[int, int] | None
     unranked_because: str | None
     metrics: MetricRow
+    intervals: dict[str, Interval | None] = Field(default={}, exclude_if=lambda it: not it)
     families: dict[str, MetricRow]
     reminder_effect: ReminderEffect | None = Field(default=None, exclude_if=lambda it: it is None)
     """What the reminder changed, where the entry is linked; left out elsewhere."""
@@ -385,6 +386,8 @@ class NotificationView(Document):
     kind: NotificationKind
     team: str
     phase: str
+    challenge: ChallengeId | None = None
+    """Of protocol updates alone."""
     created_at: datetime
     read_at: datetime | None = None
     title: str

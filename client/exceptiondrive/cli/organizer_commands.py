@@ -459,12 +459,21 @@ def read_audit(
     limit: Annotated[
         int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
     ] = 50,
+    actor: Annotated[
+        str | None, typer.Option("--actor", metavar="WHO", help="Only by this one.")
+    ] = None,
+    subject: Annotated[
+        str | None, typer.Option("--subject", metavar="ID", help="Only about this.")
+    ] = None,
+    by_people: Annotated[
+        bool, typer.Option("--by-people", help="Without what worker and server write.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
     with open_organizer(server) as organizer:
-        found = organizer.audit(limit)
+        found = organizer.audit(limit, actor=actor, subject=subject, by_people=by_people)
     show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 
 

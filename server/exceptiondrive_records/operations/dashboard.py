@@ -11,6 +11,7 @@ from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.news.questions import count_waiting
+from exceptiondrive_records.operations.troubles import Trouble, troubles
 from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
@@ -65,6 +66,8 @@ class Dashboard:
     """In the last 24 hours."""
     floors_held: tuple[AuditLine, ...]
     """What workers refused of withheld splits in the last 30 days, newest first."""
+    troubles: tuple[Trouble, ...]
+    """What stands wrongly and no error says."""
     probing: tuple[AuditLine, ...]
     """Where workers suspected probing in the last 30 days, newest first."""
     n_questions: int
@@ -90,6 +93,7 @@ def dashboard(session: Session) -> Dashboard:
         workers=tuple(worker_signs(session)),
         n_received_today=session.scalar(received) or 0,
         floors_held=tuple(session.scalars(_of_workers(session, SPLIT_FLOOR_HELD))),
+        troubles=troubles(session),
         probing=tuple(session.scalars(_of_workers(session, PROBING_SUSPECTED))),
         n_questions=count_waiting(session),
     )

@@ -96,6 +96,7 @@ def _standing(entry: BoardEntry | None) -> Standing | None:
         rank_interval=entry.rank_interval,
         unranked_because=entry.unranked_because,
         metrics=entry.metrics,
+        intervals=entry.intervals,
         families={key: cell.metrics for key, cell in entry.families.items()},
         reminder_effect=entry.reminder_effect,
     )
@@ -184,7 +185,7 @@ class Compared:
 
 def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     """Return what changes from one recorded board to another."""
-    return _compared(old.body, new.body)
+    return _compared(old.told_body, new.told_body)
 
 
 @lru_cache(maxsize=_KEPT)

@@ -21,6 +21,7 @@ from exceptiondrive_records.phases.scoring_keys import (
     shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.comparison import (
     Compared,
     compare_rows,
@@ -190,6 +191,8 @@ def _notify(
     session: Session, run: RescoringRun, comparison: Comparison, kind: NotificationKind
 ) -> None:
     words = difference_of(session, run).sentences
+    if comparison.from_protocol != comparison.to_protocol and kind == "protocol_applied":
+        words = (find_protocol(session, run.to_protocol_digest).changes, *words)
     if kind == "protocol_rolled_back":
         words = taken_back(words)
     notify_teams(session, comparison, kind, run_id=run.id, what_changed=words)

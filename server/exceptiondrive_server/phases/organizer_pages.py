@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.changes import (
     delete_phase,
     feature_phase,
@@ -26,6 +27,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_records.submissions.submissions import counts_by_phase
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import (
@@ -164,6 +166,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
             for one in list_phases(session, with_hidden=True)
         ]
         splits = [one for one in list_splits(session) if one.part is None]
+        counts = counts_by_phase(session)
         seen_at = database_now(session)
     return organizer_page(
         request,
@@ -172,6 +175,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
         "phases",
         phases=phases,
         splits=splits,
+        counts=counts,
         seen_at=seen_at,
     )
 
@@ -329,7 +333,7 @@ def _new(
 ) -> Response:
     with services.database.read() as session:
         made_of = filled(_made_of(session), texts)
-    return _page(request, browser, texts, refusal, phase=None, made_of=made_of)
+    return _page(request, browser, texts, refusal, phase=None, made_of=made_of, troubles=())
 
 
 def _phase(
@@ -345,6 +349,7 @@ def _phase(
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
+        found = [one for one in troubles(session) if one.subject in (phase_id, phase.split_name)]
     return _page(
         request,
         browser,
@@ -356,6 +361,7 @@ def _phase(
         seen_at=seen_at,
         steps=[step for step in PHASE_STEPS.values() if step.is_offered(seen)],
         lines=[one for one in lines if one.line.action != "board published"],
+        troubles=found,
     )
 
 

@@ -95,6 +95,8 @@ def _wait(seconds: float) -> str:
 class ScoreLine:
     """A metric of the sheet, under both averages."""
 
+    ranks: bool
+    """Whether the rank is made of it."""
     label: str
     title: str
     unit: str
@@ -221,8 +223,10 @@ def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLi
     challenge: Challenge = CHALLENGES[seen.challenge]
     digits = Digits.of(protocol.publication)
     headline, other = _averages(seen.sheet, protocol)
+    ranking = {key.metric for key in challenge.primary_order}
     return tuple(
         ScoreLine(
+            ranks=metric.key in ranking,
             label=metric.label,
             title=metric.title,
             unit=unit_of(metric),
