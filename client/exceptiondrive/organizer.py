@@ -49,6 +49,11 @@ class Organizer(Connection):
         path = f"/organizer/teams/{quoted(team_id)}/merge"
         return self._transport.post_once(path, {"into": into, "reason": reason})
 
+    def forget_team(self, team_id: str, reason: str) -> Record:
+        """Take everything personal of a team out of the records; its alias is answered."""
+        path = f"/organizer/teams/{quoted(team_id)}/forget"
+        return self._transport.post_once(path, {"reason": reason})
+
     def import_teams(self, csv: str) -> Record:
         """Make the `teams` of a table, each with a token that is answered once: all or none."""
         return self._transport.post_once("/organizer/team-imports", {"csv": csv})

@@ -24,8 +24,12 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import list_phases, not_checked
-from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
-from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.policy import (
+    is_anonymous,
+    phase_now,
+    shown_sheet,
+    takes_late_entries,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.shown import shown_protocol
@@ -84,7 +88,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
-        board_digest=row.body_digest if row else "",
+        board_digest=row.told_digest if row else "",
         facts_at=newest_edit_at(session, phase.id),
         disqualified=disqualification_notes(session, phase),
     )
@@ -199,6 +203,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         quota_per_day=phase.quota_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
+        has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
         not_checked=not_checked(phase.challenge, whole),
         url=f"/?phase={phase.id}#board",
     )

@@ -29,6 +29,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "team_refused": "The registration is refused. The team and its tokens are gone.",
         "team_changed": "The team is changed. New boards show it, and earlier ones stay as they are.",
         "teams_merged": "The two are one team. Boards with its new entries are being built.",
+        "team_forgotten": "The team is forgotten: an alias stands wherever it was named.",
         "allowance_set": "The limits are set, and the team is told.",
         "disqualified": "Disqualified. The next board leaves it out, and the team is told.",
         "reinstated": "Reinstated. The next board shows what was scored, and the team is told.",

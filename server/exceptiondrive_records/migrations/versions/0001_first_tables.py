@@ -70,6 +70,7 @@ def create_teams() -> None:
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("pending_since", TIME),
         sa.Column("registration_note", sa.String()),
+        sa.Column("forgotten_at", TIME),
         sa.Column("registered_from", sa.String()),
         sa.UniqueConstraint("name"),
         sa.UniqueConstraint("name_skeleton"),
@@ -460,6 +461,17 @@ def create_boards() -> None:
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
     op.create_index("ix_board_flips_board", "board_flips", ["board_id", "at"])
+    op.create_table(
+        "board_aliases",
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
+        sa.Column("body", sa.Text(), nullable=False),
+        sa.Column("body_digest", sa.String(), nullable=False),
+    )
+    op.create_table(
+        "board_flip_aliases",
+        sa.Column("flip_id", sa.Integer(), sa.ForeignKey("board_flips.id"), primary_key=True),
+        sa.Column("news", sa.Text(), nullable=False),
+    )
 
 
 def create_rescoring() -> None:
