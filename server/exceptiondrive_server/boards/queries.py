@@ -21,10 +21,14 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import list_phases, not_checked
-from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
+from exceptiondrive_records.phases.policy import (
+    is_anonymous,
+    is_open,
+    phase_now,
+    takes_late_entries,
+)
 from exceptiondrive_records.phases.redaction import shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
