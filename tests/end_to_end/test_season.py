@@ -125,4 +125,4 @@ def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
         assert "Team 5<" not in system.read(path), path
     assert {number: digests(system)[number] for number in numbers} == numbers
     assert "the audit log is whole" in organize("audit", "verify")
-    assert "every invariant holds" in system.operate("exceptiondrive-server", "verify")
+    system.operate("exceptiondrive-server", "verify")  # fails where an invariant is broken
