@@ -213,7 +213,7 @@ def test_the_list_shows_scores_and_the_page_of_one_all_that_is_done_with_it(
     assert re.search(r"^Planner .* scored 3 .*50\.00 ±10\.00 25\.00", row), row
     here = f"/organize/submissions/{one}"
     page = organizer.get(here).text
-    for words in ("Score sheet", "HCC %", "50.00", "40.00 to 60.00"):
+    for words in ("Score sheet", "HCC %", "50.00", "40 to 60"):
         assert words in page
     for deed in ("verify", "note", "file", "folder"):
         assert f'href="{here}/{deed}"' in page

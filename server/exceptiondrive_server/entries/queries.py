@@ -16,8 +16,7 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import find_phase, list_phases
-from exceptiondrive_records.phases.policy import is_anonymous
-from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.policy import is_anonymous, shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
