@@ -577,6 +577,18 @@ class Client(Connection):
             raise ServerError("damaged", "The file that came has another digest than the upload.")
         return data
 
+    def ask(self, text: str, phase: str) -> Record:
+        """Ask the organizers about a phase; the answer comes into the team's notices."""
+        return self._transport.post_once(f"/phases/{quoted(phase)}/questions", {"text": text})
+
+    def questions(self, phase: str) -> list[Record]:
+        """Return what the team asked about a phase, with the answers, newest first."""
+        return self._transport.records(f"/phases/{quoted(phase)}/questions")
+
+    def news(self, phase: str) -> list[Record]:
+        """Return the news of a phase, newest first."""
+        return self._transport.records(f"/phases/{quoted(phase)}/news")
+
     def notices(self, *, unread: bool = False, limit: int = 100) -> tuple[NotificationView, ...]:
         """Return what the team was told, newest first.
 

@@ -38,6 +38,9 @@ DONE: Mapping[str, str] = MappingProxyType(
         "phase_created": "The phase is created.",
         "site_changed": "The links are changed: every page shows them from now on.",
         "phase_changed": "The phase is changed; the audit log says from what to what.",
+        "news_published": "The news are published, and every team is told.",
+        "news_withdrawn": "The news are withdrawn: readers see them no more.",
+        "question_answered": "The question is answered.",
         "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",
         "submission_retried": "The submission is queued again, with all its attempts.",
         "submission_verified": "A worker recomputes it; what came of it stands below when it is done.",
@@ -67,6 +70,7 @@ SECTIONS = (
     ("submissions", "Submissions", "/organize/submissions"),
     ("protocols", "Protocols", "/organize/protocols"),
     ("rescoring", "Rescoring", "/organize/rescoring"),
+    ("news", "News", "/organize/news"),
     ("site", "Site", "/organize/site"),
     ("audit", "Audit log", "/organize/audit"),
 )

@@ -48,6 +48,7 @@ def upgrade() -> None:
     create_phases()
     create_submissions()
     create_participation()
+    create_news()
     create_boards()
     create_rescoring()
     create_notifications()
@@ -374,6 +375,37 @@ def create_submissions() -> None:
         sa.Column("alike", sa.Text(), nullable=False),
         sa.Column("compared_at", TIME, nullable=False),
     )
+
+
+def create_news() -> None:
+    """What organizers announce, and what teams ask them."""
+    op.create_table(
+        "news",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column(
+            "phase_id",
+            sa.String(),
+            sa.ForeignKey("phases.id", ondelete="CASCADE"),
+            nullable=False,
+        ),
+        sa.Column("title", sa.String(), nullable=False),
+        sa.Column("text", sa.Text(), nullable=False),
+        sa.Column("published_at", TIME, nullable=False),
+        sa.Column("withdrawn_at", TIME),
+    )
+    op.create_index("ix_news_phase_id", "news", ["phase_id"])
+    op.create_table(
+        "questions",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
+        sa.Column("text", sa.Text(), nullable=False),
+        sa.Column("asked_at", TIME, nullable=False),
+        sa.Column("answer", sa.Text()),
+        sa.Column("answered_at", TIME),
+        sa.Column("news_id", sa.String(), sa.ForeignKey("news.id")),
+    )
+    op.create_index("ix_questions_team_id", "questions", ["team_id"])
 
 
 def create_participation() -> None:
