@@ -102,6 +102,7 @@ class AsyncClient:
     phases = _of(Client.phases)
     protocol = _of(Client.protocol)
     protocol_of = _of(Client.protocol_of)
+    accept_terms = _of(Client.accept_terms)
     publish = _of(Client.publish)
     quota = _of(Client.quota)
     receipt = _of(Client.receipt)

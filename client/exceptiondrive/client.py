@@ -257,6 +257,15 @@ class Client(Connection):
     def _phase_ids(self) -> list[str]:
         return [view.id for view in self.phases()]
 
+    def accept_terms(self, phase: str, version: str) -> Record:
+        """Accept the terms of a phase for the team, in the version that was read.
+
+        Raises:
+            NotAllowedError: The terms are others by now, or none need be accepted.
+        """
+        path = f"/phases/{quoted(phase)}/terms"
+        return self._transport.post_once(path, {"version": version})
+
     def quota(self, phase: str | None = None) -> dict[str, Quota]:
         """Return what the team may still submit, by phase; of one phase or of all.
 

@@ -3,7 +3,7 @@
 Answers are JSON objects as the API documents them (`/api/v1/docs`, tag `organizers`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from exceptiondrive.transport import Connection, Record, Transport, quoted
@@ -34,6 +34,70 @@ class Organizer(Connection):
         """Refuse a team that registered itself: it goes, with its tokens."""
         path = f"/organizer/teams/{quoted(team_id)}/refuse"
         return self._transport.post_once(path, {"reason": reason})
+
+    def participation(self, team_id: str) -> Record:
+        """Return people, addresses, own limits, disqualifications and accepted terms of a team."""
+        return self._transport.record(f"/organizer/teams/{quoted(team_id)}/participation")
+
+    def change_team(self, team_id: str, reason: str, **changes: str) -> Record:
+        """Change `name` or `affiliation` of a team; what is left out stays."""
+        path = f"/organizer/teams/{quoted(team_id)}"
+        return self._transport.patch(path, {"reason": reason, **changes})
+
+    def merge_teams(self, team_id: str, into: str, reason: str) -> Record:
+        """Make a team part of another one, for good."""
+        path = f"/organizer/teams/{quoted(team_id)}/merge"
+        return self._transport.post_once(path, {"into": into, "reason": reason})
+
+    def import_teams(self, csv: str) -> Record:
+        """Make the `teams` of a table, each with a token that is answered once: all or none."""
+        return self._transport.post_once("/organizer/team-imports", {"csv": csv})
+
+    def set_allowance(
+        self, team_id: str, phase_id: str, reason: str, limits: Mapping[str, Any]
+    ) -> Record:
+        """Set `closes_at`, `quota_per_day`, `quota_total` of one team; without any, as for all."""
+        path = f"/organizer/teams/{quoted(team_id)}/allowances/{quoted(phase_id)}"
+        return self._transport.put(path, {"reason": reason, **limits})
+
+    def disqualify_team(
+        self, team_id: str, reason: str, public_note: str | None = None, phase: str | None = None
+    ) -> Record:
+        """Take a team off the boards of a phase, or of all, until it is reinstated."""
+        path = f"/organizer/teams/{quoted(team_id)}/disqualify"
+        wanted = {"reason": reason, "public_note": public_note, "phase": phase}
+        return self._transport.post_once(path, wanted)
+
+    def disqualify_submission(
+        self, submission_id: str, reason: str, public_note: str | None = None
+    ) -> Record:
+        """Take one submission off the boards; the same bytes are not taken again."""
+        path = f"/organizer/submissions/{quoted(submission_id)}/disqualify"
+        return self._transport.post_once(path, {"reason": reason, "public_note": public_note})
+
+    def disqualifications(self) -> list[Record]:
+        """Return disqualifications, newest first; those that ended, too."""
+        return self._transport.records("/organizer/disqualifications")
+
+    def reinstate(self, disqualification_id: int, reason: str) -> Record:
+        """End a disqualification."""
+        path = f"/organizer/disqualifications/{disqualification_id}/reinstate"
+        return self._transport.post_once(path, {"reason": reason})
+
+    def send_message(
+        self,
+        title: str,
+        text: str,
+        teams: Sequence[str] = (),
+        phase: str | None = None,
+        *,
+        is_preview: bool = False,
+    ) -> Record:
+        """Write to these teams, or to all; of all, to those that submitted to a phase."""
+        message = {"title": title, "text": text, "teams": list(teams), "phase": phase}
+        return self._transport.post_once(
+            "/organizer/messages", {**message, "is_preview": is_preview}
+        )
 
     def retry_submission(self, submission_id: str, reason: str) -> Record:
         """Queue a failed submission again, with all its attempts."""
@@ -164,9 +228,22 @@ class Organizer(Connection):
         self._transport.post(path, lambda: {"json": {"reason": reason}}, False)
         return self.confirmations()
 
-    def audit(self, limit: int = 100) -> list[Record]:
-        """Return the newest lines of the audit log."""
-        return self._transport.records("/organizer/audit", {"limit": limit})
+    def audit(
+        self,
+        limit: int = 100,
+        *,
+        actor: str | None = None,
+        subject: str | None = None,
+        by_people: bool = False,
+    ) -> list[Record]:
+        """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes."""
+        query = {
+            "limit": limit,
+            "actor": actor,
+            "subject": subject,
+            "by_people": "true" if by_people else None,
+        }
+        return self._transport.records("/organizer/audit", query)
 
     def verify_audit(self, head: str | None = None) -> Record:
         """Recompute the chain of the audit log; look for the head that was kept earlier."""

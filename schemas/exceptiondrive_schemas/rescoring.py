@@ -12,7 +12,7 @@ from exceptiondrive_schemas.board import BoardNews, ReminderEffect
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol_difference import Difference
 from exceptiondrive_schemas.python310 import StrEnum
-from exceptiondrive_schemas.score_sheet import MetricRow, ProtocolRef
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
 
@@ -134,6 +134,35 @@ class Progress(Document):
     remaining_s: float | None = None
 
 
+class TrialFinding(Document):
+    """Why a split cannot be scored under what is to come, and of how many samples that holds."""
+
+    what: str
+    n: int | None = None
+
+
+class SplitTrial(Document):
+    """What a worker says of the split under what a run leads to: by counts alone."""
+
+    state: Literal["waiting", "fits", "refused", "held", "failed"] = "waiting"
+    """`held`: by the floors of a withheld split, as they stood then."""
+    found: tuple[TrialFinding, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """What came of it."""
+        if self.state == "waiting":
+            return "A worker is to try the split under what is to come."
+        if self.state == "fits":
+            return "A worker has tried the split under what is to come: it can be scored."
+        reasons = "; ".join(it.what if it.n is None else f"{it.n:,} {it.what}" for it in self.found)
+        if self.state == "failed":
+            return f"The split could not be tried: {reasons}"
+        if self.state == "held":
+            return f"The floors of the withheld split forbid it: {reasons}."
+        return f"The split cannot be scored under what is to come: {reasons}."
+
+
 class RunView(Document):
     """A rescoring run as organizers see it."""
 
@@ -157,6 +186,8 @@ class RunView(Document):
     blockers: tuple[str, ...]
     """Why it cannot be applied now (or, once applied, rolled back); empty: it can."""
     difference: Difference
+    trial: SplitTrial | None = None
+    """Whether the split can be scored under what is to come; None: it is not asked."""
     old_board: int | None = None
     new_board: int | None = None
     preview: str | None = None
@@ -173,6 +204,7 @@ class Standing(Document):
     rank_interval: tuple[int, int] | None
     unranked_because: str | None
     metrics: MetricRow
+    intervals: dict[str, Interval | None] = Field(default={}, exclude_if=lambda it: not it)
     families: dict[str, MetricRow]
     reminder_effect: ReminderEffect | None = Field(default=None, exclude_if=lambda it: it is None)
     """What the reminder changed, where the entry is linked; left out elsewhere."""
@@ -354,6 +386,8 @@ class NotificationView(Document):
     kind: NotificationKind
     team: str
     phase: str
+    challenge: ChallengeId | None = None
+    """Of protocol updates alone."""
     created_at: datetime
     read_at: datetime | None = None
     title: str

@@ -39,6 +39,14 @@ class AlikeKind(StrEnum):
     SCALED = "scaled"
 
 
+ALIKE_WORDS: dict[AlikeKind, str] = {
+    AlikeKind.EQUAL_FILES: "the very same bytes",
+    AlikeKind.EQUAL_ANSWERS: "other bytes, but every sample is answered alike",
+    AlikeKind.NEAR: "many samples are answered alike, or nearly so: one may be made from the other",
+    AlikeKind.SCALED: "alike once one is made longer, shorter or shifted as a whole",
+}
+
+
 class SubmissionOfTeam(Document):
     """One of the submissions of a report."""
 

@@ -23,6 +23,10 @@ from exceptiondrive_server.operations import api as operations
 from exceptiondrive_server.operations import organizer_api as organizer_operations
 from exceptiondrive_server.operations import organizer_pages as overview_pages
 from exceptiondrive_server.operations import pages as operation_pages
+from exceptiondrive_server.participation import api as participation
+from exceptiondrive_server.participation import organizer_api as organizer_participation
+from exceptiondrive_server.participation import organizer_pages as participation_pages
+from exceptiondrive_server.participation import pages as terms_pages
 from exceptiondrive_server.phases import api as phases
 from exceptiondrive_server.phases import organizer_api as organizer_phases
 from exceptiondrive_server.phases import organizer_pages as organizer_phase_pages
@@ -63,6 +67,7 @@ _ORGANIZER_API = APIRouter(
 )
 """Every route demands a role (`web/organizer_rights.py`); every change leaves an audit line."""
 for _part in (
+    organizer_participation.router,
     organizer_teams.router,
     organizer_accounts.router,
     organizer_phases.router,
@@ -77,6 +82,7 @@ for _part in (
 _API = APIRouter(prefix="/api/v1")
 for _part in (
     phases.router,
+    participation.router,
     splits.router,
     submissions.router,
     events.router,
@@ -100,6 +106,7 @@ for _part in (
     board_pages.router,
     entry_pages.router,
     phase_pages.router,
+    terms_pages.router,
     protocol_pages.router,
     split_pages.router,
     guide_pages.router,
@@ -120,6 +127,7 @@ for _part in (
 _ORGANIZER_PAGES = APIRouter(include_in_schema=False, dependencies=[Depends(organizing)])
 for _part in (
     overview_pages.router,
+    participation_pages.router,
     organizer_team_pages.router,
     organizer_phase_pages.router,
     organizer_submission_pages.router,

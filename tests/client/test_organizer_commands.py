@@ -132,6 +132,42 @@ def test_the_report_of_alike_submissions_names_teams_and_is_for_organizers(
     assert organize(working, "similar", "--phase", "none").exit_code == 2
 
 
+def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path: Path) -> None:
+    table = tmp_path / "teams.csv"
+    table.write_text("id,name,affiliation\nalef,Alef,Lab\nbet,Bet,\n", encoding="utf-8")
+    made = organize(running, "teams", "import", table)
+    assert (made.exit_code, made.stdout.count(",edk_")) == (0, 2)
+    why = ("--reason", "asked for by mail")
+    assert organize(running, "teams", "change", "bet", "--name", "Beth", *why).exit_code == 0
+    assert organize(running, "teams", "change", "bet", *why).exit_code == 2
+    out = organize(running, "teams", "disqualify", "bet", "--phase", "dev", *why, "--json")
+    number = json.loads(out.stdout)["id"]
+    assert "bet" in organize(running, "teams", "disqualified").stdout
+    assert organize(running, "teams", "reinstate", number, *why).stdout == "bet reinstated\n"
+    limits = organize(running, "teams", "limits", "bet", "--phase", "dev", "--quota-total", 2, *why)
+    assert limits.stdout == "team bet has its own limits in dev\n"
+    text = tmp_path / "text.txt"
+    text.write_text("It moves.", encoding="utf-8")
+    to = ("message", "The deadline", "--text", text, "--to", "alef", "--to", "bet")
+    assert "would reach 2 teams" in organize(running, *to, "--preview").stdout
+    assert "sent to 2 teams" in organize(running, *to).stdout
+    assert organize(running, *to).exit_code == 4
+    merged = organize(running, "teams", "merge", "alef", "--into", "bet", *why)
+    assert merged.stdout == "team bet has 0 submissions of alef\n"
+    shown = organize(running, "teams", "show", "bet").stdout
+    assert "quota total" in shown
+    terms = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.token}
+    none = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms)
+    assert (none.exit_code, "no terms to accept" in none.stderr) == (2, True)
+    asked = ("--terms", "Be fair.", "--terms-required")
+    assert organize(running, "phases", "update", "dev", *asked).exit_code == 0
+    shown = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
+    version = shown.split("version ")[1].split(";")[0]
+    words = ["terms", "--phase", "dev", "--accept", version]
+    assert CliRunner().invoke(app, words, env=terms).exit_code == 0
+    assert "accepted 2" in CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
+
+
 def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
     running: "Running", tmp_path: Path
 ) -> None:

@@ -32,6 +32,7 @@ from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.split_store import SplitStore
 from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.trial_run import try_next_split
 
 TEAMS = {"alpha": "Alpha Institute", "beta": "Beta Labs", "gamma": "Gamma Works"}
 SAMPLES = {
@@ -145,6 +146,8 @@ class Life:
         """Do what reconciler and workers do until nothing is left."""
         while True:
             tend_runs(self.database)
+            while try_next_split(self.context):
+                pass
             jobs = self._due_jobs()
             for job_id in jobs:
                 score_submission(self.context, job_id)

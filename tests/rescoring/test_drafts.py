@@ -82,7 +82,9 @@ def test_a_sheet_that_fails_late_is_named_and_can_be_tried_again(
     assert fail(stage) == late
     view = stage.view(run_id)
     (blocker,) = view.blockers
-    assert blocker.startswith(f"1 sheet could not be made: of {late} (out_of_memory). Resume")
+    assert blocker.startswith(
+        f"1 sheet could not be made (out_of_memory): of {late}. Give the workers more"
+    )
     assert (view.state.value, view.progress.remaining_s) == (state, None)
     stage.step("resume", run_id)
     stage.work()

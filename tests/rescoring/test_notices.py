@@ -17,6 +17,7 @@ from aiosmtpd.controller import Controller
 from sqlalchemy import delete, select
 from tests.support.work import let_time_pass
 
+from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.notifications import channels as webhooks
 from exceptiondrive_records.notifications.channels import (
@@ -34,6 +35,8 @@ from exceptiondrive_records.notifications.contacts import (
 )
 from exceptiondrive_records.notifications.outbox import send_next
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.lease import new_item
 
@@ -315,7 +318,7 @@ def test_an_address_that_no_resolver_or_caller_takes_is_refused(address: str) ->
         _require_webhook(address, may_be_private=False)
 
 
-def test_an_e_mail_says_old_and_new_numbers(
+def test_an_e_mail_says_what_the_board_shows_before_and_after(
     stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
 ) -> None:
     kept, port = mailbox
@@ -325,7 +328,23 @@ def test_an_e_mail_says_old_and_new_numbers(
     ((to, text),) = kept.messages
     assert to == ["alpha@example.org"]
     assert "required clearance of task SE1" in text
-    assert "before: rank" in text
+    with stage.database.read() as session:
+        phase = session.get_one(Phase, "dev")
+        told_changes = find_protocol(session, phase.protocol_digest).changes
+        shown = entries_on(session, phase.current_board_id)
+    assert told_changes in text.replace("\r\n", "\n")
+    for submission_id in stage.submitted[:2]:
+        entry = shown[submission_id]
+        hcc, interval = entry.metrics["hcc"], entry.intervals["hcc"]
+        assert hcc is not None
+        assert interval is not None
+        low, high = interval
+        assert f"HCC {100 * hcc:.2f} % ({100 * low:.2f} to {100 * high:.2f})" in text
+        assert f"now:    rank {entry.rank}" in text
+        assert f"https://board.example/submissions/{submission_id}" in text
+    assert text.count("before: rank") == 2
+    assert "https://board.example/?phase=dev" in text
+    assert "https://board.example/history?phase=dev" in text
     assert "https://board.example/api/v1/rescoring/" in text
     assert "List-Unsubscribe: <https://board.example/contacts/" in text.replace("\r\n ", " ")
     assert "List-Unsubscribe-Post: List-Unsubscribe=One-Click" in text

@@ -125,7 +125,11 @@ def test_a_score_is_told_once_with_what_the_page_says(
     assert tell_teams(api.database) == 0, "nothing is told twice"
     _, notice = mails(api)[-1]
     assert (notice.kind, notice.title) == ("scored", "Planner was scored")
-    assert notice.what_changed == ("HCC 50.00 %.", "UR 25.00 %.", "Rank 3.")
+    assert notice.what_changed == (
+        "HCC 50.00 % (40.00 to 60.00).",
+        "UR 25.00 %.",
+        "Rank 3.",
+    )
     assert notice.comparison == f"/submissions/{one}"
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
 

@@ -5,6 +5,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.rescoring.trials import tried_protocols
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_revision
@@ -42,7 +43,8 @@ def hold_floors(
     """
     if find_public_split(session, ref) is not None:
         return
-    protocols = protocols_of_split(session, ref.name) | {protocol.digest}
+    told = protocols_of_split(session, ref.name) | tried_protocols(session, ref.name)
+    protocols = told | {protocol.digest}
     found = [
         *breaches(floors, protocol),
         *unconfirmed(floors, keys_that_confirm(session, ref, protocol.digest)),

@@ -19,6 +19,7 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.board_run import build_next_board
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.scoring_run import score_next
+from exceptiondrive_worker.trial_run import try_next_split
 from exceptiondrive_worker.verify_run import verify_next
 
 _PART_OF_LIMIT = 0.02
@@ -89,6 +90,8 @@ def _do_next(context: WorkerContext, lane: Lane) -> bool:
         if Lane.LIVE in context.lanes and _do_next(context, Lane.LIVE):
             return True
         let_live_work_pass(context)
+        if try_next_split(context):
+            return True
     if build_next_board(context, lane) or score_next(context, lane):
         return True
     return lane is Lane.RESCORE and verify_next(context)

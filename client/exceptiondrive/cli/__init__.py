@@ -43,6 +43,7 @@ COMMANDS = {
         ".submission_commands",
         "Show what the team may still submit, and when the count resets.",
     ),
+    "terms": (".terms_command", "Show the terms of a phase, and accept them for the team."),
     "edit": (
         ".submission_commands",
         "Change name, links, description or facts of a submission; without options, list its changes.",

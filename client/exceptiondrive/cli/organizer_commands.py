@@ -6,7 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options, phase_commands, rescore_commands, site_commands
+from exceptiondrive.cli import (
+    options,
+    participation_commands,
+    phase_commands,
+    rescore_commands,
+    site_commands,
+)
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -452,12 +458,21 @@ def read_audit(
     limit: Annotated[
         int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
     ] = 50,
+    actor: Annotated[
+        str | None, typer.Option("--actor", metavar="WHO", help="Only by this one.")
+    ] = None,
+    subject: Annotated[
+        str | None, typer.Option("--subject", metavar="ID", help="Only about this.")
+    ] = None,
+    by_people: Annotated[
+        bool, typer.Option("--by-people", help="Without what worker and server write.")
+    ] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
     with open_organizer(server) as organizer:
-        found = organizer.audit(limit)
+        found = organizer.audit(limit, actor=actor, subject=subject, by_people=by_people)
     show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 
 
@@ -472,6 +487,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "tokens": list_tokens,
             "issue-token": issue_token,
             "revoke-token": revoke_token,
+            **participation_commands.TEAM_COMMANDS,
         },
     ),
     "phases": (
@@ -507,6 +523,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "download": download_upload,
             "folder": download_story,
             "archive": download_archive,
+            "disqualify": participation_commands.disqualify_submission,
         },
     ),
     "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
@@ -528,4 +545,5 @@ def register(app: typer.Typer) -> None:
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
     organizer.command("similar")(similar)
+    organizer.command("message")(participation_commands.send_message)
     app.add_typer(organizer, name="organizer")

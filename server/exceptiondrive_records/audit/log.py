@@ -133,6 +133,9 @@ def _follows(line: AuditLine, number: int, head: str) -> bool:
     return line.id == number + 1 and line.previous_hash == head
 
 
+_MACHINES = ("worker", "reconciler", "server")
+
+
 def audit_page(
     session: Session,
     *,
@@ -140,8 +143,18 @@ def audit_page(
     limit: int = 100,
     actor: str | None = None,
     subject: str | None = None,
+    by_people: bool = False,
 ) -> list[AuditLine]:
-    """Return lines, newest first, from before line `before`; of one actor or subject if given."""
+    """Return lines, newest first.
+
+    Args:
+        session: To read with.
+        before: Only lines before this one.
+        limit: At most so many.
+        actor: Only by this one.
+        subject: Only about this.
+        by_people: Leave out what the machinery writes of itself.
+    """
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:
         query = query.where(AuditLine.id < before)
@@ -149,6 +162,8 @@ def audit_page(
         query = query.where(AuditLine.actor == actor)
     if subject is not None:
         query = query.where(AuditLine.subject == subject)
+    if by_people:
+        query = query.where(AuditLine.actor.not_in(_MACHINES))
     return list(session.scalars(query))
 
 

@@ -56,7 +56,7 @@ def publish_board(
     shown = (phase.protocol_digest, phase.split_revision)
     is_shown = shown == (claim.protocol_digest, claim.split_revision)
     if is_shown and frozen_since(phase, now) is None:
-        flip_board(session, phase, row)
+        flip_board(session, phase, row, at=max(now, row.published_at))
         phase.late_board_id = late_row.id if late_row else None
     return row
 
@@ -72,8 +72,16 @@ def _kept_or_appended(
     return _append(session, claim, board, digest, view)
 
 
-def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | None:
+def flip_board(
+    session: Session, phase: Phase, row: BoardRow, *, at: datetime | None = None
+) -> BoardFlip | None:
     """Point the phase at a board; the caller holds the lock of the phase.
+
+    Args:
+        session: Of a write transaction.
+        phase: Which.
+        row: The board.
+        at: When readers see it; by default now.
 
     Returns:
         The flip; None when the phase showed this board already.
@@ -82,8 +90,8 @@ def flip_board(session: Session, phase: Phase, row: BoardRow) -> BoardFlip | Non
         return None
     before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
-    now, news = database_now(session), _news_since(before, row)
-    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=now, news=news)
+    at, news = at or database_now(session), _news_since(before, row)
+    flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=at, news=news)
     session.add(flip)
     session.flush()
     return flip
@@ -183,10 +191,25 @@ _PARSED: Memory[str, Board] = Memory(8 * 2**20)
 
 def parsed_board(row: BoardRow) -> Board:
     """Return the document of a board; boards never change, so it is read once while there is room."""
-    kept = _PARSED.get(row.body_digest)
+    key = f"{row.body_digest} {row.told_at}"
+    kept = _PARSED.get(key)
     if kept is not None:
         return kept
-    return _PARSED.keep(row.body_digest, Board.model_validate_json(row.body), len(row.body))
+    board = Board.model_validate_json(row.body)
+    if row.told_at != board.published_at:
+        board = board.model_copy(update={"published_at": row.told_at})
+    return _PARSED.keep(key, board, len(row.body))
+
+
+def served_body(row: BoardRow) -> str:
+    """Return the document of a board as readers get it.
+
+    These are the bytes that were recorded, but for a draft: it is published when it is first shown,
+    and its `published_at` says so from then on.
+    """
+    if row.told_at == row.published_at:
+        return row.body
+    return canonical_json(parsed_board(row)).decode()
 
 
 def boards_with(

@@ -1,9 +1,10 @@
 """The tables of boards."""
 
 from datetime import datetime
+from typing import ClassVar
 
-from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
-from sqlalchemy.orm import Mapped, mapped_column
+from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint, func, select
+from sqlalchemy.orm import Mapped, column_property, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
@@ -26,10 +27,39 @@ class BoardRow(Base):
     """Digest of `body`: the strong ETag."""
     body: Mapped[str] = mapped_column(Text)
     published_at: Mapped[datetime]
+    """When it was built. Readers are told `told_at`."""
+    told_at: ClassVar[Mapped[datetime]]
+    """When readers first saw it, which is later than it was built for a draft."""
     view: Mapped[str] = mapped_column(default="main")
     """`main`, or `late`: the board with late entries among the others."""
     leader: Mapped[BoardLeader | None] = mapped_column(DocumentText(BoardLeader), default=None)
     """Who leads it, for the history: so that no board need be read for that."""
+
+
+class BoardFlip(Base):
+    """When the pointer `Phase.current_board_id` moved, append-only."""
+
+    __tablename__ = "board_flips"
+    __table_args__ = (
+        Index("ix_board_flips_phase", "phase_id", "at"),
+        Index("ix_board_flips_board", "board_id", "at"),
+    )
+    id: Mapped[int] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"))
+    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id", ondelete="CASCADE"))
+    at: Mapped[datetime]
+    news: Mapped[BoardNews] = mapped_column(DocumentText(BoardNews))
+    """Whose scores are others since, for the history: so that no board need be read for that."""
+
+
+_FIRST_FLIP = (
+    select(func.min(BoardFlip.at))
+    .where(BoardFlip.board_id == BoardRow.id)
+    .correlate_except(BoardFlip)
+)
+BoardRow.told_at = column_property(
+    func.coalesce(_FIRST_FLIP.scalar_subquery(), BoardRow.published_at)
+)
 
 
 class BoardEntryRow(Base):
@@ -43,16 +73,3 @@ class BoardEntryRow(Base):
     board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"), primary_key=True)
     submission_id: Mapped[str] = mapped_column(primary_key=True)
     rank: Mapped[int | None]
-
-
-class BoardFlip(Base):
-    """When the pointer `Phase.current_board_id` moved, append-only."""
-
-    __tablename__ = "board_flips"
-    __table_args__ = (Index("ix_board_flips_phase", "phase_id", "at"),)
-    id: Mapped[int] = mapped_column(primary_key=True)
-    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"))
-    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id", ondelete="CASCADE"))
-    at: Mapped[datetime]
-    news: Mapped[BoardNews] = mapped_column(DocumentText(BoardNews))
-    """Whose scores are others since, for the history: so that no board need be read for that."""

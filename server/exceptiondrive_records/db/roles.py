@@ -105,6 +105,7 @@ WORK_RIGHTS = MappingProxyType(
         "delivery": (RIU, RI, RIU),
         "lead": (R, NONE, RIUD),
         "recheck": (RIU, RU, RU),
+        "trial": (RI, RU, R),  # workers alone say what came of it
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )

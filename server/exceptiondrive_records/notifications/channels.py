@@ -17,8 +17,10 @@ import stamina
 from pydantic import Field, SecretStr
 
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds
+from exceptiondrive_records.notifications.words import standing_words
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import one_line
-from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView, Standing
+from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView
 
 # Settings of what is sent outside; only the reconciler's process reads them.
 
@@ -251,8 +253,9 @@ def text_of(notice: NotificationView, site_url: str) -> str:
     changes = [f"- {one_line(sentence)}" for sentence in notice.what_changed]
     is_new = notice.from_protocol != notice.to_protocol
     before = f" (before: {notice.from_protocol.version})" if is_new else ""
-    entries = [line for entry in notice.entries for line in _entry_lines(entry)]
-    address = f"{site_url.rstrip('/')}{notice.comparison}"
+    site = site_url.rstrip("/")
+    challenge = None if notice.challenge is None else CHALLENGES[notice.challenge]
+    entries = [line for entry in notice.entries for line in _entry_lines(entry, challenge, site)]
     lines = [
         f"To team {one_line(notice.team)}:",
         "",
@@ -262,7 +265,9 @@ def text_of(notice: NotificationView, site_url: str) -> str:
         "Your published numbers:",
         *entries,
         "",
-        f"The whole comparison: {address}",
+        f"The board: {site}/?phase={notice.phase}",
+        f"Every board there was: {site}/history?phase={notice.phase}",
+        f"Every entry before and after, as JSON: {site}{notice.comparison}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -274,24 +279,13 @@ def _plain_text(notice: NotificationView, site_url: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _entry_lines(entry: ChangedEntry) -> list[str]:
+def _entry_lines(entry: ChangedEntry, challenge: Challenge | None, site: str) -> list[str]:
     return [
-        f"{one_line(entry.method)} ({entry.submission_id})",
-        f"  before: {_standing(entry.old)}",
-        f"  now:    {_standing(entry.new)}",
+        one_line(entry.method),
+        f"  before: {standing_words(challenge, entry.old)}",
+        f"  now:    {standing_words(challenge, entry.new)}",
+        f"  {site}/submissions/{entry.submission_id}",
     ]
-
-
-def _standing(standing: Standing | None) -> str:
-    if standing is None:
-        return "not on the board"
-    values = [f"{key} {value:g}" for key, value in standing.metrics.items() if value is not None]
-    return ", ".join([one_line(standing.place), *values, *_effect_words(standing)])
-
-
-def _effect_words(standing: Standing) -> list[str]:
-    effect = {} if standing.reminder_effect is None else standing.reminder_effect.by_metric
-    return [f"reminder {key} {value:+g}" for key, value in effect.items() if value is not None]
 
 
 def _server(settings: NoticeSettings) -> smtplib.SMTP:

@@ -17,6 +17,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.inbox import put_notice
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
+from exceptiondrive_records.notifications.words import ranked_words
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.submissions import ids_of_team
@@ -126,13 +127,11 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         headline = protocol.grading.headline
         values = seen.sheet.micro if headline == "micro" else seen.sheet.macro_family
         challenge = CHALLENGES[seen.challenge]
-        for key in challenge.primary_order:
-            metric, value = challenge.metric(key.metric), values.get(key.metric)
-            if value is not None:
-                unit = f"{100 * value:.2f} %" if metric.unit == "fraction" else f"{value:.2f} m"
-                yield f"{metric.label} {unit}."
+        for words in ranked_words(challenge, values, seen.intervals):
+            yield f"{words}."
     if seen.rank is not None:
-        yield f"Rank {seen.rank}."
+        low, high = seen.rank_interval or (seen.rank, seen.rank)
+        yield f"Rank {seen.rank}{f' ({low} to {high})' if low != high else ''}."
     elif seen.unranked_because is not None:
         yield f"Not ranked: {seen.unranked_because}."
 

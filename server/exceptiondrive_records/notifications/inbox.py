@@ -60,6 +60,7 @@ def notify_teams(
             kind=kind,
             team=session.get_one(Team, team_id).name,
             phase=phase.id,
+            challenge=comparison.challenge,
             created_at=now,
             title=f"{phase.title} {_VERBS[kind]} {_what_stands(comparison)}",
             from_protocol=comparison.from_protocol,

@@ -64,10 +64,10 @@ def service_status(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> Servi
 
 def _last_board(session: Session) -> LastBoard | None:
     query = (
-        select(Phase.id, BoardRow.number, BoardRow.published_at)
+        select(Phase.id, BoardRow.number, BoardRow.told_at)
         .join(BoardRow, BoardRow.id == Phase.current_board_id)
         .where(Phase.visibility != "hidden")
-        .order_by(BoardRow.published_at.desc())
+        .order_by(BoardRow.told_at.desc())
     )
     found = session.execute(query).first()
     return (

@@ -74,6 +74,6 @@ def require_terms(session: Session, team_id: int, phase: Phase) -> None:
     version = terms_version(phase)
     if version is not None and terms_accepted_at(session, team_id, phase) is None:
         raise NotAllowed(
-            f"Accept the terms of the phase first (version {version}): on /phases/{phase.id}, or by "
-            f"exceptiondrive terms --phase {phase.id} --accept."
+            f"Accept the terms of the phase first (version {version}): on /my/terms/{phase.id}, or by "
+            f"exceptiondrive terms --phase {phase.id} --accept {version}."
         )

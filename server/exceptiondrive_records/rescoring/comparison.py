@@ -96,6 +96,7 @@ def _standing(entry: BoardEntry | None) -> Standing | None:
         rank_interval=entry.rank_interval,
         unranked_because=entry.unranked_because,
         metrics=entry.metrics,
+        intervals=entry.intervals,
         families={key: cell.metrics for key, cell in entry.families.items()},
         reminder_effect=entry.reminder_effect,
     )

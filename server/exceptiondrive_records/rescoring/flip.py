@@ -1,6 +1,6 @@
 """Apply and roll back: one transaction moves the pointer, and nothing when anything is missing."""
 
-from sqlalchemy import Select, select, update
+from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
@@ -21,6 +21,7 @@ from exceptiondrive_records.phases.scoring_keys import (
     shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.comparison import (
     Compared,
     compare_rows,
@@ -30,8 +31,9 @@ from exceptiondrive_records.rescoring.comparison import (
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
-from exceptiondrive_records.rescoring.runs import move_run, require_action
+from exceptiondrive_records.rescoring.runs import CURE_OF_SPLIT, move_run, require_action
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
@@ -43,33 +45,48 @@ from exceptiondrive_schemas.rescoring import Comparison, NotificationKind, RunAc
 
 _NAMED = 5
 _ENDINGS = ("scoring failed", "submission rejected")
+_REJECTED = "file rejected"
+_STORE = (
+    "Bring the store of uploads back as it was, from its backup if need be; then resume the run."
+)
+_CURES = {
+    "split_refused": CURE_OF_SPLIT,
+    "split_floor": "The floors of the withheld split forbid it: the overview and the audit log say "
+    "what was asked. Cancel the run, and ask for less.",
+    "split_day_full": "The withheld split allows no more within a day: resume the run tomorrow.",
+    "time_limit": "Give the workers more time, or take load away; then resume the run.",
+    "out_of_memory": "Give the workers more memory; then resume the run.",
+    "upload_damaged": _STORE,
+    "upload_missing": _STORE,
+    "store_unavailable": _STORE,
+    _REJECTED: "The files cannot be read under what is to come, and trying again does not help: "
+    "cancel the run.",
+}
+_USUAL_CURE = "The worker's log names the place in the code; resume the run to try again."
 
 
-def failed_words(session: Session, run: RescoringRun, key: ScoringKey, count: int) -> str:
-    """Return the sentence on failed pairs: it names the submissions and their codes."""
-    query = failed_pairs(run.phase_id, key).order_by(Submission.received_at, Submission.id)
-    named = [_named(session, found.id) for found in session.scalars(query.limit(_NAMED))]
-    more = [f"{count - len(named):,} more"] if count > len(named) else []
-    sheets = "1 sheet" if count == 1 else f"{count:,} sheets"
-    return (
-        f"{sheets} could not be made: of {', '.join([*named, *more])}. Resume the run to try "
-        "again. What cannot be helped has to be withdrawn (`exceptiondrive withdraw ID`), or the "
-        "run cancelled."
+def failed_words(session: Session, run: RescoringRun, key: ScoringKey) -> list[str]:
+    """Return a sentence for each reason of failed pairs: how many, of whom, and what helps."""
+    failed = failed_pairs(run.phase_id, key).order_by(Submission.received_at, Submission.id)
+    ids = [submission.id for submission in session.scalars(failed)]
+    newest = (
+        select(func.max(AuditLine.id))
+        .where(AuditLine.subject.in_(ids), AuditLine.action.in_(_ENDINGS))
+        .group_by(AuditLine.subject)
     )
+    lines = session.scalars(select(AuditLine).where(AuditLine.id.in_(newest)))
+    codes = {line.subject: line.detail.get("code", _REJECTED) for line in lines}
+    by_code: dict[str, list[str]] = {}
+    for submission_id in ids:
+        by_code.setdefault(codes.get(submission_id, "no answer"), []).append(submission_id)
+    return [_failure(code, found) for code, found in by_code.items()]
 
 
-def _named(session: Session, submission_id: str) -> str:
-    """`ID (code)`: what the newest line about it says."""
-    query = (
-        select(AuditLine)
-        .where(AuditLine.subject == submission_id, AuditLine.action.in_(_ENDINGS))
-        .order_by(AuditLine.id.desc())
-        .limit(1)
-    )
-    line = session.scalars(query).first()
-    if line is None:
-        return submission_id
-    return f"{submission_id} ({line.detail.get('code', 'file rejected')})"
+def _failure(code: str, ids: list[str]) -> str:
+    more = [f"{len(ids) - _NAMED:,} more"] if len(ids) > _NAMED else []
+    named = ", ".join([*ids[:_NAMED], *more])
+    cure = _CURES.get(code, _USUAL_CURE)
+    return f"{_sheets(len(ids))} could not be made ({code}): of {named}. {cure}"
 
 
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
@@ -102,6 +119,9 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     """Return a sentence for everything that stands in the way of the next flip."""
     if run.state.is_final:
         return (f"The run has ended: it is {run.state.value.replace('_', ' ')}.",)
+    trial = trial_of(session, run.id)
+    if run.state is not RunState.APPLIED and trial is not None and trial.state == "refused":
+        return (f"{trial.sentence} {CURE_OF_SPLIT}",)
     if run.state is RunState.DRAFT:
         return ("Scoring has not begun: start the run.",)
     key = shadow_key(run)
@@ -112,7 +132,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
         are = "is" if waiting == 1 else "are"
         found.append(f"{_sheets(waiting)} of {counts.total:,} {are} still missing.")
     if counts.failed:
-        found.append(failed_words(session, run, key, counts.failed))
+        found += failed_words(session, run, key)
     if run.state is RunState.PAUSED:
         found.append("The run is paused: resume it.")
     elif not counts.missing and fresh_board(session, run.phase_id, key) is None:
@@ -171,6 +191,8 @@ def _notify(
     session: Session, run: RescoringRun, comparison: Comparison, kind: NotificationKind
 ) -> None:
     words = difference_of(session, run).sentences
+    if comparison.from_protocol != comparison.to_protocol and kind == "protocol_applied":
+        words = (find_protocol(session, run.to_protocol_digest).changes, *words)
     if kind == "protocol_rolled_back":
         words = taken_back(words)
     notify_teams(session, comparison, kind, run_id=run.id, what_changed=words)

@@ -32,12 +32,17 @@ from exceptiondrive_records.rescoring.fan_out import (
 )
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, require_readable
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.trials import ask_for_trial, trial_of
 from exceptiondrive_records.rescoring.verification import ask_for_rechecks, cancel_rechecks
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
 
+CURE_OF_SPLIT = (
+    "Cancel the run; then change the protocol, or register a revision of the split that moves or "
+    "withdraws these samples. No team can help it."
+)
 _DONE = {
     RunAction.START: "started",
     RunAction.PAUSE: "paused",
@@ -87,6 +92,7 @@ def create_run(
         "split_revision": target.split_revision,
     }
     audit(session, actor, "rescoring drafted", run.id, detail)
+    ask_for_trial(session, run)
     return run
 
 
@@ -168,7 +174,14 @@ def _new_run(
 
 
 def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Begin to score in the background; the reconciler fans out."""
+    """Begin to score in the background; the reconciler fans out.
+
+    Raises:
+        Conflict: It is no draft, or a worker found that the split cannot be scored under it.
+    """
+    trial = trial_of(session, run_id)
+    if trial is not None and trial.state == "refused":
+        raise Conflict(f"{trial.sentence} {CURE_OF_SPLIT}")
     run = move_run(session, run_id, RunAction.START, reason, actor)
     run.started_at = run.resumed_at = run.state_at
     return run

@@ -24,6 +24,7 @@ from exceptiondrive_records.rescoring.comparison import (
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
@@ -65,6 +66,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         actions=actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
+        trial=trial_of(session, run.id),
         old_board=compared.comparison.old_board if compared else None,
         new_board=compared.comparison.new_board if compared else None,
         preview=compared.digest if compared else None,

@@ -415,6 +415,12 @@ def counts_by_team(session: Session) -> dict[int, int]:
     return {team_id: count for team_id, count in session.execute(query)}
 
 
+def counts_by_phase(session: Session) -> dict[str, int]:
+    """Return how many submissions each phase has, whatever became of them."""
+    query = select(Submission.phase_id, func.count()).group_by(Submission.phase_id)
+    return {phase_id: count for phase_id, count in session.execute(query)}
+
+
 def lock_team(session: Session, team_id: int) -> Team:
     """Lock the row of the team, so that its quota is counted by one transaction at a time."""
     team = session.scalars(select(Team).where(Team.id == team_id).with_for_update()).first()

@@ -7,8 +7,9 @@ from sqlalchemy import CheckConstraint, ForeignKey, Index, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
-from exceptiondrive_records.db.columns import enum_text
+from exceptiondrive_records.db.columns import DocumentText, enum_text
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.rescoring import SplitTrial
 
 
 class WorkState(StrEnum):
@@ -38,6 +39,7 @@ OPEN_STATES = (*WAITING_STATES, WorkState.LEASED)
 NEEDED = {
     "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
     "board": ("phase_id", "protocol_digest", "split_revision"),
+    "trial": ("run_id",),
     "recheck": ("run_id", "submission_id", "expected_digest"),
     "lead": ("holder",),
     "delivery": ("notification_id", "contact_id"),
@@ -134,7 +136,9 @@ class Recheck(WorkItem):
     """A sheet that a verification recomputes; `note` says why it did not come again."""
 
     __mapper_args__ = {"polymorphic_identity": "recheck"}  # noqa: RUF012
-    run_id: Mapped[str] = mapped_column(ForeignKey("rescoring_runs.id"), nullable=True)
+    run_id: Mapped[str] = mapped_column(
+        ForeignKey("rescoring_runs.id"), nullable=True, use_existing_column=True
+    )
     submission_id: Mapped[str] = mapped_column(
         ForeignKey("submissions.id"), nullable=True, use_existing_column=True
     )
@@ -145,6 +149,21 @@ class Recheck(WorkItem):
     def subject(self) -> str:
         """The submission."""
         return self.submission_id
+
+
+class Trial(WorkItem):
+    """A split that is tried under what a rescoring run leads to."""
+
+    __mapper_args__ = {"polymorphic_identity": "trial"}  # noqa: RUF012
+    run_id: Mapped[str] = mapped_column(
+        ForeignKey("rescoring_runs.id"), nullable=True, use_existing_column=True
+    )
+    trial: Mapped[SplitTrial | None] = mapped_column(DocumentText(SplitTrial))
+
+    @property
+    def subject(self) -> str:
+        """The run."""
+        return self.run_id
 
 
 class Leader(WorkItem):

@@ -30,10 +30,18 @@ def get_audit(
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
     actor: Annotated[str | None, Query(max_length=200, description="only by this one")] = None,
     subject: Annotated[str | None, Query(max_length=200, description="only about this")] = None,
+    by_people: Annotated[bool, Query(description="without what worker and server write")] = False,
 ) -> list[AuditLineView]:
     """Read the audit log, newest first."""
     with services.database.read() as session:
-        lines = audit_page(session, before=before, limit=limit, actor=actor, subject=subject)
+        lines = audit_page(
+            session,
+            before=before,
+            limit=limit,
+            actor=actor,
+            subject=subject,
+            by_people=by_people,
+        )
         return list(map(line_view, lines))
 
 

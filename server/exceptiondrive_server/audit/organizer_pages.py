@@ -25,13 +25,16 @@ def show_audit(
     subject: Filter = "",
     before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
     verify: bool = False,
+    by_people: bool = False,
 ) -> Response:
     """Show the log, newest first; with `verify` recompute the whole chain."""
     actor, subject = actor.strip(), subject.strip()
     with services.database.read() as session:
-        lines = history(session, subject, actor=actor, before=before, limit=SHOWN + 1)
+        lines = history(
+            session, subject, actor=actor, before=before, by_people=by_people, limit=SHOWN + 1
+        )
         verdict = verify_audit(session) if verify else None
-    older = {"actor": actor, "subject": subject}
+    older = {"actor": actor, "subject": subject, "by_people": "true" if by_people else ""}
     if len(lines) > SHOWN:
         older["before"] = str(lines[SHOWN - 1].line.id)
     return organizer_page(
@@ -42,6 +45,7 @@ def show_audit(
         lines=lines[:SHOWN],
         actor=actor,
         subject=subject,
+        by_people=by_people,
         older="before" in older and urlencode({k: v for k, v in older.items() if v}),
         verdict=verdict,
         is_newest=before is None,

@@ -6,11 +6,14 @@ from datetime import datetime
 from typing import Any
 
 from pydantic import BaseModel
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_server.web.numbers import short_digest
 
 
@@ -45,27 +48,57 @@ class HistoryLine:
 
     line: AuditLine
     actor_name: str
+    subject_name: str
+    """Of a submission its method, of a phase its title; else the subject itself."""
+    page: str
+    """Of the subject; empty: it has none."""
     reason: str
     detail: str
 
 
 def history(
-    session: Session, subject: str, *, actor: str = "", before: int | None = None, limit: int
+    session: Session,
+    subject: str,
+    *,
+    actor: str = "",
+    before: int | None = None,
+    by_people: bool = False,
+    limit: int,
 ) -> list[HistoryLine]:
     """Return lines of the log for reading, newest first; empty subject or actor: any."""
     lines = audit_page(
-        session, before=before, limit=limit, actor=actor or None, subject=subject or None
+        session,
+        before=before,
+        limit=limit,
+        actor=actor or None,
+        subject=subject or None,
+        by_people=by_people,
     )
+    subjects = _subjects(session, {line.subject for line in lines})
     names = names_of_actors(session, (line.actor for line in lines))
     return [
         HistoryLine(
             line=line,
             actor_name=names.get(line.actor, line.actor),
+            subject_name=subjects.get(line.subject, (line.subject, ""))[0],
+            page=subjects.get(line.subject, (line.subject, ""))[1],
             reason=str(line.detail.get("reason") or ""),
-            detail=", ".join(f"{k} {_words(v)}" for k, v in line.detail.items() if k != "reason"),
+            detail=", ".join(
+                f"{key.replace('_', ' ')} {_words(value)}"
+                for key, value in line.detail.items()
+                if key != "reason"
+            ),
         )
         for line in lines
     ]
+
+
+def _subjects(session: Session, ids: set[str]) -> dict[str, tuple[str, str]]:
+    """Name and page of the submissions and phases among some subjects."""
+    methods = select(Submission.id, Submission.method).where(Submission.id.in_(ids))
+    titles = select(Phase.id, Phase.title).where(Phase.id.in_(ids))
+    found = {key: (name, f"/organize/submissions/{key}") for key, name in session.execute(methods)}
+    return found | {key: (name, f"/organize/phases/{key}") for key, name in session.execute(titles)}
 
 
 def _words(value: object) -> str:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.boards.boards import find_board, parsed_board
+from exceptiondrive_records.boards.boards import find_board, parsed_board, served_body
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.edits import newest_edit_at
@@ -44,7 +44,7 @@ def get_board(request: Request, services: ServicesOf, query: AskedBoard) -> Resp
         board = parsed_board(row)
         facts = facts_on(session, board)
     shown = selected_board(board, query, facts)
-    body = row.body if shown is board else shown.model_dump_json()
+    body = served_body(row) if shown is board else shown.model_dump_json()
     max_age_s = services.settings.board_max_age_s
     return conditional(request, body.encode(), "application/json", max_age_s=max_age_s)
 
@@ -110,5 +110,5 @@ def get_board_by_number(
 ) -> Response:
     """Give a board at its permanent address; its bytes never change."""
     with services.database.read() as session:
-        body = find_board(session, shown_phase(session, phase).id, number).body
+        body = served_body(find_board(session, shown_phase(session, phase).id, number))
     return conditional(request, body.encode(), "application/json", max_age_s=FOR_EVER_S)

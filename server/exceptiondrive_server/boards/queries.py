@@ -293,7 +293,7 @@ def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
         .scalar_subquery()
     )
     query = (
-        select(BoardRow.number, ProtocolRow.version, BoardRow.published_at)
+        select(BoardRow.number, ProtocolRow.version, BoardRow.told_at)
         .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
         .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
         .where(BoardFlip.id == before)
@@ -350,7 +350,7 @@ def _note(session: Session, row: BoardRow, reasons: tuple[str, ...]) -> BoardNot
         row.number,
         row.digest,
         protocol.version,
-        row.published_at,
+        board.published_at,
         " ".join(said.findings),
         f"{moves[0].upper()}{moves[1:]}." if moves else "",
         reasons,

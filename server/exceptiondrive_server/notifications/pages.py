@@ -19,7 +19,9 @@ from exceptiondrive_records.notifications.contacts import (
 )
 from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
 from exceptiondrive_records.notifications.tables import Channel
-from exceptiondrive_schemas.rescoring import WISHES, Wish
+from exceptiondrive_records.notifications.words import standing_words
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.rescoring import WISHES, NotificationView, Standing, Wish
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import (
     Browser,
@@ -31,6 +33,7 @@ from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.problems import problem_of
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.templating import template_filter
 
 router = APIRouter(include_in_schema=False)
 HERE = "/my/notices"
@@ -140,6 +143,13 @@ def post_unsubscribe(
     with services.database.write() as session:
         address = unsubscribe_contact(session, contact_id, key).address
     return _answer(request, what="unsubscribed", address=address)
+
+
+@template_filter
+def stood(standing: Standing | None, notice: NotificationView) -> str:
+    """Return how an entry of a notice stood, with the values that rank and their ranges."""
+    challenge = None if notice.challenge is None else CHALLENGES[notice.challenge]
+    return standing_words(challenge, standing)
 
 
 def _answer(request: Request, **values: Any) -> Response:

@@ -26,6 +26,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_records.submissions.submissions import counts_by_phase
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import (
@@ -164,6 +165,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
             for one in list_phases(session, with_hidden=True)
         ]
         splits = [one for one in list_splits(session) if one.part is None]
+        counts = counts_by_phase(session)
         seen_at = database_now(session)
     return organizer_page(
         request,
@@ -172,6 +174,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
         "phases",
         phases=phases,
         splits=splits,
+        counts=counts,
         seen_at=seen_at,
     )
 

@@ -28,6 +28,7 @@ def show_phase(request: Request, phase_id: Annotated[str, Path(max_length=64)]) 
             "text": phase.page,
             "protocol": find_protocol(session, phase.protocol_digest).version,
             "quota_total": phase.quota_total,
+            "terms_required": phase.policy.terms_required,
         }
         return shown, lambda: shown
 

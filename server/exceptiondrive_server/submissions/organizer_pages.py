@@ -20,6 +20,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.similarity import ALIKE_WORDS
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.submissions.download import any_upload, archive
@@ -112,6 +113,7 @@ def show_submissions(
         slugs={one.id: teams[one.team_id].slug for one in found},
         teams=teams.values(),
         phases=phases,
+        titles={one.id: one.title for one in phases},
         statuses=list(SubmissionStatus),
         chosen=chosen,
         query=urlencode({key: value for key, value in chosen.items() if value}),
@@ -278,4 +280,5 @@ def show_similar(
         report=report,
         pairs=report.pairs[:SHOWN_PAIRS],
         most_of_a_team=SHOWN_OF_A_TEAM,
+        kinds=ALIKE_WORDS,
     )

@@ -19,7 +19,7 @@ from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
-from exceptiondrive_records.notifications.inbox import count_unread
+from exceptiondrive_records.notifications.inbox import list_notifications, notices_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import can_change
 from exceptiondrive_records.submissions.edits import edits_of
@@ -40,6 +40,7 @@ from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
 from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.quick_start import quick_start
+from exceptiondrive_server.submissions.receipts_api import statement_of
 from exceptiondrive_server.submissions.runs import run_lines
 from exceptiondrive_server.submissions.upload import received_upload, take_upload
 from exceptiondrive_server.submissions.view import (
@@ -63,7 +64,7 @@ from exceptiondrive_server.web.browser_session import (
 from exceptiondrive_server.web.forms import filled, typed
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
-from exceptiondrive_server.web.responses import origin_of, page, private_page
+from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page, private_page
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
@@ -227,8 +228,13 @@ def show_my_submissions(
     with services.database.read() as session:
         found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
         seen = views(session, found[:SHOWN])
-        rules = phase_rules(session, list_phases(session, with_hidden=True))
-        n_unread = count_unread(session, who.team_id) if who.team_id is not None else 0
+        phases = list_phases(session, with_hidden=True)
+        rules = phase_rules(session, phases)
+        unread = (
+            []
+            if who.team_id is None
+            else list_notifications(session, who.team_id, only_unread=True)
+        )
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
     lines = run_lines(seen, rules, can_decide=can_decide)
@@ -239,7 +245,8 @@ def show_my_submissions(
         "my",
         who=who,
         lines=lines,
-        n_unread=n_unread,
+        unread=unread,
+        titles={phase.id: phase.title for phase in phases},
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,
         is_spent=is_spent,
@@ -268,6 +275,7 @@ def show_submission(
         ended = not can_change(phase, found, database_now(session))
         sheet = score_tables(session, seen)
         edits = edits_of(session, seen.id)
+        notices = notices_about(session, seen.id)
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
     return private_page(
         request,
@@ -279,12 +287,32 @@ def show_submission(
         steps=steps_of(seen),
         sentences=list(policy_sentences(seen, phase.policy)),
         sheet=sheet,
+        notices=notices,
         edits=edits,
         n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         actions=actions_of(seen, phase.policy, has_closed=ended),
         can_withdraw=seen.status not in without_score,
         is_again=again,
+    )
+
+
+@router.get("/submissions/{submission_id}/receipt")
+def show_receipt(services: ServicesOf, browser: Browser, submission_id: SubmissionId) -> Response:
+    """Give the signed receipt as a file, as the API gives it."""
+    require_scope(browser, Scope.READ_OWN)
+    with services.database.read() as session:
+        found = find_submission(session, submission_id, team_id=own_team(browser.principal))
+        statement = statement_of(session, found)
+    name = f"exceptiondrive-{submission_id}-receipt.json"
+    return Response(
+        services.signer.sign(statement).model_dump_json(indent=2),
+        media_type="application/json",
+        headers={
+            **SECURITY_HEADERS,
+            "Cache-Control": "no-store",
+            "Content-Disposition": f'attachment; filename="{name}"',
+        },
     )
 
 

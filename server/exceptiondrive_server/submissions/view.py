@@ -95,6 +95,8 @@ def _wait(seconds: float) -> str:
 class ScoreLine:
     """A metric of the sheet, under both averages."""
 
+    ranks: bool
+    """Whether the rank is made of it."""
     label: str
     title: str
     unit: str
@@ -117,6 +119,11 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
     """Yield how it stands in the policy of its phase."""
     if seen.known_as is not None:
         yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
+    if seen.disqualified_at is not None:
+        yield (
+            f"It is disqualified since {minute(seen.disqualified_at)} and stands on no further board; "
+            "the reason stands in the team's notices."
+        )
     if seen.is_late:
         yield "It came after the deadline: it stands on the late view alone."
     if seen.score_kept_back_since is not None:
@@ -216,8 +223,10 @@ def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLi
     challenge: Challenge = CHALLENGES[seen.challenge]
     digits = Digits.of(protocol.publication)
     headline, other = _averages(seen.sheet, protocol)
+    ranking = {key.metric for key in challenge.primary_order}
     return tuple(
         ScoreLine(
+            ranks=metric.key in ranking,
             label=metric.label,
             title=metric.title,
             unit=unit_of(metric),

@@ -51,6 +51,7 @@ class TeamView(BaseModel):
 
     id: str
     name: str
+    affiliation: str
     is_reference: bool
     created_at: datetime
     pending_since: datetime | None
@@ -139,6 +140,7 @@ def _team(team: Team) -> TeamView:
     return TeamView(
         id=team.slug,
         name=team.name,
+        affiliation=team.affiliation,
         is_reference=team.is_reference,
         created_at=team.created_at,
         pending_since=team.pending_since,

@@ -21,6 +21,7 @@ from exceptiondrive_records.accounts.tokens import (
 )
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import (
@@ -32,6 +33,7 @@ from exceptiondrive_records.teams.teams import (
 )
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.audit.queries import history
+from exceptiondrive_server.participation.queries import participation_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON, filled, read, typed
@@ -177,6 +179,8 @@ def _team(
         tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
         lines = history(session, team.slug, limit=HISTORY)
         n_submissions = counts_by_team(session).get(team.id, 0)
+        seen = participation_of(session, team)
+        phases = list_phases(session, with_hidden=True)
     return organizer_page(
         request,
         browser,
@@ -189,6 +193,8 @@ def _team(
         issued=issued,
         lines=lines,
         n_submissions=n_submissions,
+        seen=seen,
+        phases=phases,
         fields=filled(NEW_TOKEN, USUAL if texts is None else texts),
     )
 

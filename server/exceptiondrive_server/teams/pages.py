@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.people import (
     accept_invitation,
@@ -20,8 +21,10 @@ from exceptiondrive_records.accounts.people import (
 from exceptiondrive_records.accounts.sessions import act_for
 from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
 from exceptiondrive_records.accounts.tables import Person
-from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.accounts.tokens import Principal, Scope, live_tokens_by_team
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.notifications.contacts import list_contacts
+from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import make_pending_team, self_registration_is_on
 from exceptiondrive_schemas.problems import ProblemCode
@@ -170,6 +173,7 @@ def _page(
             "my",
             who=who,
             team=team,
+            **({} if team is None else _facts(session, team)),
             members=[] if team is None else members_of(session, team.id),
             invitations=[] if team is None else open_invitations(session, team.id),
             roles=[] if person is None else _roles(person, who, teams_of(session, person.id)),
@@ -178,6 +182,16 @@ def _page(
             link=link,
             form_token=browser.form_token,
         )
+
+
+def _facts(session: Session, team: Team) -> dict[str, int]:
+    """How much there is of a team: submissions, tokens that work, addresses that are told."""
+    contacts = list_contacts(session, team.id)
+    return {
+        "n_submissions": counts_by_team(session).get(team.id, 0),
+        "n_tokens": live_tokens_by_team(session).get(team.id, 0),
+        "n_contacts": sum(contact.confirmed_at is not None for contact in contacts),
+    }
 
 
 def _roles(person: Person, who: Principal, teams: list[Team]) -> list[tuple[int | None, str]]:

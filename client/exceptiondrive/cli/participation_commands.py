@@ -1,0 +1,210 @@
+"""What organizers do with teams in a season: conduct, own limits, names, messages, many at once."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from exceptiondrive.cli import options
+from exceptiondrive.cli.output import say, show_result
+from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.tables import records_table
+from exceptiondrive.errors import InvalidArgumentError
+
+TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
+Reason = Annotated[
+    str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
+]
+ToldReason = Annotated[
+    str,
+    typer.Option("--reason", metavar="TEXT", help="Why; told to the team, and in the audit log."),
+]
+PublicNote = Annotated[
+    str | None,
+    typer.Option("--public-note", metavar="TEXT", help="What readers are told; else nothing."),
+]
+
+
+def show_team(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
+    """Show people, addresses, own limits, disqualifications and accepted terms of a team."""
+    with open_organizer(server) as organizer:
+        found = organizer.participation(team_id)
+    tables = {
+        "members": ("name", "email", "joined_at"),
+        "addresses": ("address", "channel", "is_confirmed", "last_message"),
+        "allowances": ("phase", "closes_at", "quota_per_day", "quota_total", "reason"),
+        "disqualifications": ("id", "phase", "submission", "reason", "reinstated_at"),
+        "terms": ("phase", "version", "accepted_at"),
+    }
+    lines: list[Any] = []
+    for name, columns in tables.items():
+        rows = found[name]
+        lines += [f"{name}:", records_table(rows, columns)] if rows else [f"{name}: none"]
+    show_result(found, json, *lines)
+
+
+def change_team(
+    team_id: TeamId,
+    reason: Reason,
+    name: Annotated[
+        str | None, typer.Option("--name", metavar="NAME", help="As new boards show it.")
+    ] = None,
+    affiliation: Annotated[
+        str | None, typer.Option("--affiliation", metavar="TEXT", help="For organizers.")
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Change name or affiliation of a team; earlier boards stay as they are."""
+    given = {"name": name, "affiliation": affiliation}
+    changes = {key: value for key, value in given.items() if value is not None}
+    if not changes:
+        raise InvalidArgumentError("nothing_to_set", "Give --name or --affiliation.")
+    with open_organizer(server) as organizer:
+        team = organizer.change_team(team_id, reason, **changes)
+    show_result(team, json, f"team {team['id']} is called {team['name']}")
+
+
+def merge_teams(
+    team_id: TeamId,
+    into: Annotated[str, typer.Option("--into", metavar="TEAM", help="The team that stays.")],
+    reason: Reason,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Make a team part of another one, with submissions, people and addresses; for good."""
+    with open_organizer(server) as organizer:
+        merged = organizer.merge_teams(team_id, into, reason)
+    line = f"team {merged['id']} has {merged['n_submissions']} submissions of {team_id}"
+    show_result(merged, json, line)
+
+
+def import_teams(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="CSV: id, name, affiliation, email; - is stdin.")
+    ],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Make many teams, each with a token that is shown this once; all of them, or none."""
+    text = options.given(file).data.decode("utf-8-sig")
+    with open_organizer(server) as organizer:
+        made = organizer.import_teams(text)
+    teams = made["teams"]
+    say(f"{len(teams)} teams made; their tokens, shown this once:")
+    show_result(made, json, *(f"{team['id']},{team['token']}" for team in teams))
+
+
+def set_limits(
+    team_id: TeamId,
+    phase: Annotated[str, typer.Option("--phase", metavar="PHASE", help="Id of the phase.")],
+    reason: ToldReason,
+    closes_at: Annotated[
+        str | None, typer.Option("--closes-at", metavar="TIME", help="2027-01-31T00:00:00Z")
+    ] = None,
+    quota_per_day: Annotated[
+        int | None, typer.Option("--quota-per-day", metavar="N", min=1, help="Else as all.")
+    ] = None,
+    quota_total: Annotated[
+        int | None, typer.Option("--quota-total", metavar="N", min=1, help="Else as all.")
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Set deadline and quota of one team in a phase; what is left out is as for all teams."""
+    limits = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
+    with open_organizer(server) as organizer:
+        row = organizer.set_allowance(team_id, phase, reason, limits)
+    own = "its own limits" if row["granted_at"] else "the limits of all teams again"
+    show_result(row, json, f"team {team_id} has {own} in {phase}")
+
+
+def disqualify_team(
+    team_id: TeamId,
+    reason: ToldReason,
+    public_note: PublicNote = None,
+    phase: Annotated[
+        str | None, typer.Option("--phase", metavar="PHASE", help="There alone; else everywhere.")
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Take a team off the next boards; it submits nothing until it is reinstated."""
+    with open_organizer(server) as organizer:
+        row = organizer.disqualify_team(team_id, reason, public_note, phase)
+    show_result(row, json, f"team {team_id} disqualified, number {row['id']}")
+
+
+def disqualify_submission(
+    submission_id: options.SubmissionId,
+    reason: ToldReason,
+    public_note: PublicNote = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Take one submission off the next boards; the same bytes are not taken again."""
+    with open_organizer(server) as organizer:
+        row = organizer.disqualify_submission(submission_id, reason, public_note)
+    show_result(row, json, f"submission {submission_id} disqualified, number {row['id']}")
+
+
+def list_disqualified(server: options.Server = None, json: options.Json = False) -> None:
+    """List disqualifications, newest first; those that ended, too."""
+    columns = ("id", "team", "phase", "submission", "reason", "disqualified_at", "reinstated_at")
+    with open_organizer(server) as organizer:
+        found = organizer.disqualifications()
+    show_result(found, json, records_table(found, columns) if found else "nobody was disqualified")
+
+
+def reinstate(
+    number: Annotated[
+        int, typer.Argument(metavar="NUMBER", min=1, help="From `teams disqualified`.")
+    ],
+    reason: ToldReason,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """End a disqualification: what was scored stands on the next board."""
+    with open_organizer(server) as organizer:
+        row = organizer.reinstate(number, reason)
+    show_result(row, json, f"{row['submission'] or row['team']} reinstated")
+
+
+def send_message(
+    title: Annotated[str, typer.Argument(metavar="TITLE", help="Subject of mails.")],
+    text: Annotated[Path, typer.Option("--text", metavar="FILE", help="Plain words; - is stdin.")],
+    to: Annotated[
+        list[str] | None,
+        typer.Option("--to", metavar="TEAM", help="As often as needed; else every team."),
+    ] = None,
+    phase: Annotated[
+        str | None,
+        typer.Option("--phase", metavar="PHASE", help="Of every team: those that submitted to it."),
+    ] = None,
+    preview: Annotated[
+        bool, typer.Option("--preview", help="Show whom it would reach, and send nothing.")
+    ] = False,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Write to one, some or all teams: inbox, e-mail and webhooks."""
+    words = options.given(text).data.decode("utf-8-sig")
+    with open_organizer(server) as organizer:
+        sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
+    columns = ("team", "name", "n_emails", "n_webhooks")
+    what = "sent to" if sent["is_sent"] else "would reach"
+    line = f"{what} {len(sent['recipients'])} teams"
+    show_result(sent, json, records_table(sent["recipients"], columns), line)
+
+
+TEAM_COMMANDS: dict[str, Callable[..., None]] = {
+    "show": show_team,
+    "change": change_team,
+    "merge": merge_teams,
+    "import": import_teams,
+    "limits": set_limits,
+    "disqualify": disqualify_team,
+    "disqualified": list_disqualified,
+    "reinstate": reinstate,
+}

@@ -1,0 +1,62 @@
+"""Numbers of entries in the words of a message: with units and ranges, as the board shows them."""
+
+from collections.abc import Iterator, Mapping
+
+from exceptiondrive_schemas.board import ReminderEffect
+from exceptiondrive_schemas.challenges import Challenge, Metric
+from exceptiondrive_schemas.printable import one_line
+from exceptiondrive_schemas.rescoring import Standing
+from exceptiondrive_schemas.score_sheet import Interval
+
+_UNITS = {"fraction": (100.0, " %"), "metre": (1.0, " m")}
+
+
+def ranked_words(
+    challenge: Challenge,
+    values: Mapping[str, float | None],
+    intervals: Mapping[str, Interval | None],
+) -> Iterator[str]:
+    """Yield the metrics that rank: `HCC 65.47 % (63.00 to 68.00)`; unknown ones are left out."""
+    for key in challenge.primary_order:
+        metric, value = challenge.metric(key.metric), values.get(key.metric)
+        if value is not None:
+            yield f"{metric.label} {_number(metric, value)}{_range(metric, intervals.get(key.metric))}"
+
+
+def standing_words(challenge: Challenge | None, standing: Standing | None) -> str:
+    """Say how an entry stands: rank and its range, then the metrics that rank.
+
+    Args:
+        challenge: Of its phase; None: a message of an older release, which tells the rank alone.
+        standing: On one board; None: it is not on it.
+    """
+    if standing is None:
+        return "not on the board"
+    words = [one_line(standing.place)]
+    if standing.rank_interval is not None and len(set(standing.rank_interval)) > 1:
+        low, high = standing.rank_interval
+        words = [f"{words[0]} ({low} to {high})"]
+    if challenge is not None:
+        words += ranked_words(challenge, standing.metrics, standing.intervals)
+        words += _effect_words(challenge, standing.reminder_effect)
+    return ", ".join(words)
+
+
+def _effect_words(challenge: Challenge, effect: ReminderEffect | None) -> Iterator[str]:
+    for key, value in ({} if effect is None else effect.by_metric).items():
+        if value is not None:
+            metric = challenge.metric(key)
+            scale, unit = _UNITS[metric.unit]
+            yield f"by the reminder {metric.label} {value * scale:+.2f}{unit}"
+
+
+def _number(metric: Metric, value: float) -> str:
+    scale, unit = _UNITS[metric.unit]
+    return f"{value * scale:.2f}{unit}"
+
+
+def _range(metric: Metric, interval: Interval | None) -> str:
+    if interval is None:
+        return ""
+    scale, _ = _UNITS[metric.unit]
+    return f" ({interval[0] * scale:.2f} to {interval[1] * scale:.2f})"

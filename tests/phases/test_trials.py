@@ -1,0 +1,102 @@
+"""Before a run begins, a worker tries the split under what is to come, and says why it does not fit."""
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tests.canary.values import CANARY_M
+from tests.phases.browsing import visitor
+
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+TOUCH = "hazard regions that touch the footprint at t = 0"
+
+
+def draft(life: "Life", version: str, **geometry: float) -> Any:
+    toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
+    usual = {"footprint_length_m": 4.084, "footprint_width_m": 1.85}
+    for name, value in geometry.items():
+        assert f"{name} = {usual[name]}" in toml
+        toml = toml.replace(f"{name} = {usual[name]}", f"{name} = {value}")
+    with life.database.write() as session:
+        add_protocol(session, toml, "test")
+    return life.done("/rescoring", {"phase": "test", "protocol": version, "reason": "try"})
+
+
+def seen(life: "Life", run: Any) -> Any:
+    return life.json(f"/api/v1/organizer/rescoring/{run['id']}", "organizer")
+
+
+@pytest.fixture
+def scored(life: "Life") -> "Life":
+    life.make_phase(split="plain")
+    life.submit("alpha", 5.0, "Planner", "plain")
+    life.work()
+    return life
+
+
+def test_regions_that_touch_the_new_footprint_are_counted_before_anything_begins(
+    scored: "Life",
+) -> None:
+    run = draft(scored, "1.2", footprint_length_m=20.0)
+    assert run["trial"] == {"state": "waiting", "found": []}
+    page = f"/organize/rescoring/{run['id']}"
+    organizer = visitor(scored, "organizer")
+    assert "A worker is to try the split" in organizer.get(page).text
+    scored.work()
+    after = seen(scored, run)
+    assert after["trial"] == {"state": "refused", "found": [{"what": TOUCH, "n": 2}]}
+    text = organizer.get(page).text
+    assert f"2 {TOUCH}" in text
+    for words in (text, str(after)):
+        assert str(CANARY_M)[:8] not in words
+        assert "scene-" not in words
+    refused = scored.refused(f"/rescoring/{run['id']}/start", {"reason": "go"}, 409)
+    assert f"2 {TOUCH}" in refused
+    assert "No team can help it" in refused
+    assert scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})["state"] == "cancelled"
+    assert len(scored.entry_ids()) == 1
+
+
+def test_a_split_that_fits_is_said_to_fit(scored: "Life") -> None:
+    run = draft(scored, "1.2", footprint_width_m=1.9)
+    scored.work()
+    assert seen(scored, run)["trial"]["state"] == "fits"
+    text = visitor(scored, "organizer").get(f"/organize/rescoring/{run['id']}").text
+    assert "it can be scored" in text
+    scored.done(f"/rescoring/{run['id']}/start", {"reason": "go"})
+    scored.work()
+    assert seen(scored, run)["state"] == "ready"
+
+
+def test_a_run_that_was_begun_at_once_fails_with_a_reason_for_all_sheets(scored: "Life") -> None:
+    scored.submit("beta", 6.0, "Other", "plain")
+    scored.work()
+    run = draft(scored, "1.2", footprint_length_m=20.0)
+    scored.done(f"/rescoring/{run['id']}/start", {"reason": "go"})
+    scored.work()
+    (blocker,) = seen(scored, run)["blockers"]
+    assert f"2 {TOUCH}" in blocker
+    assert "withdraw ID" not in blocker
+
+
+def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Life") -> None:
+    run = draft(scored, "1.2", footprint_length_m=40.0)
+    scored.work()
+    trial = seen(scored, run)["trial"]
+    assert trial["state"] == "held"
+    assert "footprint_length_m" in str(trial["found"])
+    assert TOUCH not in str(trial)
+    scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
+    (scored.worker.splits_dir / "plain" / "floors.toml").write_text("max_protocols = 2")
+    for version, length_m in (("1.3", 18.0), ("1.4", 22.0)):
+        run = draft(scored, version, footprint_length_m=length_m)
+        scored.work()
+        trial = seen(scored, run)["trial"]
+        scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
+    assert "at most 2" in str(trial)
+    actions = [line["action"] for line in scored.json("/api/v1/organizer/audit", "organizer")]
+    assert "split floor held" in actions

@@ -1,0 +1,219 @@
+"""What organizers do with teams: by API and by page, refused to teams, in the audit log."""
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from sqlalchemy import select
+from tests.server.test_organizer_team_pages import last_line
+
+from exceptiondrive_records.notifications.tables import ContactPoint
+from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_schemas.phase_settings import PhaseChange
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api, TeamBrowser
+
+Open = Callable[..., "TeamBrowser"]
+WHY = {"reason": "two accounts of one lab"}
+DEEDS: list[tuple[str, str, Any]] = [
+    ("GET", "teams/alpha/participation", None),
+    ("PATCH", "teams/alpha", {**WHY, "name": "Gamma"}),
+    ("POST", "teams/alpha/merge", {**WHY, "into": "beta"}),
+    ("POST", "teams/alpha/disqualify", WHY),
+    ("POST", "submissions/x/disqualify", WHY),
+    ("GET", "disqualifications", None),
+    ("POST", "disqualifications/1/reinstate", WHY),
+    ("PUT", "teams/alpha/allowances/dev", {**WHY, "quota_total": 2}),
+    ("POST", "team-imports", {"csv": "id,name\nx,X\n"}),
+    ("POST", "messages", {"title": "A", "text": "B"}),
+]
+
+
+@pytest.fixture
+def organizer(api_on_both: "Api", browse: Open) -> "TeamBrowser":
+    browser = browse(api_on_both)
+    browser.sign_in("organizer")
+    return browser
+
+
+@pytest.mark.parametrize(("method", "path", "body"), DEEDS)
+def test_a_team_may_do_none_of_it(
+    api: "Api", as_problem: Callable[..., Any], method: str, path: str, body: Any
+) -> None:
+    more = {} if body is None else {"json": body}
+    as_problem(api.request(method, f"/organizer/{path}", "alpha", **more), 403, "not_allowed")
+    as_problem(api.request(method, f"/organizer/{path}", **more), 401, "not_signed_in")
+
+
+def test_an_entry_is_disqualified_and_reinstated_by_api(
+    api_on_both: "Api", as_problem: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    own = api.submit("a").json()["id"]
+    api.score(own)
+    note = {**WHY, "public_note": "Not by a planner."}
+    path = f"/organizer/submissions/{own}/disqualify"
+    made = api.post(path, "organizer", json=note)
+    assert (made.status_code, made.json()["submission"]) == (201, own)
+    assert last_line(api).action == "submission disqualified"
+    assert last_line(api).detail["reason"] == WHY["reason"]
+    as_problem(api.post(path, "organizer", json=note), 409, "conflict")
+    as_problem(api.submit("a"), 403, "not_allowed")
+    assert api.get(f"/submissions/{own}", "alpha").json()["disqualified_at"] is not None
+    told = api.get("/notifications", "alpha").json()[0]
+    assert (told["kind"], told["what_changed"][0]) == ("disqualified", f"Reason: {WHY['reason']}")
+    notes = api.get("/phases/dev/disqualifications").json()
+    assert [one["note"] for one in notes] == ["Not by a planner."]
+    number = made.json()["id"]
+    path = f"/organizer/disqualifications/{number}/reinstate"
+    assert api.post(path, "organizer", json=WHY).status_code == 200
+    as_problem(api.post(path, "organizer", json=WHY), 409, "conflict")
+    assert api.get("/phases/dev/disqualifications").json() == []
+
+
+def test_a_team_is_disqualified_and_reinstated_by_page(
+    api_on_both: "Api", organizer: "TeamBrowser", make_entry: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    own = api.submit("a").json()["id"]
+    api.score(own)
+    here = "/organize/teams/alpha"
+    page = f"{here}/disqualify"
+    assert "cannot" not in organizer.get(here).text
+    done = organizer.post(page, {**WHY, "public_note": "Cheated <b>"}, page=page)
+    assert done.headers["location"] == f"{here}?done=disqualified"
+    assert "Cheated &lt;b&gt;" in organizer.get(here).text
+    api.publish(make_entry("Other", submission_id=None, source="reference", rank=None))
+    assert "Cheated &lt;b&gt;" in organizer.fresh().get("/").text
+    page = "/organize/disqualifications/1/reinstate"
+    assert WHY["reason"] in organizer.get(page).text
+    done = organizer.post(page, {"reason": "They explained it."}, page=page)
+    assert done.headers["location"] == f"{here}?done=reinstated"
+    assert "Cheated" not in organizer.fresh().get("/").text
+    seen = f"/organize/submissions/{own}/disqualify"
+    assert organizer.post(seen, WHY, page=seen).headers["location"].endswith("done=disqualified")
+    assert "Disqualified: see the team" in organizer.get(f"/organize/submissions/{own}").text
+
+
+def test_a_message_is_previewed_and_shows_no_address(
+    api_on_both: "Api", organizer: "TeamBrowser"
+) -> None:
+    api = api_on_both
+    hook = {"channel": "webhook", "address": "https://example.com/secret-hook"}
+    assert api.post("/contacts", "beta", json=hook).status_code == 201
+    page = "/organize/messages"
+    words = {"title": "The <deadline>", "text": "It moves.\n\nBy a day."}
+    preview = organizer.post(page, words, page=page)
+    assert preview.status_code == 200
+    for part in ("Send to 2 teams", "Alpha", "Beta", "1 webhook", "By a day.", "&lt;deadline&gt;"):
+        assert part in preview.text
+    assert "secret-hook" not in preview.text
+    assert api.get("/notifications", "alpha").json() == []
+    sent = organizer.post(page, {**words, "is_seen": "yes"}, page=page)
+    assert sent.headers["location"] == "/organize/teams?done=message_sent"
+    told = api.get("/notifications", "alpha").json()[0]
+    assert (told["kind"], told["title"], told["what_changed"]) == (
+        "message",
+        "The <deadline>",
+        ["It moves.", "By a day."],
+    )
+    again = organizer.post(page, {**words, "is_seen": "yes"}, page=page)
+    assert again.status_code == 409
+    one = {**words, "title": "Other", "teams": ["beta"], "is_preview": True}
+    found = api.post("/organizer/messages", "organizer", json=one).json()
+    assert (found["is_sent"], found["recipients"]) == (
+        False,
+        [{"team": "beta", "name": "Beta", "n_emails": 0, "n_webhooks": 1}],
+    )
+    api.post("/organizer/messages", "organizer", json={**one, "is_preview": False})
+    assert len(api.get("/notifications", "alpha").json()) == 1
+    assert len(api.get("/notifications", "beta").json()) == 2
+    assert "title" in last_line(api).detail
+
+
+def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
+    api_on_both: "Api", organizer: "TeamBrowser"
+) -> None:
+    api = api_on_both
+    api.post("/contacts", "alpha", json={"channel": "email", "address": "ada@example.com"})
+    here = "/organize/teams/alpha"
+    assert "ada@example.com" in organizer.get(here).text
+    page = f"{here}/change"
+    words = {"name": "Gamma", "affiliation": "University of X", **WHY}
+    assert organizer.post(page, words, page=page).headers["location"].startswith(here)
+    assert last_line(api).detail["name"] == ["Alpha", "Gamma"]
+    assert "University of X" in organizer.get(here).text
+    taken = organizer.post(page, {**words, "name": "Beta"}, page=page)
+    assert taken.status_code == 409
+    page = f"{here}/limits/dev"
+    done = organizer.post(page, {"quota_per_day": "7", **WHY}, page=page)
+    assert done.headers["location"] == f"{here}?done=allowance_set"
+    assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 7
+    assert api.get("/phases/dev", "beta").json()["quota"]["per_day"] == 5
+    assert 'value="7"' in organizer.get(page).text
+    put = api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=WHY)
+    assert put.json()["granted_at"] is None
+    assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 5
+
+
+def test_two_teams_are_merged_by_page(api_on_both: "Api", organizer: "TeamBrowser") -> None:
+    api = api_on_both
+    own = api.submit("a").json()["id"]
+    page = "/organize/teams/alpha/merge"
+    done = organizer.post(page, {"into": "beta", **WHY}, page=page)
+    assert done.headers["location"] == "/organize/teams/beta?done=teams_merged"
+    assert api.get(f"/submissions/{own}", "beta").json()["team"] == "Beta"
+    assert api.get("/me", "alpha").status_code == 401
+
+
+def test_many_teams_are_imported_by_page_with_tokens_that_work(
+    api_on_both: "Api", organizer: "TeamBrowser"
+) -> None:
+    api = api_on_both
+    page = "/organize/teams/import"
+    wrong = organizer.post(page, {"csv": "id,name\nalpha,New\nnew,New\n"}, page=page)
+    assert (wrong.status_code, "Line 2" in wrong.text) == (400, True)
+    made = organizer.post(page, {"csv": "id,name,email\nnew,New,a@example.com\n"}, page=page)
+    token = re.search(r"new,(edk_\w+)", made.text)
+    assert token is not None
+    assert made.headers["cache-control"] == "no-store"
+    api.tokens["new"] = token[1]
+    assert api.get("/me", "new").json()["team"] == "New"
+    with api.database.read() as session:
+        assert session.scalars(select(ContactPoint.address)).all() == ["a@example.com"]
+    table = {"csv": "id,name\nnewer,Newer\n"}
+    by_api = api.post("/organizer/team-imports", "organizer", json=table)
+    assert [one["id"] for one in by_api.json()["teams"]] == ["newer"]
+
+
+def test_terms_are_accepted_on_a_page_or_by_api_before_an_upload(
+    api_on_both: "Api", browse: Open, as_problem: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    change = {"page": {"terms": "Be *fair*."}, "policy": {"terms_required": True}}
+    with api.database.write() as session:
+        update_phase(session, "dev", PhaseChange.model_validate(change), actor="test")
+    assert "/my/terms/dev" in as_problem(api.submit("a"), 403, "not_allowed")["detail"]
+    browser = browse(api)
+    assert 'href="/my/terms/dev"' in browser.get("/phases/dev").text
+    browser.sign_in("alpha")
+    page = "/my/terms/dev"
+    assert "<em>fair</em>" in browser.get(page).text
+    version = re.search(r'name="version" value="(\w+)"', browser.get(page).text)
+    assert version is not None
+    assert browser.post(page, {"version": "other"}, page=page).status_code == 409
+    assert browser.post(page, {"version": version[1]}, page=page).status_code == 303
+    assert "Accepted" in browser.get(page).text
+    assert api.submit("a").status_code == 202
+    seen = api.get("/phases/dev", "beta").json()
+    assert (seen["terms_version"], seen["terms_accepted_at"]) == (version[1], None)
+    post = api.post("/phases/dev/terms", "beta", json={"version": version[1]})
+    assert post.json()["version"] == version[1]
+    found = api.get("/organizer/teams/beta/participation", "organizer").json()
+    assert [one["version"] for one in found["terms"]] == [version[1]]
+    with api.database.write() as session:
+        session.get_one(Phase, "dev").visibility = "hidden"
+    assert api.get("/phases/dev/disqualifications").status_code == 404

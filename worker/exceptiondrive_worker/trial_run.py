@@ -1,0 +1,59 @@
+"""The trial run: whether a split can be scored under what a rescoring run leads to.
+
+What goes back is each reason with a count. The floors of a withheld split come first, and a trial
+counts among the protocols that they allow: counts of regions tell of regions.
+"""
+
+from exceptiondrive_records.phases.scoring_keys import find_run
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.trials import claim_trial, finish_trial
+from exceptiondrive_records.work.tables import Trial
+from exceptiondrive_schemas.rescoring import SplitTrial, TrialFinding
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_worker.context import WorkerContext
+from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.floors_held import hold_floors_of
+from exceptiondrive_worker.split_faults import SplitRefusedError
+from exceptiondrive_worker.split_floors import FloorHeldError
+
+
+def try_next_split(context: WorkerContext) -> bool:
+    """Try the split that comes next; whether there was one."""
+    with context.database.write() as session:
+        item = claim_trial(session, context.settings.lease_s)
+    if item is None:
+        return False
+
+    def failed(failure: Failure) -> None:
+        finding = TrialFinding(what=f"{failure.message} ({failure.code.value})")
+        _record(context, item, SplitTrial(state="failed", found=(finding,)))
+
+    with job_boundary(item.id, failed):
+        _record(context, item, _tried(context, item.run_id))
+    return True
+
+
+def _tried(context: WorkerContext, run_id: str) -> SplitTrial:
+    with context.database.read() as session:
+        run = find_run(session, run_id)
+        phase = session.get_one(Phase, run.phase_id)
+        protocol = find_protocol(session, run.to_protocol_digest)
+    ref = SplitRef(name=phase.split_name, revision=run.to_split_revision)
+    try:
+        hold_floors_of(context.database, context.splits.floors(ref.name), ref, protocol, phase.id)
+        context.splits.find(ref.name, ref.revision, protocol)
+    except FloorHeldError as held:
+        asked = tuple(TrialFinding(what=words) for words in held.asked)
+        return SplitTrial(state="held", found=asked)
+    except SplitRefusedError as refused:
+        found = tuple(
+            TrialFinding(what=fault.what, n=len(fault.sample_ids)) for fault in refused.faults
+        )
+        return SplitTrial(state="refused", found=found)
+    return SplitTrial(state="fits")
+
+
+def _record(context: WorkerContext, item: Trial, trial: SplitTrial) -> None:
+    with context.database.write() as session:
+        finish_trial(session, item, trial)
