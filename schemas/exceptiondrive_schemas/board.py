@@ -180,7 +180,7 @@ class Board(Document):
     min_scenes: int | None = Field(default=None, exclude_if=lambda it: it is None)
     """Told where the split has fewer scenes than intervals take: no entry has any."""
 
-    @property
+    @cached_property
     def leader(self) -> BoardEntry | None:
         """The best ranked entry that may be named as the best; None where no entry may.
 

@@ -15,6 +15,8 @@ from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import Split, SplitName
 
 Interval = tuple[float, float]
+NO_RECORDED_DRIVE = "no_recorded_drive"
+"""Code of the warning about samples of which nobody knows what was really driven."""
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -190,3 +192,7 @@ class SplitWarnings(Document):
     """The lint of a split as the server knows it."""
 
     found: tuple[SplitWarning, ...] = ()
+
+    def count_of(self, code: str) -> int:
+        """How many samples a warning is about; 0 where it was not given."""
+        return sum(warning.count for warning in self.found if warning.code == code)

@@ -153,6 +153,8 @@ class PhaseView(PhaseSettings):
     protocol_digest: str
     is_open: bool
     max_upload_bytes: int
+    not_checked: tuple[str, ...] = ()
+    """What nobody checks of a file for this phase, in sentences for who sends one."""
     now: PhaseNow | None = None
     quota: Quota | None = None
     """The asking team's own, when a token was sent."""

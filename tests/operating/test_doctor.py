@@ -12,10 +12,12 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 from tests.operating.conftest import Lived
+from tests.support.processes import plain_environment
 
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import take_lead
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
 
 BIN = Path(sys.executable).parent
@@ -27,7 +29,7 @@ def healthy(lived: Lived, broker: Any) -> RecordsSettings:
     lived.uploads.chmod(0o700)
     lived.uploads.parent.chmod(0o700)
     with lived.database.write() as session:
-        beat(session, "worker")
+        beat(session, "worker", tuple(Lane))
         take_lead(session, "reconciler", "somebody", 60)
     return RecordsSettings(
         database_url=lived.url, broker_url=broker.url, file_store_url=lived.uploads.as_uri()
@@ -51,7 +53,7 @@ def test_an_older_scorer_beside_a_newer_one_is_named(
     healthy: RecordsSettings, lived: Lived
 ) -> None:
     with lived.database.write() as session:
-        beat(session, "worker", scorer_version="1")
+        beat(session, "worker", tuple(Lane), scorer_version="1")
     assert troubles(healthy) == []
     with lived.database.write() as session:
         beat(session, "another", scorer_version="2")
@@ -98,7 +100,9 @@ def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, liv
         session.execute(text("DELETE FROM worker_heartbeats"))
         session.execute(text("DELETE FROM work WHERE kind = 'lead'"))
         take_lead(session, "sweep", "somebody", 60)
-    assert whats(healthy) == "no worker is alive | no reconciler leads"
+    assert whats(healthy) == (
+        "No worker is alive: nothing is scored. Nothing is lost meanwhile. | no reconciler leads"
+    )
 
 
 def test_an_old_queue_is_named(healthy: RecordsSettings, lived: Lived) -> None:
@@ -136,33 +140,42 @@ def open_folder() -> Iterator[Path]:
     shutil.rmtree(folder)
 
 
-def doctor_as(user: int, withheld: Path) -> "subprocess.CompletedProcess[str]":
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
+def doctor_as(user: int, withheld: Path) -> str:
+    """What the command says of a folder to a user of the machine."""
     code = (
-        "import os, sys; from pathlib import Path;"
-        "from exceptiondrive_server.operations.doctor import _wall;"
-        "user = int(sys.argv[1]); os.setgroups([]); os.setgid(user); os.setuid(user);"
-        "[print(found.severity, found.what, '->', found.do) for found in _wall(Path(sys.argv[2]))]"
+        "import os, sys; from exceptiondrive_server.operations.cli import main;"
+        "user = int(sys.argv.pop(1)); os.setgroups([]); os.setgid(user); os.setuid(user); main()"
     )
-    return subprocess.run(
-        [sys.executable, "-c", code, str(user), str(withheld)],
-        env=environment,
+    words = [str(user), "doctor", "--data", "/nowhere", "--withheld", str(withheld)]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words],
+        env=plain_environment(EXCEPTIONDRIVE_BROKER_URL="redis+socket:///nowhere/broker.sock"),
         capture_output=True,
         text=True,
-        check=True,
+        check=False,
     )
+    assert done.returncode == 1, done.stderr  # there are no records
+    return done.stdout
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 def test_a_wall_that_stands_and_one_that_does_not(open_folder: Path) -> None:
     withheld = open_folder / "splits"
     withheld.mkdir(mode=0o700)
+    (withheld / "name").mkdir(mode=0o755)
     os.chown(withheld, 20002, 20002)
-    assert f"ok this user cannot enter {withheld}" in doctor_as(20001, withheld).stdout
-    withheld.chmod(0o755)
-    said = doctor_as(20001, withheld).stdout
-    assert f"error this user may read {withheld}" in said
-    assert f"chmod 0700 {withheld}" in said
+    for closed in (withheld, withheld / "name"):
+        assert f"ok      this user cannot enter {closed}" in doctor_as(20001, closed)
+    for mode in (0o755, 0o711, 0o744):
+        withheld.chmod(mode)
+        said = doctor_as(20001, withheld)
+        assert f"error   this user may read {withheld}" in said
+        assert f"chmod 0700 {withheld}" in said
+    withheld.chmod(0o700)
+    said = doctor_as(20002, withheld)
+    assert "-> run server and workers as different users" in said
+    said = doctor_as(20001, open_folder / "nope")
+    assert f"error   there is no {open_folder}/nope: nothing was examined" in said
 
 
 def test_the_command_ends_with_1_on_errors(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import FloatArray
@@ -177,8 +178,9 @@ def test_a_region_within_d_safe_of_the_start_is_found(
 def test_the_synthetic_split_has_one_warning_that_is_meant(
     sound: Split, protocol: ProtocolDocument
 ) -> None:
-    """Nothing but that standing still suffices, which no split without controls escapes."""
-    assert set(found_in(sound.samples, protocol)) == {"standing_still_suffices"}
+    """Standing still suffices, which no split without controls escapes; and none has a drive here."""
+    found = {"standing_still_suffices", NO_RECORDED_DRIVE}
+    assert set(found_in(sound.samples, protocol)) == found
 
 
 def test_every_warning_is_explained_in_the_documentation() -> None:
@@ -189,7 +191,7 @@ def test_every_warning_is_explained_in_the_documentation() -> None:
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
     explained = {code for cell in rows for code in re.findall(r"`([a-z_]+)`", cell)}
     assert len(codes) == 17
-    assert codes <= explained
+    assert {*codes, NO_RECORDED_DRIVE} <= explained
 
 
 # With recorded paths.
@@ -267,4 +269,5 @@ def test_a_split_with_controls_is_not_told_that_standing_suffices(
     sound: Split, protocol: ProtocolDocument
 ) -> None:
     control = one(box(20, 9)).model_copy(update={"scene_id": "sample-scene-001"})
-    assert not found_in([*sound.samples, control], protocol, controls=["one"])
+    found = found_in([*sound.samples, control], protocol, controls=["one"])
+    assert set(found) == {NO_RECORDED_DRIVE}

@@ -331,3 +331,42 @@ def test_pictures_are_shown_and_taken_away_by_command(operate: Operate, tmp_path
     assert operate(*show)[:2] == (0, "sample: 1 pictures are shown, under: CC0 1.0\n")
     assert operate("publish-pictures", "sample")[0] == 2, "the licence is asked for"
     assert operate("remove-pictures", "sample")[:2] == (0, "sample: no picture is shown any more\n")
+
+
+def test_drives_are_added_to_a_split_and_to_its_registered_revision(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
+) -> None:
+    held = put(tmp_path, make_split({"a": {}, "b": {"task": "LB1"}}))
+    before = read_split(held)
+    operate("register-splits")
+    drives, new = tmp_path / "private" / "drives.json.gz", tmp_path / "private" / "new.json.gz"
+    drives.parent.mkdir()
+    path = [[8.0 * step, 0.0] for step in range(1, 7)]
+    rows = [{"sample_id": one, "source": path, "edited": path} for one in ("a", "b")]
+    document = {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": rows}
+    drives.write_bytes(gzip.compress(json.dumps(document).encode()))
+    code, out, err = operate("add-drives", str(held), str(drives), str(new))
+    assert (code, err) == (0, "")
+    assert out.startswith(f"{new}: 2 of 2 samples have a recorded drive\n")
+    assert operate("add-drives", str(held), str(drives), str(new))[0] == 2, "never written over"
+    after = read_split(new)
+    assert [sample.region for sample in after.samples] == [one.region for one in before.samples]
+    assert not after.recorded_is_public
+    code, out, err = operate("add-split", str(new), "--words", "The drives were added.")
+    assert (code, err) == (0, "")
+    assert "no_recorded_drive" not in out
+    assert read_split(held.with_name("split-1.json")).revision == before.revision
+    assert read_split(held.with_name("split.json.gz")).revision == after.revision
+    database = Database(sqlite_url)
+    with database.read() as session:
+        newest, first = list_splits(session)
+        assert (newest.revision, newest.lacks_drives) == (after.revision, False)
+        assert (first.revision, first.lacks_drives) == (before.revision, True)
+        assert newest.changes is not None
+        assert newest.changes.words == "The drives were added."
+    database.dispose()
+    document["split"] = "other"
+    drives.write_bytes(json.dumps(document).encode())
+    code, _, err = operate("add-drives", str(held.with_name("split-1.json")), str(drives), "x")
+    assert code == 2
+    assert "the drives are of split 'other'" in err

@@ -9,6 +9,9 @@ import pytest
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.process import BACKGROUND_NICENESS, give_way
 
+LEAST_PRIORITY = 19
+"""Of any process: more than that is not taken away."""
+
 
 def _say_niceness(lanes: tuple[Lane, ...], answer: Connection) -> None:
     give_way(lanes)
@@ -30,4 +33,4 @@ def test_a_worker_of_the_background_alone_gives_way(lanes: tuple[Lane, ...], exp
     process.start()
     process.join(30)
     assert here.poll(), "the process said nothing"
-    assert here.recv() - os.nice(0) == expected
+    assert here.recv() == min(os.nice(0) + expected, LEAST_PRIORITY)

@@ -20,9 +20,17 @@ from exceptiondrive_worker.split_warnings import split_warnings
         # at walking pace, some nearer than the clearance that their task asks for.
         (
             "nuscenes-real",
-            {"unavoidable": 39, "within_d_safe_of_the_start": 115, "standing_still_suffices": 3066},
+            {
+                "unavoidable": 39,
+                "within_d_safe_of_the_start": 115,
+                "standing_still_suffices": 3066,
+                "no_recorded_drive": 3181,
+            },
         ),
-        ("carla-pairs", {"unavoidable": 27, "within_d_safe_of_the_start": 84}),
+        (
+            "carla-pairs",
+            {"unavoidable": 27, "within_d_safe_of_the_start": 84, "no_recorded_drive": 1257},
+        ),
     ],
 )
 def test_a_real_split_has_few_warnings(
@@ -61,6 +69,7 @@ def test_the_made_extract_warns_of_what_it_was_made_with(protocol: ProtocolDocum
         "within_d_safe_of_the_start": 3,
         "unusual_area": 2,
         "standing_still_suffices": 157,
+        "no_recorded_drive": 160,
     }
 
 

@@ -14,6 +14,7 @@ from itertools import compress
 
 import numpy as np
 
+from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
@@ -205,6 +206,13 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             "a car that stands still scores full in (nearly) all samples, and there is no control "
             "to tell it from a careful one",
             suffices & nearly_all,
+        ),
+        *found(
+            NO_RECORDED_DRIVE,
+            "nothing compares source trajectories with the drive of the scene, which is not "
+            "recorded here: a wrong time step, unit or axis goes unseen. Cure: "
+            "exceptiondrive-worker add-drives",
+            counted & ~split.has_recorded,
         ),
     )
 

@@ -1,5 +1,6 @@
 """`exceptiondrive-worker`: run workers, and handle the splits that only workers may see."""
 
+import gzip
 import json
 import sys
 from pathlib import Path
@@ -45,7 +46,9 @@ from exceptiondrive_worker.splits_admin import (
     add_split_file,
     current_split,
     publish_split_file,
+    read_drives,
     register_all_splits,
+    with_drives,
 )
 from exceptiondrive_worker.work import OlderScorerError, refuse_if_older
 
@@ -56,6 +59,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 DataOption = Annotated[Path | None, typer.Option("--data", help=DATA_HELP)]
+WordsOption = Annotated[
+    str, typer.Option("--words", help="What readers are told of a later revision.")
+]
 ProtocolOption = Annotated[
     Path | None, typer.Option("--protocol", help="Protocol document; by default 1.0.")
 ]
@@ -128,7 +134,7 @@ def check_split(
 @app.command("register-splits")
 def register_splits(
     protocol: ProtocolOption = None,
-    words: Annotated[str, typer.Option(help="What readers are told of a later revision.")] = "",
+    words: WordsOption = "",
     data: DataOption = None,
 ) -> None:
     """Record the manifest of every split file: names, revisions and sample ids, nothing else."""
@@ -147,6 +153,7 @@ def register_splits(
 def add_split(
     file: Path,
     protocol: ProtocolOption = None,
+    words: WordsOption = "",
     json_: Annotated[bool, typer.Option("--json", help="As JSON, no sample named.")] = False,
     data: DataOption = None,
 ) -> None:
@@ -154,12 +161,36 @@ def add_split(
     settings = load_settings(WorkerSettings, data)
     splits = SplitStore(settings.splits_dir)
     with opened(settings) as database:
-        registered = add_split_file(database, splits, file, _protocol(protocol))
+        registered = add_split_file(database, splits, file, _protocol(protocol), words)
     if json_:
         typer.echo(json.dumps(_told(registered)))
         return
     _tell_registered([registered])
     typer.echo(f"  it lies at {registered.path}")
+
+
+@app.command("add-drives")
+def add_drives(
+    split_file: Annotated[Path, typer.Argument(metavar="SPLIT")],
+    drives_file: Annotated[
+        Path, typer.Argument(metavar="DRIVES", help="Trajectory file whose sources were driven.")
+    ],
+    new_file: Annotated[Path, typer.Argument(metavar="NEW", help="The split to write.")],
+    public: Annotated[
+        bool,
+        typer.Option("--public", help="Let everybody know the drives: checks at home use them."),
+    ] = False,
+) -> None:
+    """Write a split with the recorded drives of its scenes: they tell a planner that is off course."""
+    split = with_drives(read_split(split_file), read_drives(drives_file), are_public=public)
+    load_split(split, packaged_protocol())
+    if new_file.exists():
+        raise FileExistsError(f"{new_file} is there already")
+    text = split.model_dump_json(by_alias=True, exclude_none=True)
+    new_file.write_bytes(gzip.compress(text.encode(), mtime=0))
+    n_known = sum(sample.recorded is not None for sample in split.samples)
+    typer.echo(f"{new_file}: {n_known} of {len(split.samples)} samples have a recorded drive")
+    typer.echo(f"{split.name} would stand at {split.revision}")
 
 
 def _told(registered: RegisteredSplit) -> dict[str, object]:

@@ -6,7 +6,7 @@ import resource
 import socket
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from structlog.typing import Processor
 
 from exceptiondrive_records.db.database import Database, database_now
 from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.phases.phases import splits_in_use
 from exceptiondrive_records.work.heartbeats import beat, forget_worker
 from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import JobName, Lane
@@ -57,7 +58,10 @@ class WorkerProcess:
         """Open the context, start the heartbeat, then see to memory."""
         self._context = open_context(self._settings, self._lanes)
         self._heartbeat = Heartbeat(
-            self._context.database, self._lanes, self._settings.heartbeat_every_s
+            self._context.database,
+            self._lanes,
+            self._settings.heartbeat_every_s,
+            self._context.splits.missing,
         )
         self._heartbeat.start()
         threading.Thread(target=self._prune, name="prune", daemon=True).start()
@@ -144,11 +148,18 @@ def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int
 class Heartbeat:
     """Records every few seconds that this process lives, until its parent is gone."""
 
-    def __init__(self, database: Database, lanes: tuple[Lane, ...], every_s: float) -> None:
+    def __init__(
+        self,
+        database: Database,
+        lanes: tuple[Lane, ...],
+        every_s: float,
+        missing: Callable[[Iterable[str]], list[str]] = lambda names: [],
+    ) -> None:
         self.worker_id = f"{socket.gethostname()}:{os.getpid()}:{random_id(8)}"
         self._database = database
         self._lanes = lanes
         self._every_s = every_s
+        self._missing = missing
         self._parent = os.getppid()
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
@@ -170,8 +181,10 @@ class Heartbeat:
     def _run(self) -> None:
         while os.getppid() == self._parent:
             try:
+                with self._database.read() as session:
+                    missing = self._missing(splits_in_use(session))
                 with self._database.write() as session:
-                    beat(session, self.worker_id, self._lanes, 1, SCORER_VERSION)
+                    beat(session, self.worker_id, self._lanes, 1, SCORER_VERSION, missing)
             except SQLAlchemyError as error:
                 _log.warning("heartbeat not recorded", error=type(error).__name__)
             if self._stopped.wait(self._every_s):

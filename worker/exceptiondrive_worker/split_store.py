@@ -8,8 +8,11 @@ here leaves the worker: the manifest carries sample ids only.
 
 import gzip
 import json
+import math
 import os
+import time
 from collections import Counter
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +32,7 @@ from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
 from exceptiondrive_worker.split_floors import SplitFloors, read_floors
 
 MAX_SPLIT_BYTES = 256 * 2**20
+NOT_FOUND_FOR_S = 60.0
 
 
 class SplitUnavailableError(LookupError):
@@ -180,6 +184,7 @@ class SplitStore:
         self.folder = folder
         self._split_of_revision: dict[tuple[str, str], tuple[Split, SplitPart | None]] = {}
         self._loaded: dict[tuple[str, str, str], LoadedSplit] = {}
+        self._not_found_at_s: dict[str, float] = {}
 
     def files(self) -> list[Path]:
         """Every split file, the current one of each split first."""
@@ -223,15 +228,30 @@ class SplitStore:
             self._loaded[key] = load_split(split, protocol, part)
         return self._loaded[key]
 
+    def missing(self, names: Iterable[str]) -> list[str]:
+        """Return which of these splits have no file, or had none at a revision just asked for.
+
+        No file is opened: what was asked for in vain is asked for again while something waits for it.
+        """
+        since_s = time.monotonic() - NOT_FOUND_FOR_S
+        held = {path.parent.name for path in self.files()}
+        return [
+            name
+            for name in names
+            if name not in held or self._not_found_at_s.get(name, -math.inf) > since_s
+        ]
+
     def _find_split(self, name: str, revision: str) -> tuple[Split, SplitPart | None]:
         if (name, revision) not in self._split_of_revision:
             seen = self._read_all_of(name)
             if revision not in seen:
+                self._not_found_at_s[name] = time.monotonic()
                 raise SplitUnavailableError(
                     f"no file holds split {name} at the registered revision {revision}; found "
                     f"{', '.join(sorted(seen)) or 'no readable file'}. Nothing is scored against "
                     "it until the file is back or the split is registered anew."
                 )
+        self._not_found_at_s.pop(name, None)
         return self._split_of_revision[name, revision]
 
     def _read_all_of(self, name: str) -> set[str]:

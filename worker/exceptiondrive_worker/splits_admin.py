@@ -1,5 +1,6 @@
 """What an operator does with splits: add and register them, publish a development split."""
 
+import gzip
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split, SplitRef
+from exceptiondrive_schemas.submission_files import PlanningSubmission
 from exceptiondrive_scoring.split_lint import LintWarning
 from exceptiondrive_worker.split_faults import SplitRefusedError
 from exceptiondrive_worker.split_floors import FloorsUnreadableError
@@ -95,35 +97,92 @@ def register_all_splits(
 
 
 def add_split_file(
-    database: Database, splits: SplitStore, source: Path, protocol: ProtocolDocument
+    database: Database,
+    splits: SplitStore,
+    source: Path,
+    protocol: ProtocolDocument,
+    words: str = "",
 ) -> RegisteredSplit:
     """Copy a split file, and the datasheet beside it, to where workers look for it; register it.
 
-    Adding the same file again changes nothing.
+    Adding the same file again changes nothing. The file of an earlier revision stays beside it, under
+    a number: what was scored against it can be scored again.
+
+    Args:
+        database: The system of record.
+        splits: Where the files lie.
+        source: The file to add.
+        protocol: Under which it has to be scorable.
+        words: What readers are told of a later revision; without them none is added.
 
     Raises:
         SplitUnreadableError: It is no split.
         SplitRefusedError: It cannot be scored; nothing was copied.
-        SplitUnavailableError: Another revision of the split lies there.
+        SplitUnavailableError: Another revision lies there, and there are no words about the change.
     """
     split = read_split(source)
     load_split(split, protocol)
     folder = splits.folder / split.name
     held = [path for path in splits.files() if path.parent == folder]
-    if not held:
-        sheet = datasheet_beside(source)
-        target = folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"
+    if not held or read_split(held[0]).revision != split.revision:
+        if held and not words:
+            raise SplitUnavailableError(
+                f"{held[0]} holds another revision of split {split.name!r}. To add this one beside "
+                'it, say what readers are told of the change: --words "..."'
+            )
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        for path in (*held[:1], *folder.glob("datasheet.json")):
+            path.rename(path.with_name(path.name.replace(".", f"-{len(held)}.", 1)))
+        sheet = datasheet_beside(source)
         if source.name.startswith("split") and sheet.exists():
             _copy(sheet, folder / "datasheet.json")
-        _copy(source, target)
-        held = [target]
-    elif read_split(held[0]).revision != split.revision:
-        raise SplitUnavailableError(
-            f"{held[0]} holds another revision of split {split.name!r}. Keep it under another name "
-            "beside the new one (split-1.json.gz), then: exceptiondrive-worker register-splits"
+        held = [folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"]
+        _copy(source, held[0])
+    return _register(database, splits, held[0], protocol, words)
+
+
+def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:
+    """Return a split with what was really driven: the source trajectories of a file about it.
+
+    Args:
+        split: Without recorded drives, or with others.
+        drives: A trajectory file whose planner is the recorded driver.
+        are_public: Whether everybody may know them: checks at home then tell a wrong time step.
+
+    Raises:
+        SplitUnreadableError: The file is of another split, or holds no drive of it.
+    """
+    source_of = {each.sample_id: each.source for each in drives.predictions}
+    known = [sample for sample in split.samples if source_of.get(sample.sample_id) is not None]
+    if drives.split != split.name or not known:
+        raise SplitUnreadableError(
+            f"the drives are of split {drives.split!r}, and hold {len(known)} of the "
+            f"{len(split.samples)} samples of split {split.name!r}"
         )
-    return _register(database, splits, held[0], protocol)
+    samples = [
+        sample.model_copy(update={"recorded": source_of.get(sample.sample_id) or sample.recorded})
+        for sample in split.samples
+    ]
+    told = {"samples": tuple(samples), "recorded_is_public": are_public}
+    return Split.model_validate(split.model_copy(update=told).model_dump(by_alias=True))
+
+
+def read_drives(path: Path) -> PlanningSubmission:
+    """Read a trajectory file, gzipped or not, of any size that a split may have.
+
+    Raises:
+        SplitUnreadableError: It is none.
+    """
+    data = path.read_bytes()
+    try:
+        return PlanningSubmission.model_validate_json(
+            gzip.decompress(data) if _is_gzipped(path) else data
+        )
+    except (ValidationError, OSError, EOFError) as error:
+        raise SplitUnreadableError(
+            f"{path.name} is no trajectory file ({type(error).__name__}); exceptiondrive check "
+            "says why"
+        ) from None
 
 
 def _is_gzipped(path: Path) -> bool:

@@ -76,7 +76,8 @@ def create(
         if protocol is not None:
             wanted["protocol"] = protocol
         phase = organizer.create_phase(wanted)
-    show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples")
+    notes = (f"note: {words}" for words in phase.get("not_checked", ()))
+    show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples", *notes)
 
 
 def update(

@@ -17,7 +17,9 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import terms_accepted_at, terms_version
 from exceptiondrive_records.protocols.protocols import find_protocol, usual_protocol
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.form_fields import fields_of
 from exceptiondrive_schemas.phase_settings import (
     WITHHELD_DEFAULTS,
@@ -213,6 +215,12 @@ def list_phases(
     return list(session.scalars(query))
 
 
+def splits_in_use(session: Session) -> list[str]:
+    """Return the names of the splits of all phases that are not archived, sorted."""
+    query = select(Phase.split_name).where(Phase.visibility != "archived").distinct()
+    return sorted(session.scalars(query))
+
+
 def phase_view(
     session: Session, phase: Phase, *, max_upload_bytes: int, team_id: int | None = None
 ) -> PhaseView:
@@ -229,12 +237,25 @@ def phase_view(
         protocol_digest=phase.protocol_digest,
         is_open=_is_open_now(session, phase, team_id),
         max_upload_bytes=max_upload_bytes,
+        not_checked=not_checked(phase.challenge, whole),
         now=phase_now(session, phase),
         quota=None if team_id is None else quota_of(session, team_id, phase),
         terms_version=terms_version(phase),
         terms_accepted_at=None if team_id is None else terms_accepted_at(session, team_id, phase),
         **settings_of(phase),
     )
+
+
+def not_checked(challenge: str, whole: SplitRow) -> tuple[str, ...]:
+    """Say what nobody checks of a file of this challenge on a split, for who sends one."""
+    if challenge != PLANNING.id or not whole.lacks_drives:
+        return ()
+    words = (
+        "This split holds no recorded drives, so nobody compares your source trajectories with the "
+        "drive of the scene: a wrong time step, unit or axis goes unseen. Compare the speeds that "
+        "the check of your file prints with those of your planner."
+    )
+    return (words,)
 
 
 def _is_open_now(session: Session, phase: Phase, team_id: int | None) -> bool:

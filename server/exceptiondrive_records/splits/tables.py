@@ -8,7 +8,12 @@ from sqlalchemy.orm import Mapped, mapped_column
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_schemas.confirmation import Confirmation
-from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
+from exceptiondrive_schemas.datasheet import (
+    NO_RECORDED_DRIVE,
+    Datasheet,
+    SplitChange,
+    SplitWarnings,
+)
 from exceptiondrive_schemas.drawing import EntryDrawings, ProtocolDrawing
 from exceptiondrive_schemas.split import Manifest
 
@@ -39,6 +44,11 @@ class SplitRow(Base):
     """What readers are told of a later revision; of a part: nothing."""
     datasheet: Mapped[Datasheet | None] = mapped_column(DocumentText(Datasheet), deferred=True)
     """How it was made, as far as anyone may know, where its makers say so."""
+
+    @property
+    def lacks_drives(self) -> bool:
+        """Whether no sample that counts has a recorded drive: then nothing tells source fit."""
+        return self.warnings.count_of(NO_RECORDED_DRIVE) >= self.n_samples
 
 
 class ConfirmationRow(Base):

@@ -1,5 +1,7 @@
 """Signs of life: a worker lives while its row is young."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
@@ -32,6 +34,7 @@ def beat(
     lanes: tuple[Lane, ...] = (Lane.LIVE,),
     slots: int = 1,
     scorer_version: str | None = None,
+    missing_splits: Sequence[str] = (),
 ) -> None:
     """Record a sign of life, every few seconds; forget workers that are long gone."""
     now = database_now(session)
@@ -42,6 +45,7 @@ def beat(
             lanes=[lane.value for lane in lanes],
             slots=slots,
             scorer_version=scorer_version,
+            missing_splits=list(missing_splits),
         )
     )
     session.execute(delete(WorkerHeartbeat).where(WorkerHeartbeat.at < now - _FORGET_AFTER))
@@ -55,6 +59,13 @@ def live_workers(
     rows = session.scalars(select(WorkerHeartbeat).where(WorkerHeartbeat.at > oldest))
     alive = [row for row in rows if lane.value in row.lanes]
     return LiveWorkers(workers=len(alive), slots=sum(row.slots for row in alive))
+
+
+def missing_splits(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> dict[str, int]:
+    """Return the splits of which living workers find no file, with how many of them do not."""
+    oldest = database_now(session) - timedelta(seconds=ttl_s)
+    rows = session.scalars(select(WorkerHeartbeat).where(WorkerHeartbeat.at > oldest))
+    return dict(sorted(Counter(name for row in rows for name in row.missing_splits).items()))
 
 
 def scorers_at_work(session: Session) -> list[str]:

@@ -188,3 +188,5 @@ class WorkerHeartbeat(Base):
     slots: Mapped[int]
     scorer_version: Mapped[str | None]
     """Whose scores it makes; None: a release that did not say."""
+    missing_splits: Mapped[list[str]] = mapped_column(default=list)
+    """Names of splits in use of which it finds no file at the revision that is asked for."""

@@ -221,6 +221,6 @@ def _dots(
         y = middle + (place - (len(entries) - 1) / 2) * DOT_GAP
         title = f"{names[place]} {digits.text(metric, value)} %"
         if span:
-            title += f" ({digits.text(metric, span[0])} to {digits.text(metric, span[1])})"
+            title += f" ({digits.interval(metric, span)})"
         ends = span and (px(scale.clamped(100 * span[0])), px(scale.clamped(100 * span[1])))
         yield Dot(place, px(scale.clamped(100 * value)), px(y), ends or None, title)

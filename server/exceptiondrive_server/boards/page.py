@@ -39,7 +39,7 @@ from exceptiondrive_server.boards.headline import (
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, Average, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.protocols.scene_drawing import scene_drawing
+from exceptiondrive_server.protocols.scene_drawing import answers_to, scene_drawing
 from exceptiondrive_server.web.numbers import Digits, day, minute
 from exceptiondrive_server.web.templating import macro
 
@@ -82,15 +82,19 @@ class ShownBoard(NamedTuple):
     compared_fields: tuple[tuple[str, str], ...]
 
 
-_MADE: Memory[Hashable, Any] = Memory(12_000)
+MADE_OF_A_BOARD = 8
+_MADE: Memory[Same[Board], Memory[Hashable, Any]] = Memory(12_000)
 """What was made of the boards that were shown last; it weighs what it keeps alive: entries."""
 
 
 def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
     """Return what follows from a board that is read, made once while there is room."""
-    key = Same(board), what
-    found: T | None = _MADE.get(key)
-    return found if found is not None else _MADE.keep(key, make(), 1 + len(board.entries))
+    same = Same(board)
+    made = _MADE.get(same)
+    if made is None:
+        made = _MADE.keep(same, Memory(MADE_OF_A_BOARD), 1 + len(board.entries))
+    found: T | None = made.get(what)
+    return found if found is not None else made.keep(what, make(), 1)
 
 
 def _shown(
@@ -153,7 +157,10 @@ def _scene(
     caption = challenge.value.words.scene_caption.format(
         clearance_m=scene.clearance_m, d_safe_m=scene.d_safe_m, hcc=scene.hcc
     )
-    return macro("boards/charts.html", "scene_figure")(scene, caption)
+    tasks = protocol.value.tasks
+    task = next((each for each in tasks if each.id == scene.task_id), tasks[0])
+    answers = () if challenge.value.has_waypoints else answers_to(task)
+    return macro("boards/charts.html", "scene_figure")(scene, caption, task, answers)
 
 
 def forget_shown_boards() -> None:
@@ -193,6 +200,10 @@ class PhaseLink:
     quota_per_day: int
     split: str
     split_is_public: bool
+    has_data: bool
+    """Whether its page says where scenes and pictures are had."""
+    not_checked: tuple[str, ...]
+    """What nobody checks of a file for it, in sentences."""
     url: str
 
     @property

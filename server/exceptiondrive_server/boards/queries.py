@@ -21,17 +21,23 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.disqualified import disqualification_notes
-from exceptiondrive_records.phases.phases import list_phases
-from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
-from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.phases import list_phases, not_checked
+from exceptiondrive_records.phases.policy import (
+    is_anonymous,
+    phase_now,
+    shown_sheet,
+    takes_late_entries,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.shown import shown_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.views import update_reasons
 from exceptiondrive_records.splits.drawings import protocol_drawing
+from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
@@ -83,7 +89,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
-        board_digest=row.body_digest if row else "",
+        board_digest=row.told_digest if row else "",
         facts_at=newest_edit_at(session, phase.id),
         disqualified=disqualification_notes(session, phase),
     )
@@ -178,6 +184,8 @@ def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    is_whole = split.whole_revision is None
+    whole = split if is_whole else whole_split(session, split.name, split.revision)
     now = database_now(session)
     challenge = CHALLENGES[phase.challenge]
     return PhaseLink(
@@ -196,6 +204,8 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         quota_per_day=phase.quota_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
+        has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
+        not_checked=not_checked(phase.challenge, whole),
         url=f"/?phase={phase.id}#board",
     )
 
@@ -326,7 +336,17 @@ def read_history(session: Session, query: BoardQuery, limit: int = 10) -> Histor
     )
     reasons = update_reasons(session, phase.id)
     notes = tuple([_note(session, row, reasons.get(row.id, ())) for row in session.scalars(newest)])
-    return History(phase.id, phase.title, notes, tuple(_dates(phase, database_now(session))))
+    return History(
+        phase.id,
+        phase.title,
+        notes,
+        (*_news(session, phase.id), *_dates(phase, database_now(session))),
+    )
+
+
+def _news(session: Session, phase_id: str) -> Iterator[PhaseDate]:
+    for row in news_of(session, phase_id):
+        yield PhaseDate("news", row.published_at, row.title, row.text)
 
 
 def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:

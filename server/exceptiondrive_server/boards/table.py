@@ -239,10 +239,7 @@ class RowBuilder:
         return Whisker(axis.at(value), low, high - low, words)
 
     def _interval_words(self, metric: Metric, interval: Interval) -> str:
-        return f"{self.board.confidence:.0%} interval {self._span(metric, interval)}"
-
-    def _span(self, metric: Metric, interval: tuple[float, float]) -> str:
-        return f"{self.digits.text(metric, interval[0])} to {self.digits.text(metric, interval[1])}"
+        return f"{self.board.confidence:.0%} interval {self.digits.interval(metric, interval)}"
 
     def _tiles(self, entry: BoardEntry) -> tuple[FamilyTile, ...]:
         """One tile per family of the board, in its order; none if the entry has none."""
@@ -266,7 +263,7 @@ class RowBuilder:
             and value is not None
             and value == self.best_by_family.get(family),
             is_small=n is not None and n < SMALL_FAMILY,
-            interval=self._span(metric, interval) if interval else None,
+            interval=self.digits.interval(metric, interval) or None,
             words=f"{title}: not reported" if text is None else f"{title} {text} %, {n_text}",
         )
 

@@ -15,18 +15,18 @@ from exceptiondrive_records.boards.boards import (
 )
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.policy import is_anonymous
-from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.phases import find_phase, list_phases
+from exceptiondrive_records.phases.policy import is_anonymous, shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.splits.pictures import outline_of_pictures, pictures_of
-from exceptiondrive_records.splits.tables import SamplePictureRow
+from exceptiondrive_records.splits.tables import SamplePictureRow, SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.submissions.views import published_sheet
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -82,6 +82,8 @@ class EntryData:
     """Of the drawn samples, by their id."""
     told: EntryFacts
     """What the team tells of the method now."""
+    borrows_scenes: bool
+    """Whether its split is withheld, and scenes of a public one can be shown in its place."""
 
 
 def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
@@ -104,9 +106,10 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     past = _past(session, submission) if submission else ()
     shown_submission = None if is_anonymous(phase) else submission
     told = facts_on(session, board).get(key, EntryFacts())
+    borrows = _borrows_scenes(session, phase)
     return EntryData(
         outline=(
-            (row.body_digest, phase.title, is_current, shown_submission is None, told),
+            (row.told_digest, phase.title, is_current, shown_submission is None, told, borrows),
             sheet and (tuple(sheet.families), tuple(sheet.tasks)),
             tuple(each.body_digests for each in past),
             (tuple(drawn_ids), outline_of_pictures(pictures.values())),
@@ -122,7 +125,17 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         drawings=drawings,
         pictures=pictures,
         told=told,
+        borrows_scenes=borrows,
     )
+
+
+def _borrows_scenes(session: Session, phase: Phase) -> bool:
+    def is_public(each: Phase) -> bool:
+        split = session.get_one(SplitRow, (each.split_name, each.split_revision))
+        return split.public_file_digest is not None and CHALLENGES[each.challenge].has_waypoints
+
+    has_waypoints = CHALLENGES[phase.challenge].has_waypoints
+    return has_waypoints and not is_public(phase) and any(map(is_public, list_phases(session)))
 
 
 def _shown_submission(session: Session, key: str) -> Submission | None:
@@ -244,7 +257,7 @@ def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastPositi
     entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
-    digests = last.body_digest, first.body_digest
+    digests = last.told_digest, first.told_digest
     return PastPosition(board, entry, first_board, first_entry, digests)
 
 

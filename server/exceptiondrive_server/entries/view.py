@@ -13,13 +13,14 @@ from exceptiondrive_schemas.drawing import SampleDrawing, outcome, shapes
 from exceptiondrive_schemas.protocol import PlausibilitySection
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Interval, Plausibility
 from exceptiondrive_schemas.taxonomy import Task
-from exceptiondrive_server.boards.charts import clearance_bars, curve_chart
+from exceptiondrive_server.boards.charts import best_entries, clearance_bars, curve_chart
 from exceptiondrive_server.boards.entry_facts import (
     board_fields,
     challenge_of,
     entry_key,
     entry_url,
 )
+from exceptiondrive_server.boards.families import DotPlot, dot_plot
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import (
     SMALL_FAMILY,
@@ -86,6 +87,8 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "parts": tuple(_parts(reading, challenge.metrics[0])),
         "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
         "details": _details(board, entry),
+        "beside_others": None if shown else _beside_others(board, entry, digits),
+        "board_query": urlencode(board_fields(board, reading.is_current)),
         "curve": curve_chart(curves, board.headline),
         "bars": clearance_bars(curve) if curve else (),
         "narrow_curve": curve_chart(curves, board.headline, width=350, height=300),
@@ -137,6 +140,12 @@ def _past_axis(reading: EntryData, metric: Metric) -> Scale:
         values += [past.entry.metrics.get(metric.key), *interval]
     known = [value for value in values if value is not None]
     return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
+
+
+def _beside_others(board: Board, entry: BoardEntry, digits: Digits) -> DotPlot | None:
+    """An entry by family beside the best two others; where no scene of it can be drawn."""
+    others = [other for other in best_entries(board) if other is not entry]
+    return dot_plot(board, [entry, *others[:2]], digits)
 
 
 def _picture_query(board: Board) -> str:

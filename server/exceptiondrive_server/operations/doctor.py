@@ -25,11 +25,11 @@ from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.migrations import is_current, is_usable
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES, FileStore
-from exceptiondrive_records.work.heartbeats import live_workers, scorers_at_work
+from exceptiondrive_records.work.heartbeats import scorers_at_work
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
-from exceptiondrive_schemas.jobs import Lane
 
 _CLOCK_SKEW_S = 2.0
 _OLDEST_QUEUED_S = 60.0
@@ -145,15 +145,13 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
         oldest = session.scalar(
             select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
         )
-        workers = live_workers(session, Lane.LIVE, ttl_s=settings.heartbeat_ttl_s).workers
+        found = troubles(session, ttl_s=settings.heartbeat_ttl_s)
         scorers = scorers_at_work(session)
         leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
         leads = session.scalar(select(Leader.holder).where(*leading))
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
-    if not workers:
-        yield Finding(
-            Severity.WARNING, "no worker is alive", "start one: exceptiondrive-worker run"
-        )
+    for trouble in found:
+        yield Finding(Severity.WARNING, trouble.what, trouble.do)
     if len(scorers) > 1:
         older = ", ".join(scorers[:-1])
         yield Finding(
@@ -294,26 +292,29 @@ def _is_open(folder: Path) -> bool:
 
 def _wall(folder: Path) -> Iterator[Finding]:
     """The user of the server must not get into what is withheld."""
+    try:
+        found = folder.stat()
+    except PermissionError:  # a folder above it is closed already
+        yield Finding(Severity.OK, f"this user cannot enter {folder}")
+        return
+    except OSError:
+        yield Finding(
+            Severity.ERROR,
+            f"there is no {folder}: nothing was examined",
+            "name the folder of splits or of the private store that the workers use",
+        )
+        return
     if os.geteuid() == 0:
         yield Finding(
             Severity.WARNING,
             f"cannot tell whether the server may enter {folder}: this is root",
             "run the doctor as the server's user",
         )
-    if _can_list(folder):
-        owner = folder.stat().st_uid
-        if owner == os.geteuid() and not stat.S_IMODE(folder.stat().st_mode) & _OTHERS:
+    if os.access(folder, os.R_OK) or os.access(folder, os.X_OK):
+        if found.st_uid == os.geteuid() and not stat.S_IMODE(found.st_mode) & _OTHERS:
             do = "run server and workers as different users"
         else:
             do = f"run: chmod 0700 {folder}, owned by the workers' user"
         yield Finding(Severity.ERROR, f"this user may read {folder}, which is withheld", do)
     else:
         yield Finding(Severity.OK, f"this user cannot enter {folder}")
-
-
-def _can_list(folder: Path) -> bool:
-    try:
-        next(folder.iterdir(), None)
-    except (PermissionError, FileNotFoundError):
-        return False
-    return True

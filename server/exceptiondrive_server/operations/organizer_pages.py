@@ -30,6 +30,13 @@ from exceptiondrive_server.web.organizer_frame import (
 router = APIRouter(include_in_schema=False)
 SITE_FIELDS = fields_of(SiteLinks)
 LANE_TITLES = {Lane.LIVE: "Fresh submissions", Lane.RESCORE: "Rescoring"}
+TROUBLE_LINKS = {
+    "lane_without_worker": ("#workers", "See the workers"),
+    "split_without_file": ("/organize/phases#splits", "See the splits"),
+    "no_recorded_drives": ("/organize/phases/{}#troubles", "What to do"),
+    "reported_beside_other_split": ("/organize/phases/{}#troubles", "What to do"),
+}
+"""Where an organizer goes for each kind of trouble."""
 Task = tuple[str, str, str, str]
 """Words, address and words of the link, and `bad` or `warn`."""
 
@@ -102,9 +109,10 @@ def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) ->
     if free_bytes is not None and free_bytes < LOW_ON_ROOM_BYTES:
         words = f"The disk of the uploads is nearly full: {free_bytes >> 20} MiB are free."
         yield words, "#queue", "Make room; uploads stay", "bad"
-    if not any(worker.is_alive for worker in found.workers):
-        words = "No worker is alive: nothing is scored. Start one; nothing is lost meanwhile."
-        yield words, "#workers", "See the workers", "bad"
+    for trouble in found.troubles:
+        url, words = TROUBLE_LINKS[trouble.code]
+        url = url.format(quote(trouble.subject))
+        yield trouble.what, url, words, "bad" if trouble.stops_scoring else "warn"
     if found.n_failed:
         words = f"{counted(found.n_failed, 'submission')} failed by our own fault."
         yield words, "/organize/submissions?status=failed", "Look and retry", "bad"
@@ -119,6 +127,10 @@ def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) ->
         verb = "waits" if len(found.pending) == 1 else "wait"
         words = f"{counted(len(found.pending), 'team')} {verb} for your approval."
         yield words, "/organize/teams?show=pending", "Look at them", "warn"
+    if found.n_questions:
+        verb = "waits" if found.n_questions == 1 else "wait"
+        words = f"{counted(found.n_questions, 'question')} of teams {verb} for an answer."
+        yield words, "/organize/news", "Answer", "warn"
     for queue in found.queue:
         if queue.lane is Lane.LIVE and (queue.oldest_s or 0) > SLOW_S:
             words = f"A fresh submission has waited for {duration_words(queue.oldest_s or 0)}."

@@ -90,7 +90,11 @@ def sweep(
 def doctor(
     withheld: Annotated[
         list[Path] | None,
-        typer.Option("--withheld", help="A folder that this user must not enter; repeatable."),
+        typer.Option(
+            "--withheld",
+            readable=False,  # it is as it should be where it cannot be read
+            help="A folder that this user must not enter; repeatable.",
+        ),
     ] = None,
     data: DataOption = None,
 ) -> None:

@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.changes import (
     delete_phase,
     feature_phase,
@@ -332,7 +333,7 @@ def _new(
 ) -> Response:
     with services.database.read() as session:
         made_of = filled(_made_of(session), texts)
-    return _page(request, browser, texts, refusal, phase=None, made_of=made_of)
+    return _page(request, browser, texts, refusal, phase=None, made_of=made_of, troubles=())
 
 
 def _phase(
@@ -348,6 +349,7 @@ def _phase(
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
+        found = [one for one in troubles(session) if one.subject in (phase_id, phase.split_name)]
     return _page(
         request,
         browser,
@@ -359,6 +361,7 @@ def _phase(
         seen_at=seen_at,
         steps=[step for step in PHASE_STEPS.values() if step.is_offered(seen)],
         lines=[one for one in lines if one.line.action != "board published"],
+        troubles=found,
     )
 
 

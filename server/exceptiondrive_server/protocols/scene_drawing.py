@@ -5,9 +5,11 @@ made. Here it is only set: a road, a car, smooth lines and labels.
 """
 
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from exceptiondrive_schemas.drawing import Outline, Position, ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
+from exceptiondrive_schemas.taxonomy import Strategy, Task
 from exceptiondrive_server.web.scales import px
 
 WIDTH, HEIGHT = 600, 330
@@ -159,3 +161,27 @@ def _path(view: _View, trajectory: Outline) -> str:
         second = (there[0] - (after[0] - here[0]) / 6, there[1] - (after[1] - here[1]) / 6)
         parts.append("C" + " ".join(" ".join(view.at(p)) for p in (first, second, there)))
     return "".join(parts)
+
+
+class Answer(NamedTuple):
+    """A strategy as the answer to one task."""
+
+    letter: str
+    action: str
+    kind: Literal["right", "careless", "other"]
+
+    @property
+    def verdict(self) -> str:
+        """What the protocol makes of it, in words."""
+        return {"right": "acceptable", "careless": "too careless", "other": "wrong"}[self.kind]
+
+
+def answers_to(task: Task) -> tuple[Answer, ...]:
+    """Return what each strategy is worth as the answer to a task."""
+
+    def kind(strategy: Strategy) -> Literal["right", "careless", "other"]:
+        if strategy in task.acceptable:
+            return "right"
+        return "careless" if strategy in task.under_warning else "other"
+
+    return tuple([Answer(each.value, each.action, kind(each)) for each in Strategy])

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
 from exceptiondrive_records.work.heartbeats import MISSED_FOR_S, live_workers
@@ -66,6 +67,7 @@ class RecordsCollector(Collector):
         with self._database.read() as session:
             yield from _queue(session)
             yield _submissions(session)
+            yield _troubles(session)
             yield from _heartbeats(session)
             yield from _durations(session)
 
@@ -105,6 +107,17 @@ def _submissions(session: Session) -> Metric:
         select(Submission.status, func.count()).group_by(Submission.status)
     ):
         gauge.add_metric([status], count)
+    return gauge
+
+
+def _troubles(session: Session) -> Metric:
+    gauge = GaugeMetricFamily(
+        "exceptiondrive_troubles",
+        "What stands wrongly: a lane without worker, a split without file; see the overview.",
+        labels=["trouble", "subject"],
+    )
+    for found in troubles(session):
+        gauge.add_metric([found.code, found.subject], 1)
     return gauge
 
 

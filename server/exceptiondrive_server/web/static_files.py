@@ -32,8 +32,12 @@ def asset(name: str) -> str:
 
 @cache
 def style_sheet() -> str:
-    """Return all sources as one, with the fonts under the addresses that pages preload."""
+    """Return all sources as one, without comments and line ends.
+
+    Fonts stand under the addresses that pages preload.
+    """
     joined = "".join((STATIC / f"{name}.css").read_text("utf-8") for name in STYLES)
+    joined = re.sub(r"/\*.*?\*/|\n\s*|(?<=;)\s+", "", joined, flags=re.DOTALL).replace(";}", "}")
     return re.sub(r"url\((fonts/[^)]+)\)", lambda found: f"url({asset(found[1])})", joined)
 
 

@@ -369,3 +369,15 @@ async def test_icons_stand_where_browsers_look_for_them(lively_site: Any) -> Non
     ):
         assert png[:8] == b"\x89PNG\r\n\x1a\n"
         assert struct.unpack_from(">II", png, 16) == (side, side)
+
+
+async def test_a_board_of_a_reference_alone_has_no_charts_and_leads_to_submitting_first(
+    lively_site: Any, lively_board: Board
+) -> None:
+    references = tuple(each for each in lively_board.entries if each.source == "reference")[:1]
+    lively_site.publish(lively_board.model_copy(update={"entries": references}))
+    text = (await lively_site.get("/")).text
+    assert references[0].method in text
+    assert 'id="chart"' not in text
+    assert 'id="families"' not in text
+    assert text.index('id="submit"') < text.index('id="metrics"')

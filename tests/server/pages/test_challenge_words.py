@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.server.pages.reading import read
 
 import exceptiondrive_server
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import Coverage
 from exceptiondrive_server.web.templating import stars, with_article
 
@@ -67,6 +69,26 @@ async def test_the_strategy_board_never_speaks_of_planners(shown_site: Any) -> N
     assert "planner" not in body
     assert "trajector" not in re.sub(r"<figure.*?</figure>", "", body, flags=re.DOTALL)
     assert "agent.json.gz" in body
+
+
+async def test_the_strategy_board_draws_answers_and_no_path_that_is_scored(shown_site: Any) -> None:
+    drawn = {
+        phase: read((await shown_site.get(f"/?phase={phase}")).text).one("figure", "scene")
+        for phase in ("sample", "strategy")
+    }
+    assert drawn["sample"].all("g", "tube")
+    assert not drawn["strategy"].all("g", "tube")
+    task = next(each for each in packaged_protocol().tasks if each.id == "BG1")
+    letters = {
+        kind: {
+            group.one("text", "ans-l").text
+            for group in drawn["strategy"].all("g", kind)
+            if group.all("text")
+        }
+        for kind in ("right", "careless")
+    }
+    assert letters == {"right": set(task.acceptable), "careless": set(task.under_warning)}
+    assert task.title.lower() in drawn["strategy"].one("title").text
 
 
 def test_bold_words_are_escaped_too() -> None:

@@ -139,7 +139,7 @@ async def test_from_a_late_entry_every_address_leads_somewhere(
 ) -> None:
     publish_late_view(site, lively_board)
     text = (await site.get("/entries/l0000000kq")).text
-    addresses = {html.unescape(it) for it in re.findall(r'"(?:http://site.test)?(/[^"]*)"', text)}
+    addresses = {html.unescape(it) for it in re.findall(r'="(?:http://site.test)?(/[^"]*)"', text)}
     assert any(it.startswith("/compare?phase=late&view=late&a=l0000000kq") for it in addresses)
     for address in sorted(it for it in addresses if "late" in it or "l0000000kq" in it):
         if not address.startswith("/api/"):  # read in tests/phases

@@ -139,8 +139,14 @@ async def test_a_phase_with_withheld_regions_borrows_scenes_and_says_whose(
     front = (await drawn_site.get("/?phase=final")).text
     assert 'data-scenes="/scenes?phase=final"' in front
     assert "scenes and planners are those of a development phase" in read(front).text
-    own = (await drawn_site.get("/?phase=sample")).text
-    assert "those of a development phase" not in own
+    entry = (await drawn_site.get("/entries/h0000000kq?phase=final")).text
+    assert 'src="/scenes.svg?phase=final"' in entry
+    assert "of this phase nothing is drawn" in read(entry).text.lower()
+    assert read(entry).one("section", "two", **{"aria-label": "Beside others"}).all("g")
+    for path in ("/?phase=sample", "/entries/s0000000kq"):
+        own = (await drawn_site.get(path)).text
+        assert "those of a development phase" not in own
+        assert "nothing is drawn" not in own
 
 
 async def test_before_anything_is_drawn_the_page_says_so(lively_site: Any) -> None:

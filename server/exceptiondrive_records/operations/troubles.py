@@ -1,0 +1,102 @@
+"""What stands wrongly and no error says: told at once by the overview, the doctor and the metrics.
+
+Each is found by one query; none tells anything of a split but its name.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.phases.phases import list_phases, not_checked
+from exceptiondrive_records.splits.splits import whole_split
+from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S, live_workers, missing_splits
+from exceptiondrive_schemas.jobs import Lane
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """One of them.
+
+    Attributes:
+        code: Stable name, of metrics and alerts.
+        subject: The lane, split or phase that has it.
+        what: A sentence.
+        do: What an operator or organizer does about it.
+        stops_scoring: Whether something cannot be scored until then.
+    """
+
+    code: str
+    subject: str
+    what: str
+    do: str
+    stops_scoring: bool = False
+
+
+def troubles(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> tuple[Trouble, ...]:
+    """Return all of them, what stops scoring first.
+
+    Args:
+        session: To read with.
+        ttl_s: A worker lives while its last sign of life is younger.
+    """
+    return (*_lanes(session, ttl_s), *_splits(session, ttl_s), *_phases(session))
+
+
+def _lanes(session: Session, ttl_s: float) -> Iterator[Trouble]:
+    idle = [lane for lane in Lane if live_workers(session, lane, ttl_s=ttl_s).workers == 0]
+    if idle == list(Lane):
+        yield Trouble(
+            "lane_without_worker",
+            Lane.LIVE,
+            "No worker is alive: nothing is scored. Nothing is lost meanwhile.",
+            "start one: exceptiondrive-worker run",
+            stops_scoring=True,
+        )
+        return
+    for lane in idle:
+        what = "nothing new is scored" if lane is Lane.LIVE else "rescoring and verification wait"
+        yield Trouble(
+            "lane_without_worker",
+            lane,
+            f"No living worker serves the lane {lane}: {what}.",
+            f"start one that does: exceptiondrive-worker run --lanes {lane}",
+            stops_scoring=lane is Lane.LIVE,
+        )
+
+
+def _splits(session: Session, ttl_s: float) -> Iterator[Trouble]:
+    for name in missing_splits(session, ttl_s=ttl_s):
+        yield Trouble(
+            "split_without_file",
+            name,
+            f"Workers find no file of split {name} at the revision that its phases use: its "
+            "submissions wait.",
+            f"put it back to {name}/split.json.gz in the workers' folder of splits; the folder has "
+            "the name of the split. What waits is scored by itself",
+            stops_scoring=True,
+        )
+
+
+def _phases(session: Session) -> Iterator[Trouble]:
+    for phase in list_phases(session, with_hidden=True):
+        if phase.visibility == "archived":
+            continue
+        whole = whole_split(session, phase.split_name, phase.split_revision)
+        if not_checked(phase.challenge, whole):
+            yield Trouble(
+                "no_recorded_drives",
+                phase.id,
+                f"Split {phase.split_name} of phase {phase.id} holds no recorded drives: nothing "
+                "compares source trajectories with them, and a file at a wrong time step may lead.",
+                "add them (exceptiondrive-worker add-drives, then add-split), and rescore: "
+                "docs/organizing.md",
+            )
+        if phase.shows_reported and whole.public_file_digest is None:
+            yield Trouble(
+                "reported_beside_other_split",
+                phase.id,
+                f"Phase {phase.id} leads to the paper's results, which are of the paper's samples, "
+                f"not of split {phase.split_name}.",
+                f"exceptiondrive organizer phases update {phase.id} --set shows_reported=false",
+            )

@@ -1,0 +1,124 @@
+"""What stands wrongly is said at once: in the organizers' overview, by the doctor, in the metrics.
+
+And to teams, where it is about what nobody checks of their files.
+"""
+
+import html
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.phases.browsing import visitor
+from tests.phases.conftest import SAMPLES, Life, split_of
+
+from exceptiondrive_records.operations.troubles import troubles
+from exceptiondrive_records.phases.phases import splits_in_use
+from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_server.operations.doctor import Severity, examine
+from exceptiondrive_worker.split_store import SplitStore, SplitUnavailableError
+
+BOTH = (Lane.LIVE, Lane.RESCORE)
+
+
+def told(life: Life) -> list[tuple[str, str]]:
+    """Say which troubles there are, after all three places told the same."""
+    with life.database.read() as session:
+        found = troubles(session)
+    page = html.unescape(visitor(life, "organizer").get("/organize").text)
+    doctor = [one for one in examine(life.server) if one.severity is Severity.WARNING]
+    gauges = life.client.get("/metrics").text
+    for one in found:
+        assert one.what in page
+        assert (one.what, one.do) in [(finding.what, finding.do) for finding in doctor]
+        assert (
+            f'exceptiondrive_troubles{{subject="{one.subject}",trouble="{one.code}"}} 1.0' in gauges
+        )
+    assert gauges.count("exceptiondrive_troubles{") == len(found)
+    return [(one.code, one.subject) for one in found]
+
+
+def say_alive(life: Life, store: SplitStore, lanes: tuple[Lane, ...] = BOTH) -> None:
+    """Give a worker's sign of life, as its heartbeat does."""
+    with life.database.read() as session:
+        missing = store.missing(splits_in_use(session))
+    with life.database.write() as session:
+        beat(session, "worker", lanes, missing_splits=missing)
+
+
+@pytest.fixture
+def store(life: Life) -> SplitStore:
+    recorded = split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "driven")
+    path = tuple((2.0 * step, 0.0) for step in range(1, 7))
+    samples = tuple(one.model_copy(update={"recorded": path}) for one in recorded.samples)
+    life.add_split(recorded.model_copy(update={"samples": samples}))
+    life.make_phase("driven", split="driven", policy={"live_part": "whole"})
+    return SplitStore(life.worker.splits_dir)
+
+
+def test_a_server_whose_parts_are_all_there_has_none(life: Life, store: SplitStore) -> None:
+    say_alive(life, store)
+    assert told(life) == []
+
+
+@pytest.mark.parametrize(
+    ("lanes", "idle"),
+    [((), "live"), ((Lane.LIVE,), "rescore"), ((Lane.RESCORE,), "live")],
+)
+def test_a_lane_without_a_worker(
+    life: Life, store: SplitStore, lanes: tuple[Lane, ...], idle: str
+) -> None:
+    if lanes:
+        say_alive(life, store, lanes)
+    assert told(life) == [("lane_without_worker", idle)]
+
+
+def test_a_split_without_its_file_or_under_another_name(life: Life, store: SplitStore) -> None:
+    folder: Path = life.worker.splits_dir / "driven"
+    folder.rename(folder.with_name("other"))
+    say_alive(life, store)
+    assert told(life) == [("split_without_file", "driven")]
+    folder.with_name("other").rename(folder)
+    say_alive(life, store)
+    assert told(life) == []
+
+
+def test_a_split_whose_file_is_of_another_revision(life: Life, store: SplitStore) -> None:
+    life.make_phase("plain", split="plain", policy={"live_part": "whole"})
+    newer = split_of({"a": ("LB1", 10.0, None)}, "plain")
+    file = life.worker.splits_dir / "plain" / "split.json"
+    file.write_text(newer.model_dump_json(by_alias=True, exclude_none=True))
+    revision = life.json("/api/v1/phases/plain")["split_revision"]
+    with pytest.raises(SplitUnavailableError):
+        store.find("plain", revision, packaged_protocol())
+    say_alive(life, store)
+    assert ("split_without_file", "plain") in told(life)
+
+
+def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
+    life: Life, store: SplitStore
+) -> None:
+    made: dict[str, Any] = life.make_phase("plain", split="plain")
+    say_alive(life, store)
+    assert told(life) == [("no_recorded_drives", "plain")]
+    (sentence,) = made["not_checked"]
+    assert "no recorded drives" in sentence
+    assert life.json("/api/v1/phases/driven")["not_checked"] == []
+    for address in ("/phases/plain", "/submit?phase=plain"):
+        assert sentence in html.unescape(life.client.get(address).text)
+    for address in ("/phases/driven", "/submit?phase=driven"):
+        assert "no recorded drives" not in life.client.get(address).text
+    organizer = visitor(life, "organizer")
+    page = html.unescape(organizer.get("/organize/phases/plain").text)
+    assert "exceptiondrive-worker add-drives" in page
+    assert "no_recorded_drive" in organizer.get("/organize/phases").text
+    assert life.make_phase("letters", split="plain", challenge="strategy")["not_checked"] == []
+
+
+def test_the_papers_rows_beside_a_withheld_split(life: Life, store: SplitStore) -> None:
+    life.change({"shows_reported": True}, "driven")
+    say_alive(life, store)
+    assert told(life) == [("reported_beside_other_split", "driven")]
+    life.done("/phases/driven", {"visibility": "archived"}, "PATCH")
+    assert told(life) == []
