@@ -169,6 +169,8 @@ class Board(Document):
     published_at: datetime
     n_samples: int
     confidence: float
+    interval_method: str = "percentile bootstrap over scenes, the same draws for every entry"
+    """How `intervals` and rank intervals are found; draws and seed stand in the protocol."""
     families: tuple[FamilyHead, ...]
     entries: tuple[BoardEntry, ...]
     comparisons: tuple[PairedComparison, ...] = Field(default=(), exclude_if=lambda it: not it)

@@ -135,7 +135,7 @@ def _shown(
         families=macro("boards/families.html", "families_section")(
             table=table,
             shown=families_of(board),
-            plot=dot_plot(board, best_entries(board), digits),
+            plot=dot_plot(board, best_entries(board, query.chosen), digits),
             tasks=same_tasks.value,
             protocol=protocol,
         ),
@@ -390,7 +390,7 @@ class BoardPage:
     @property
     def kept_fields(self) -> list[tuple[str, str]]:
         """What the filter form carries on unseen."""
-        kept = ("challenge", "phase", "view", "source", "fact")
+        kept = ("challenge", "phase", "view", "source", "fact", "more")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
 
     @cached_property
