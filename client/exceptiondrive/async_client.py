@@ -83,6 +83,9 @@ class AsyncClient:
 
     submit = _following(Client.submit)
     submission = _following(Client.submission)
+    ask = _of(Client.ask)
+    news = _of(Client.news)
+    questions = _of(Client.questions)
     add_contact = _of(Client.add_contact)
     check = _of(Client.check)
     choose = _of(Client.choose)

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import date, datetime
 from difflib import get_close_matches
 from types import MappingProxyType
@@ -26,6 +25,7 @@ from exceptiondrive.errors import (
 )
 from exceptiondrive.facts import Facts, facts_of
 from exceptiondrive.inputs import SubmissionLike, given_submission
+from exceptiondrive.outlook import Outlook
 from exceptiondrive.transport import Connection, Progress, Record, UploadBody, quoted, read_answer
 from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
@@ -199,21 +199,6 @@ class Submission:
         )
 
 
-@dataclass(frozen=True)
-class Outlook:
-    """What an upload will do.
-
-    Attributes:
-        report: Of the check, with what the file looks like and why it would not be ranked.
-        replaces: The team's entry that it takes the place of; None where there is none.
-        rule: Which run of a method stands, in a sentence.
-    """
-
-    report: CheckReport
-    replaces: SubmissionView | None
-    rule: str = ""
-
-
 RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
     {
         "newest": "Of each method the newest run stands, also where it is worse.",
@@ -221,6 +206,12 @@ RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
         "this": "Of this method the run stands that your team chose: this one will not take its place.",
     }
 )
+SENT_ANEW = (
+    SubmissionStatus.REJECTED,
+    SubmissionStatus.FAILED,
+    SubmissionStatus.WITHDRAWN,
+)
+"""Where the same bytes are another submission."""
 BeforeUpload = Callable[[Outlook], None]
 
 
@@ -343,42 +334,43 @@ class Client(Connection):
         )
         return report.model_copy(update={"notes": (*report.notes, *phase.not_checked)})
 
-    def outlook(self, file: SubmissionLike, *, phase: str, method: str) -> Outlook:
+    def outlook(self, file: SubmissionLike, *, phase: str, method: str | None = None) -> Outlook:
         """Check a file as `check` does, and say what an upload of it will do.
 
         Args:
             file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
             phase: Id of the phase.
-            method: Name of the method, as the board shows it.
+            method: Name of the method, as the board shows it; None: a new one.
         """
         return self._outlook(file, self.phase(phase), method)
 
-    def _outlook(self, file: SubmissionLike, phase: PhaseView, method: str) -> Outlook:
+    def _outlook(self, file: SubmissionLike, phase: PhaseView, method: str | None) -> Outlook:
         report = self._check(file, phase)
+        if not report.is_valid:
+            return Outlook(report, None)
         try:
-            scored = self.submissions(phase=phase.id, status=SubmissionStatus.SCORED)
-        except NotAllowedError:
-            scored = ()
-        replaces = self._replaced(phase, method, report.digest, scored)
+            own = self.submissions(phase=phase.id)
+        except (NotAllowedError, NotSignedInError):
+            own = ()
+        is_known = any(
+            each.file_digest == report.digest and each.status not in SENT_ANEW for each in own
+        )
+        scored = [each for each in own if each.status is SubmissionStatus.SCORED]
+        replaces = None if is_known else self._replaced(phase, method, scored)
         if phase.policy.entries_shown == "chosen":
-            return Outlook(
-                report, replaces, "Of each team the entry stands that it chose, else its newest."
-            )
+            rule = "Of each team the entry stands that it chose, else its newest."
+            return Outlook(report, replaces, rule, is_known)
         rules: list[RunRule] = [each.run_rule for each in scored if each.method == method]
         said = rules[0] if rules else "newest"
         may_say = " Your team may say otherwise: exceptiondrive choose."
         rule = RUN_RULES[said] + (may_say if phase.policy.run_choice == "team" else "")
-        return Outlook(report, None if said == "best" else replaces, rule)
+        return Outlook(report, None if said == "best" else replaces, rule, is_known)
 
     def _replaced(
-        self,
-        phase: PhaseView,
-        method: str,
-        file_digest: str,
-        scored: tuple[SubmissionView, ...],
+        self, phase: PhaseView, method: str | None, scored: Sequence[SubmissionView]
     ) -> SubmissionView | None:
         """Return the team's entry that a file takes the place of, as far as the token may know."""
-        if phase.policy.entries_private or any(each.file_digest == file_digest for each in scored):
+        if phase.policy.entries_private:
             return None
         shows_one = phase.policy.entries_shown == "chosen" and phase.is_open
         standing = (
@@ -402,12 +394,15 @@ class Client(Connection):
         code: str | None = None,
         facts: Facts | None = None,
         without_reminder: str | None = None,
+        replace: bool = False,
+        allow_unranked: bool = False,
         on_progress: Progress | None = None,
         before_upload: BeforeUpload | None = None,
     ) -> Submission:
         """Check a file on this machine, then upload it.
 
-        A request that is sent again, as the network failed, carries the same `Idempotency-Key`: it
+        What would take the place of another entry of the team, or be scored and not ranked, is sent
+        only where that is said to be meant; bytes that were submitted before always are. A request that is sent again, as the network failed, carries the same `Idempotency-Key`: it
         never counts twice.
 
         Args:
@@ -421,30 +416,42 @@ class Client(Connection):
                 any, those of the team's last run of the method.
             without_reminder: Id of your submission of the same agent without reminder, in this
                 strategy phase: the board then shows what the reminder changed.
+            replace: Take the place of the team's entry that stands for the method.
+            allow_unranked: Send what will be scored but not ranked.
             on_progress: Called with bytes sent and bytes in all.
-            before_upload: Called with what the upload will do; what it raises ends the submission
-                before anything is sent.
+            before_upload: Called with what the upload will do, in place of `replace` and
+                `allow_unranked`; what it raises ends the submission before anything is sent.
 
         Returns:
             The submission; `is_duplicate` in its view says that the same bytes were there before.
 
         Raises:
             InvalidFileError: The file cannot be scored; nothing was sent.
+            InvalidArgumentError: It replaces an entry, or will not be ranked; nothing was sent.
             QuotaError: Enough submitted for now.
             NotAllowedError: The phase is closed, or the token may not submit.
             NetworkError: The server cannot be reached.
         """
         view = self.phase(phase)
         given = given_submission(file, view.split)
-        if before_upload is None:
-            report = self._check(given, view)
-        else:
-            outlook = self._outlook(given, view, method)
-            report = outlook.report
-        if not report.is_valid:
-            raise InvalidFileError(report)
+        if not method.strip():
+            raise InvalidArgumentError(
+                "no_method", "The method has no name.", "Name it as the board shall show it."
+            )
+        outlook = self._outlook(given, view, method)
+        if not outlook.report.is_valid:
+            raise InvalidFileError(outlook.report)
         if before_upload is not None:
             before_upload(outlook)
+        else:
+            said = {"replace": replace, "allow_unranked": allow_unranked}
+            for argument, sentence in outlook.to_confirm.items():
+                if not said[argument]:
+                    raise InvalidArgumentError(
+                        "not_confirmed",
+                        f"{sentence} Nothing was sent.",
+                        f"To send it, say {argument}=True.",
+                    )
         fields = {
             "phase": phase,
             "method": method,
@@ -569,6 +576,18 @@ class Client(Connection):
         if bytes_digest(data) != view.file_digest:
             raise ServerError("damaged", "The file that came has another digest than the upload.")
         return data
+
+    def ask(self, text: str, phase: str) -> Record:
+        """Ask the organizers about a phase; the answer comes into the team's notices."""
+        return self._transport.post_once(f"/phases/{quoted(phase)}/questions", {"text": text})
+
+    def questions(self, phase: str) -> list[Record]:
+        """Return what the team asked about a phase, with the answers, newest first."""
+        return self._transport.records(f"/phases/{quoted(phase)}/questions")
+
+    def news(self, phase: str) -> list[Record]:
+        """Return the news of a phase, newest first."""
+        return self._transport.records(f"/phases/{quoted(phase)}/news")
 
     def notices(self, *, unread: bool = False, limit: int = 100) -> tuple[NotificationView, ...]:
         """Return what the team was told, newest first.

@@ -49,6 +49,11 @@ class Organizer(Connection):
         path = f"/organizer/teams/{quoted(team_id)}/merge"
         return self._transport.post_once(path, {"into": into, "reason": reason})
 
+    def forget_team(self, team_id: str, reason: str) -> Record:
+        """Take everything personal of a team out of the records; its alias is answered."""
+        path = f"/organizer/teams/{quoted(team_id)}/forget"
+        return self._transport.post_once(path, {"reason": reason})
+
     def import_teams(self, csv: str) -> Record:
         """Make the `teams` of a table, each with a token that is answered once: all or none."""
         return self._transport.post_once("/organizer/team-imports", {"csv": csv})
@@ -98,6 +103,29 @@ class Organizer(Connection):
         return self._transport.post_once(
             "/organizer/messages", {**message, "is_preview": is_preview}
         )
+
+    def news(self) -> list[Record]:
+        """Return the news of all phases, withdrawn ones too, newest first."""
+        return self._transport.records("/organizer/news")
+
+    def publish_news(self, phase_id: str, title: str, text: str) -> Record:
+        """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
+        path = f"/organizer/phases/{quoted(phase_id)}/news"
+        return self._transport.post_once(path, {"title": title, "text": text})
+
+    def withdraw_news(self, news_id: str, reason: str) -> Record:
+        """Take news from page and feed."""
+        path = f"/organizer/news/{quoted(news_id)}/withdraw"
+        return self._transport.post_once(path, {"reason": reason})
+
+    def questions(self) -> list[Record]:
+        """Return the questions of all teams, those that wait first."""
+        return self._transport.records("/organizer/questions")
+
+    def answer_question(self, question_id: str, text: str, *, to_all: bool = False) -> Record:
+        """Answer a question: to the team alone, or to all, without its name."""
+        path = f"/organizer/questions/{quoted(question_id)}/answer"
+        return self._transport.post_once(path, {"text": text, "to_all": to_all})
 
     def retry_submission(self, submission_id: str, reason: str) -> Record:
         """Queue a failed submission again, with all its attempts."""

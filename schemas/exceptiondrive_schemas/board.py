@@ -169,6 +169,8 @@ class Board(Document):
     published_at: datetime
     n_samples: int
     confidence: float
+    interval_method: str = "percentile bootstrap over scenes, the same draws for every entry"
+    """How `intervals` and rank intervals are found; draws and seed stand in the protocol."""
     families: tuple[FamilyHead, ...]
     entries: tuple[BoardEntry, ...]
     comparisons: tuple[PairedComparison, ...] = Field(default=(), exclude_if=lambda it: not it)
@@ -180,7 +182,7 @@ class Board(Document):
     min_scenes: int | None = Field(default=None, exclude_if=lambda it: it is None)
     """Told where the split has fewer scenes than intervals take: no entry has any."""
 
-    @property
+    @cached_property
     def leader(self) -> BoardEntry | None:
         """The best ranked entry that may be named as the best; None where no entry may.
 

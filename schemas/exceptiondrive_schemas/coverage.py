@@ -1,8 +1,32 @@
-"""Whether enough answers are given to be ranked, in words: told before an upload and on the board."""
+"""Why an entry takes no rank, in words: told before an upload, by `evaluate` and on the board."""
 
 from collections.abc import Mapping
 
-from exceptiondrive_schemas.challenges import Challenge
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+
+
+def unranked_flags(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str, ...]:
+    """Return the codes of the flags for which an entry takes no rank, in the protocol's order."""
+    raised = {flag.code for flag in sheet.plausibility.flags}
+    return tuple(code for code in protocol.ranking.unranked_flags if code in raised)
+
+
+def unranked_reasons(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str, ...]:
+    """Say for which flags, and for which answers that are missing, a sheet takes no rank."""
+    reasons = []
+    if codes := unranked_flags(sheet, protocol):
+        *first, last = (FLAGS[code].label for code in codes)
+        labels = f"{', '.join(first)} and {last}" if first else last
+        reasons.append(f"flagged {labels}; protocol {protocol.version} ranks no such entry")
+    uncovered = too_little_covered(
+        CHALLENGES[sheet.challenge],
+        sheet.coverage.exact_shares(sheet.n),
+        protocol.ranking.min_coverage,
+    )
+    return (*reasons, *([uncovered] if uncovered else []))
 
 
 def too_little_covered(

@@ -3,6 +3,7 @@
 from exceptiondrive_records.accounts import tables as accounts
 from exceptiondrive_records.audit import tables as audit
 from exceptiondrive_records.boards import tables as boards
+from exceptiondrive_records.news import tables as news
 from exceptiondrive_records.notifications import tables as notifications
 from exceptiondrive_records.participation import tables as participation
 from exceptiondrive_records.phases import tables as phases
@@ -17,6 +18,7 @@ __all__ = [
     "accounts",
     "audit",
     "boards",
+    "news",
     "notifications",
     "participation",
     "phases",

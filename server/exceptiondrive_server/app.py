@@ -1,5 +1,6 @@
 """The application: wiring and nothing else."""
 
+import gc
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -57,7 +58,9 @@ def create_app(settings: ServerSettings) -> FastAPI:
 def app_from_environment() -> FastAPI:
     """Return the application that the environment describes, for `uvicorn --factory`."""
     set_up_logs()
-    return create_app(load_settings(ServerSettings))
+    application = create_app(load_settings(ServerSettings))
+    gc.freeze()  # it stays to the end: the collector of cycles need not look at it
+    return application
 
 
 @asynccontextmanager

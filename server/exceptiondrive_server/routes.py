@@ -17,6 +17,10 @@ from exceptiondrive_server.entries import pages as entry_pages
 from exceptiondrive_server.guide import api as guide
 from exceptiondrive_server.guide import client_files, machines
 from exceptiondrive_server.guide import pages as guide_pages
+from exceptiondrive_server.news import api as news
+from exceptiondrive_server.news import organizer_api as organizer_news
+from exceptiondrive_server.news import organizer_pages as news_pages
+from exceptiondrive_server.news import pages as question_pages
 from exceptiondrive_server.notifications import api as notifications
 from exceptiondrive_server.notifications import pages as notice_pages
 from exceptiondrive_server.operations import api as operations
@@ -68,6 +72,7 @@ _ORGANIZER_API = APIRouter(
 """Every route demands a role (`web/organizer_rights.py`); every change leaves an audit line."""
 for _part in (
     organizer_participation.router,
+    organizer_news.router,
     organizer_teams.router,
     organizer_accounts.router,
     organizer_phases.router,
@@ -83,6 +88,7 @@ _API = APIRouter(prefix="/api/v1")
 for _part in (
     phases.router,
     participation.router,
+    news.router,
     splits.router,
     submissions.router,
     events.router,
@@ -107,6 +113,7 @@ for _part in (
     entry_pages.router,
     phase_pages.router,
     terms_pages.router,
+    question_pages.router,
     protocol_pages.router,
     split_pages.router,
     guide_pages.router,
@@ -128,6 +135,7 @@ _ORGANIZER_PAGES = APIRouter(include_in_schema=False, dependencies=[Depends(orga
 for _part in (
     overview_pages.router,
     participation_pages.router,
+    news_pages.router,
     organizer_team_pages.router,
     organizer_phase_pages.router,
     organizer_submission_pages.router,

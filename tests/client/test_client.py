@@ -230,6 +230,7 @@ def test_an_upload_that_is_sent_again_is_whole_again(
     phase_dev: "CannedServer", planning_file: Callable[..., Path]
 ) -> None:
     path = planning_file()
+    phase_dev.problem("GET /submissions", 403, "not_allowed")  # a token that may only submit
     phase_dev.answer("POST /submissions", 503, b"", {"retry-after": "0"})
     phase_dev.answer("POST /submissions", 202, VIEW)
     seen: list[tuple[int, int]] = []

@@ -1,4 +1,6 @@
 import json
+import tarfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -166,6 +168,43 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     words = ["terms", "--phase", "dev", "--accept", version]
     assert CliRunner().invoke(app, words, env=terms).exit_code == 0
     assert "accepted 2" in CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
+
+
+def test_what_is_done_with_a_submission_from_the_command_line(
+    running: "Running", tmp_path: Path, planning_file: Callable[..., Path]
+) -> None:
+    path = planning_file()
+    with running.client() as client:
+        sent = client.submit(path, phase="dev", method="Planner")
+        client.withdraw(sent.id)
+    of = ("submissions",)
+    back = organize(running, *of, "restore", sent.id, "--reason", "by mistake")
+    assert back.stdout == f"submission {sent.id} is received\n"
+    assert organize(running, *of, "restore", sent.id, "--reason", "again").exit_code == 4
+    told = organize(running, *of, "note", sent.id, "--words", "It stands again.")
+    assert told.stdout.startswith("Alpha is told: notice ")
+    with running.client() as client:
+        assert [notice.what_changed for notice in client.notices()] == [("It stands again.",)]
+    no_sheet = organize(running, *of, "verify", sent.id, "--reason", "a dispute")
+    assert (no_sheet.exit_code, "no score sheet" in no_sheet.stderr) == (2, True)
+    upload = tmp_path / "upload.json"
+    got = organize(running, *of, "download", sent.id, "--output", upload)
+    assert got.exit_code == 0, got.stderr
+    assert upload.read_bytes() == path.read_bytes()
+    assert organize(running, *of, "download", sent.id, "--output", upload).exit_code == 2
+    for command, name in (("folder", f"submission-{sent.id}/upload.json"), ("archive", None)):
+        file = tmp_path / f"{command}.tar"
+        more = [sent.id] if command == "folder" else ["--team", "alpha"]
+        assert organize(running, *of, command, *more, "--output", file).exit_code == 0
+        with tarfile.open(file) as tar:
+            assert (name or f"dev/alpha/{sent.id}.json") in tar.getnames()
+    story = organize(running, *of, "show", sent.id).stdout
+    for words in ("told ", "submission restored", "upload downloaded", "story downloaded"):
+        assert words in story
+    people = json.loads(organize(running, "audit", "list", "--by-people", "--json").stdout)
+    assert not {line["actor"] for line in people} & {"worker", "reconciler", "server"}
+    about = json.loads(organize(running, "audit", "list", "--subject", sent.id, "--json").stdout)
+    assert {line["subject"] for line in about} == {sent.id}
 
 
 def test_a_protocol_is_confirmed_with_a_key_of_this_machine(

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive import ServerError
 from exceptiondrive.cli import app
-from exceptiondrive.cli.tables import challenge_of
+from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas import check
 from exceptiondrive_schemas.challenges import (
     CHALLENGES,

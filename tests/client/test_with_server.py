@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive import (
     Client,
+    InvalidArgumentError,
     InvalidFileError,
     NotAllowedError,
     NotFoundError,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 MakeFile = Callable[..., Path]
 QUOTA = 2
+WITHDRAWN = "{} withdrawn: no other run takes its place on the board\n"
 
 
 def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
@@ -103,6 +105,91 @@ def test_a_second_run_of_a_method_is_told_before_it_replaces_the_first(
     assert f"replaced by {second['id']}" in run(working, "submissions").stdout
     assert run(working, "withdraw", second["id"]).exit_code == 0
     assert json.loads(run(working, "status", first["id"], "--json").stdout)["replaced_by"] is None
+
+
+def slower_file(planning_file: MakeFile, name: str = "slower.json") -> Path:
+    slower = [[3.0 * step, 0.0] for step in range(1, 7)]
+    predictions = [{"sample_id": f"s{n}", "source": slower, "edited": slower} for n in range(4)]
+    return planning_file(name, predictions=predictions)
+
+
+def test_the_sdk_replaces_an_entry_only_where_that_is_meant(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    second = slower_file(planning_file)
+    with working.client() as client:
+        first = client.submit(planning_file(), phase="dev", method="Planner")
+        first.wait()
+        with pytest.raises(InvalidArgumentError, match=f"It replaces {first.id} \\(HCC") as caught:
+            client.submit(second, phase="dev", method="Planner")
+        assert "Nothing was sent" in caught.value.sentence
+        assert caught.value.advice == "To send it, say replace=True."
+        assert len(client.submissions()) == 1
+        again = client.submit(planning_file(), phase="dev", method="Planner")
+        assert again.id == first.id, "the same bytes are no replacement"
+        sent = client.submit(second, phase="dev", method="Planner", replace=True)
+        retried = client.submit(second, phase="dev", method="Planner")
+        assert retried.id == sent.id, "nor are those that are still waiting"
+        with pytest.raises(InvalidArgumentError, match="no name"):
+            client.submit(second, phase="dev", method=" ")
+
+
+def test_check_says_what_an_upload_will_do(working: "Running", planning_file: MakeFile) -> None:
+    checked = ("check", "--phase", "dev", "--method", "Planner")
+    before = run(working, *checked, str(planning_file())).stdout
+    assert "outlook: it will be ranked, as far as the file itself tells" in before
+    assert "it takes the place of no other entry" in before
+    first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    told = run(working, *checked, str(slower_file(planning_file))).stdout
+    assert f"outlook: it replaces {first['id']} (HCC " in told
+    assert "newest run stands" in told
+    assert "submitted before" in run(working, *checked, str(planning_file())).stdout
+
+
+def test_a_withdrawal_says_what_stands_again(working: "Running", planning_file: MakeFile) -> None:
+    first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    done = submit(working, slower_file(planning_file), "--replace", "--wait", "--json")
+    second = json.loads(done.stdout)
+    told = run(working, "withdraw", second["id"]).stdout
+    assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told
+    assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout
+
+
+def test_two_files_are_told_to_become_one(working: "Running", planning_file: MakeFile) -> None:
+    one, two = planning_file("one.json"), planning_file("two.json")
+    for command in (("submit", "--phase", "dev", "--method", "M"), ("check",)):
+        done = run(working, *command, str(one), str(two))
+        assert done.exit_code == 2
+        assert "One file is one submission, and 2 were named." in done.stderr
+        assert f"exceptiondrive convert {one} {two}" in done.stderr
+
+
+def test_evaluate_takes_the_protocol_of_the_phase_and_says_whether_it_would_rank(
+    running: "Running", planning_file: MakeFile, split_file: Path
+) -> None:
+    from tests.support.records import ACTOR, add_phase
+
+    from exceptiondrive_records.protocols.protocols import add_protocol
+    from exceptiondrive_schemas.protocol import packaged_protocol_toml
+
+    with running.context.database.write() as session:
+        add_protocol(session, packaged_protocol_toml("1.1"), ACTOR)
+        add_phase(
+            session, "strict", challenge="planning", split="tiny", quota_per_day=2, protocol="1.1"
+        )
+    standing = [[0.0, 0.0]] * 6
+    moving = [[4.0 * step, 0.0] for step in range(1, 7)]
+    predictions = [{"sample_id": f"s{n}", "source": moving, "edited": standing} for n in range(4)]
+    file = planning_file("still.json", predictions=predictions)
+    options = ("--split", str(split_file))
+    usual = run(running, "evaluate", str(file), *options).stdout
+    assert "protocol 1.0" in usual
+    assert "it would be ranked under protocol 1.0" in usual
+    strict = run(running, "evaluate", str(file), *options, "--phase", "strict").stdout
+    assert "protocol 1.1" in strict
+    assert "it will be scored but not ranked: flagged Stands still" in strict
+    told = run(running, "check", str(file), "--phase", "strict").stdout
+    assert "not ranked: flagged Stands still: 100% of the edited trajectories, 0% of" in told
 
 
 def test_another_method_replaces_nothing(working: "Running", planning_file: MakeFile) -> None:
@@ -333,7 +420,7 @@ def test_a_withdrawn_entry_leaves_the_board_and_stays_in_the_list(
 ) -> None:
     view = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
     done = run(working, "withdraw", view["id"])
-    assert (done.exit_code, done.stdout) == (0, f"{view['id']} withdrawn\n")
+    assert (done.exit_code, done.stdout) == (0, WITHDRAWN.format(view["id"]))
     listed = run(working, "submissions", "--status", "withdrawn", "--json")
     assert [row["id"] for row in json.loads(listed.stdout)] == [view["id"]]
     with working.client() as client:

@@ -57,7 +57,8 @@ FLAGGED = {
 WEIGHED: dict[type[BaseModel], dict[str, str]] = {
     Board: {
         **dict.fromkeys(("challenge", "phase", "split", "protocol", "headline", "board"), RECORDS),
-        **dict.fromkeys(("published_at", "confidence", "view", "part", "min_scenes"), RECORDS),
+        **dict.fromkeys(("published_at", "confidence", "interval_method", "view", "part"), RECORDS),
+        "min_scenes": RECORDS,
         **dict.fromkeys(("n_samples", "families"), LABELS),
         **dict.fromkeys(("entries", "comparisons"), CELLS),
     },

@@ -27,11 +27,13 @@ def test_a_value_in_place_of_another_frees_its_room() -> None:
     assert (memory.get("a"), memory.get("b"), memory.weight) == ("second", "B", 10)
 
 
-def test_what_is_heavier_than_the_room_is_given_but_not_kept() -> None:
+def test_what_is_heavier_than_the_room_is_kept_alone_until_the_next() -> None:
     memory: Memory[str, str] = Memory(10)
     memory.keep("a", "A", 5)
-    assert memory.keep("a", "large", 11) == "large"
-    assert (memory.get("a"), len(memory), memory.weight) == (None, 0, 0)
+    assert memory.keep("b", "large", 11) == "large"
+    assert (memory.get("a"), memory.get("b"), memory.weight) == (None, "large", 11)
+    memory.keep("c", "C", 1)
+    assert (memory.get("b"), len(memory), memory.weight) == (None, 1, 1)
 
 
 def test_the_state_is_another_after_every_commit_whoever_made_it(database: Database) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.changes import update_phase
-from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.policy import shown_sheet
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy
 

@@ -19,6 +19,7 @@ from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.rescoring.verification import rechecks_of
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.receipt import Receipt, altered_fields
 from exceptiondrive_schemas.submission import SubmissionStatus
 
 Stage = Any
@@ -146,6 +147,7 @@ def test_the_story_of_a_dispute_holds_all_that_happened(stage: Stage, api: Api) 
     folder = f"submission-{first}"
     assert files[f"{folder}/upload.json"] == upload.content
     receipt = json.loads(files[f"{folder}/receipt.json"])
+    assert altered_fields(Receipt.model_validate_json(files[f"{folder}/receipt.json"])) == ()
     assert receipt["statement"]["submission_id"] == first
     story = json.loads(files[f"{folder}/story.json"])
     assert story["submission"]["sheet"]["macro_family"] == receipt["statement"]["macro_family"]

@@ -1,6 +1,7 @@
 """The bootstrap against loops that share no code with it, and its coverage in simulation."""
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -191,6 +192,34 @@ def test_rank_intervals_agree_with_the_interval_of_every_paired_difference(
         assert found[i].tolist() == [best, worst]
     assert found[0, 0] > 1
     assert found[-1, 1] < len(uncertain)
+
+
+@pytest.mark.parametrize("order", ["descending", "ascending"])
+@pytest.mark.parametrize("what", ["values", "ties", "undefined draws"])
+def test_rank_intervals_of_many_are_those_of_every_pair(
+    order: Literal["descending", "ascending"], what: str
+) -> None:
+    rng = np.random.default_rng(len(what))
+    level, shared = rng.uniform(0.0, 1.0, (90, 1)), rng.normal(0.0, 0.03, 60)
+    draws = level + shared * rng.uniform(0.5, 1.5, (90, 1)) + rng.normal(0.0, 0.02, (90, 60))
+    if what == "ties":
+        draws = np.round(draws, 2)
+    elif what == "undefined draws":
+        draws[rng.random(draws.shape) < 0.002] = NAN
+    cuts = rng.integers(1, 4, 90)
+    entries = [_entries([row.tolist()], int(cut))[0] for row, cut in zip(draws, cuts, strict=True)]
+    found = rank_intervals(entries, order)
+    signed = draws if order == "descending" else -draws
+    sure = [
+        [
+            np.count_nonzero(a > b) >= 60 - min(cut_a, cut_b)
+            for b, cut_b in zip(signed, cuts, strict=True)
+        ]
+        for a, cut_a in zip(signed, cuts, strict=True)
+    ]
+    better, worse = np.count_nonzero(sure, axis=0), np.count_nonzero(sure, axis=1)
+    np.testing.assert_array_equal(found, np.column_stack([1 + better, 90 - worse]))
+    assert better.max() > 40
 
 
 def _simulated_boards(

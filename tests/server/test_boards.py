@@ -221,3 +221,53 @@ def test_head_gives_the_headers_of_get_without_the_body(lively: "Api") -> None:
 
 def test_post_on_a_board_is_405(lively: "Api", as_problem: Problem) -> None:
     as_problem(lively.post("/leaderboard", "alpha"), 405, "method_not_allowed")
+
+
+def pages(api: "Api", address: str) -> list[Board]:
+    """Every page from this one on, as the links lead."""
+    found = []
+    while address:
+        answer = api.get(address)
+        assert answer.status_code == 200, answer.text
+        found.append(Board.model_validate_json(answer.content))
+        address = answer.links.get("next", {}).get("url", "").removeprefix("/api/v1")
+    return found
+
+
+@pytest.mark.parametrize("query", ["", "&sort=ur", "&q=r"])
+@pytest.mark.parametrize("limit", [1, 2, 4, 6, 1000])
+def test_pages_together_are_the_board(lively: "Api", query: str, limit: int) -> None:
+    whole = Board.model_validate_json(lively.get(f"/leaderboard?phase=dev{query}").content)
+    found = pages(lively, f"/leaderboard?phase=dev{query}&limit={limit}")
+    assert [entry for page in found for entry in page.entries] == list(whole.entries)
+    assert len(found) == -(-len(whole.entries) // limit)
+    assert found[0].comparisons == whole.comparisons
+
+
+def test_pages_stay_with_their_board_when_another_is_the_current_one(
+    lively: "Api", make_entry: MakeEntry
+) -> None:
+    first = lively.get("/leaderboard?phase=dev&limit=2")
+    lively.publish(make_entry("alone", submission_id="e"))
+    following = first.links["next"]["url"].removeprefix("/api/v1")
+    assert [row.method for page in pages(lively, following) for row in page.entries] == [
+        "third",
+        "no score",
+        "FREEZE",
+        "ST-P3",
+    ]
+    assert methods(lively.get("/leaderboard?phase=dev&limit=2")) == ["alone"]
+
+
+@pytest.mark.parametrize("after", ["1", "1.", "x.1", "0.1", "1.1.1", "1.-1"])
+def test_what_is_no_place_in_a_board_is_refused(
+    lively: "Api", after: str, as_problem: Problem
+) -> None:
+    as_problem(lively.get(f"/leaderboard?phase=dev&after={after}"), 400, "bad_request")
+
+
+def test_a_page_of_a_board_that_is_not_there_is_not_found(
+    lively: "Api", as_problem: Problem
+) -> None:
+    as_problem(lively.get("/leaderboard?phase=dev&limit=2&after=99.2"), 404, "not_found")
+    assert methods(lively.get("/leaderboard?phase=dev&limit=2&after=1.999")) == []

@@ -76,3 +76,29 @@ def test_families_stand_on_the_page_of_a_submission(
     browser.sign_in("alpha")
     families = list(api.get(f"/submissions/{one}", "alpha").json()["sheet"]["families"])
     assert ("Table of families" in browser.get(f"/submissions/{one}").text) == bool(families)
+
+
+def test_a_team_finds_its_notices_receipt_and_facts_where_it_looks(
+    api: "Api", browse: Callable[..., "TeamBrowser"], make_entry: MakeEntry
+) -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    api.publish(make_entry("Planner", submission_id=one))
+    note = {"words": "Your file is fine."}
+    assert api.post(f"/organizer/submissions/{one}/note", "organizer", json=note).is_success
+    browser = browse(api)
+    browser.sign_in("alpha")
+    mine = browser.get("/my").text
+    assert "Notices (1 new)" in mine
+    assert f'<a href="/submissions/{one}">The organizers wrote about Planner</a>' in mine
+    page = browser.get(f"/submissions/{one}").text
+    assert "Your file is fine." in page
+    receipt = browser.get(f"/submissions/{one}/receipt")
+    assert receipt.json() == api.get(f"/submissions/{one}/receipt", "alpha").json()
+    assert "attachment" in receipt.headers["content-disposition"]
+    facts = " ".join(re.sub(r"<[^>]+>", " ", browser.get("/my/team").text).split())
+    assert "Submissions 1 Tokens 1 in use Told at no address yet" in facts
+    stranger = browse(api)
+    stranger.sign_in("beta")
+    for end in ("", "/receipt"):
+        assert stranger.get(f"/submissions/{one}{end}").status_code == 404

@@ -126,7 +126,7 @@ def test_a_score_is_told_once_with_what_the_page_says(
     _, notice = mails(api)[-1]
     assert (notice.kind, notice.title) == ("scored", "Planner was scored")
     assert notice.what_changed == (
-        "HCC 50.00 % (40.00 to 60.00).",
+        "HCC 50.00 % (40 to 60).",
         "UR 25.00 %.",
         "Rank 3.",
     )

@@ -202,6 +202,53 @@ def test_a_failed_submission_is_tried_again_with_a_reason(
     assert "the store is back" in page
 
 
+def test_the_list_shows_scores_and_the_page_of_one_all_that_is_done_with_it(
+    api: "Api", organizer: "TeamBrowser", make_entry: Callable[..., Any]
+) -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    api.publish(make_entry("Planner", submission_id=one, rank=3))
+    body = organizer.get("/organize/submissions").text.split("<tbody>")[1]
+    row = " ".join(re.sub(r"<[^>]+>", " ", body).split())
+    assert re.search(r"^Planner .* scored 3 .*50\.00 ±10\.00 25\.00", row), row
+    here = f"/organize/submissions/{one}"
+    page = organizer.get(here).text
+    for words in ("Score sheet", "HCC %", "50.00", "40 to 60"):
+        assert words in page
+    for deed in ("verify", "note", "file", "folder"):
+        assert f'href="{here}/{deed}"' in page
+    note = {"words": "We look into it.\n\nBack on Monday."}
+    sent = organizer.post(f"{here}/note", note, page=f"{here}/note")
+    assert (sent.status_code, sent.headers["location"]) == (303, f"{here}?done=team_told")
+    twice = organizer.post(f"{here}/note", note, page=f"{here}/note")
+    assert (twice.status_code, "was sent already" in twice.text) == (409, True)
+    asked = organizer.post(f"{here}/verify", {"reason": "a dispute"}, page=f"{here}/verify")
+    assert asked.headers["location"] == f"{here}?done=submission_verified"
+    page = organizer.get(here).text
+    for shown in ("We look into it.", "not read yet", "Recomputed", "waiting", "a dispute"):
+        assert shown in page
+    assert organizer.get(f"{here}/file").content == b"a"
+    early = organizer.post(f"{here}/restore", {"reason": "x"}, page=f"{here}/restore")
+    assert early.status_code == 409
+    assert api.post(f"/submissions/{one}/withdraw", "alpha").status_code == 200
+    done = organizer.post(f"{here}/restore", {"reason": "they erred"}, page=f"{here}/restore")
+    assert done.headers["location"] == f"{here}?done=submission_restored"
+    assert api.get(f"/submissions/{one}", "alpha").json()["status"] == "scored"
+
+
+def test_the_log_is_narrowed_to_what_people_did(api: "Api", organizer: "TeamBrowser") -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    everything = organizer.get("/organize/audit").text
+    assert "submission scored" in everything
+    assert f'<a href="/organize/submissions/{one}">Planner</a>' in everything
+    people = organizer.get("/organize/audit?by_people=true").text
+    assert "submission scored" not in people
+    assert "submission received" in people
+    lines = api.get("/organizer/audit?by_people=true", "organizer").json()
+    assert "worker" not in {line["actor"] for line in lines}
+
+
 def test_the_log_is_filtered_paged_and_verified(
     api: "Api", organizer: "TeamBrowser", monkeypatch: pytest.MonkeyPatch
 ) -> None:

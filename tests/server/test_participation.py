@@ -8,9 +8,13 @@ import pytest
 from sqlalchemy import select
 from tests.server.test_organizer_team_pages import last_line
 
-from exceptiondrive_records.notifications.tables import ContactPoint
+from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.notifications.tables import ContactPoint, Notification
+from exceptiondrive_records.operations.invariants import broken_boards
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.phase_settings import PhaseChange
 
 if TYPE_CHECKING:
@@ -22,6 +26,7 @@ DEEDS: list[tuple[str, str, Any]] = [
     ("GET", "teams/alpha/participation", None),
     ("PATCH", "teams/alpha", {**WHY, "name": "Gamma"}),
     ("POST", "teams/alpha/merge", {**WHY, "into": "beta"}),
+    ("POST", "teams/alpha/forget", WHY),
     ("POST", "teams/alpha/disqualify", WHY),
     ("POST", "submissions/x/disqualify", WHY),
     ("GET", "disqualifications", None),
@@ -217,3 +222,41 @@ def test_terms_are_accepted_on_a_page_or_by_api_before_an_upload(
     with api.database.write() as session:
         session.get_one(Phase, "dev").visibility = "hidden"
     assert api.get("/phases/dev/disqualifications").status_code == 404
+
+
+def test_a_forgotten_team_stands_under_an_alias_and_the_board_keeps_its_digest(
+    api_on_both: "Api", organizer: "TeamBrowser", make_entry: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    api.post("/contacts", "alpha", json={"channel": "email", "address": "ada@example.com"})
+    own = api.submit("a", description="By Ada of Alpha").json()["id"]
+    api.score(own)
+    api.publish(make_entry("Baseline", source="reference", rank=None))
+    row = api.publish(make_entry("Planner", submission_id=own, team="Alpha"))
+    assert "Alpha" in api.client.get("/history?phase=dev").text
+    page = "/organize/teams/alpha/forget"
+    wrong = organizer.post(page, {"again": "beta", "reason": "They asked."}, page=page)
+    assert wrong.status_code == 400
+    done = organizer.post(page, {"again": "alpha", "reason": "They asked."}, page=page)
+    alias = re.search(
+        r"/organize/teams/(former-\w+)\?done=team_forgotten", done.headers["location"]
+    )
+    assert alias is not None
+    told = api.get("/boards/dev/2")
+    assert told.json()["entries"][0]["team"] == f"Former team {alias[1][7:].upper()}"
+    for address in ("/", "/history?phase=dev", "/api/v1/leaderboard?phase=dev", f"/entries/{own}"):
+        seen = api.client.get(address, headers={"Accept": "text/html, application/json"})
+        assert (seen.status_code, "Alpha" in seen.text) == (200, False), address
+    assert api.get("/me", "alpha").status_code == 401
+    assert "Alpha" not in organizer.get(f"/organize/teams/{alias[1]}").text
+    with api.database.read() as session:
+        kept = session.get_one(BoardRow, row.id)
+        assert (kept.digest, kept.body_digest) == (row.digest, row.body_digest)
+        assert verify_audit(session).is_whole
+        assert list(broken_boards(session)) == []
+        assert {one.address for one in session.scalars(select(ContactPoint))} == {""}
+        told_words = [one.body for one in session.scalars(select(Notification))]
+        mine = session.scalars(select(Submission).where(Submission.id == own)).one()
+        assert (mine.description, "Alpha" in "".join(told_words)) == ("", False)
+    again = api.post(f"/organizer/teams/{alias[1]}/forget", "organizer", json=WHY)
+    assert again.status_code == 409

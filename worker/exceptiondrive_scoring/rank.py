@@ -1,13 +1,17 @@
 """Rank entries by the protocol, and say which ranks the draws leave open."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import RankKey
-from exceptiondrive_scoring.aliases import IntArray
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
+
+CODED_AT_ONCE = 2**18
+"""Values: what a processor's cache holds."""
 
 
 def ranks(
@@ -60,6 +64,9 @@ def rank_intervals(
     zero, that is if it is better in all draws but those that the interval cuts off. The range is
     1 + number of entries surely better ... K - number surely worse.
 
+    Draws are compared pair by pair for those alone whose spans of draws meet: of two that lie apart,
+    order statistics tell it.
+
     Args:
         entries: Primary draws of the K entries that rank, all of one split and protocol.
         order: Of the metric that ranks first: whether more is better (`descending`) or less.
@@ -68,18 +75,56 @@ def rank_intervals(
         (K, 2).
     """
     n_entries = len(entries)
-    draws = np.stack([entry.primary_draws for entry in entries]) if entries else np.empty((0, 0))
+    if not entries:
+        return np.empty((0, 2), dtype=np.intp)
+    draws = np.stack([entry.primary_draws for entry in entries])
     if order == "ascending":
         draws = -draws
-    needed = draws.shape[1] - np.array([entry.primary_cut for entry in entries])
+    cuts = np.array([entry.primary_cut for entry in entries])
+    low, high = _spans(draws, int(cuts.min()) // 2)
+    by_high = np.argsort(-high, kind="stable")
+    codes, needed = _coded(draws[by_high]), draws.shape[1] - cuts[by_high]
+    n_near = n_entries - np.searchsorted(np.sort(high), low[by_high])
     best = np.ones(n_entries, dtype=np.intp)
-    worst = np.full(n_entries, n_entries, dtype=np.intp)
-    for i in range(n_entries):
-        others, of_both = draws[i + 1 :], np.maximum(needed[i], needed[i + 1 :])
-        wins = np.count_nonzero(draws[i] > others, axis=1) >= of_both
-        losses = np.count_nonzero(draws[i] < others, axis=1) >= of_both
+    worst = n_near.copy()  # who lies wholly below is surely worse
+    for i, end in enumerate(n_near):
+        best[end:] += 1
+        others, of_both = codes[i + 1 : end], np.maximum(needed[i], needed[i + 1 : end])
+        wins = np.count_nonzero(codes[i] > others, axis=1) >= of_both
+        losses = np.count_nonzero(codes[i] < others, axis=1) >= of_both
         best[i] += np.count_nonzero(losses)
         worst[i] -= np.count_nonzero(wins)
-        best[i + 1 :] += wins
-        worst[i + 1 :] -= losses
-    return np.stack([best, worst], axis=1)
+        best[i + 1 : end] += wins
+        worst[i + 1 : end] -= losses
+    return np.stack([best, worst], axis=1)[np.argsort(by_high)]
+
+
+def _spans(draws: FloatArray, n_outside: int) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and the highest draw of each entry but for `n_outside` at either end.
+
+    Of two whose spans lie apart, the higher one is better in all draws but twice as many. An entry
+    that some draws leave undefined lies apart from none.
+    """
+    ends = n_outside, draws.shape[1] - 1 - n_outside
+    ordered = np.partition(draws, ends, axis=1)
+    is_undefined = np.isnan(draws).any(axis=1)
+    low = np.where(is_undefined, -np.inf, ordered[:, ends[0]])
+    return low, np.where(is_undefined, np.inf, ordered[:, ends[1]])
+
+
+def _coded(draws: FloatArray) -> NDArray[Any]:
+    """Return numbers that stand to each other within a draw as its values do, and compare faster.
+
+    NaN stands to nothing, and so to no number: draws that hold one stay as they are.
+    """
+    if np.isnan(draws).any():
+        return draws
+    kind = np.uint16 if len(draws) <= np.iinfo(np.uint16).max else np.uint32
+    codes = np.empty(draws.shape, dtype=kind)
+    for few in np.array_split(np.arange(draws.shape[1]), -(-draws.size // CODED_AT_ONCE)):
+        order = np.argsort(draws[:, few], axis=0)
+        ordered = np.take_along_axis(draws[:, few], order, axis=0)
+        steps = np.zeros(ordered.shape, dtype=kind)
+        np.cumsum(ordered[1:] > ordered[:-1], axis=0, out=steps[1:])
+        codes[order, few] = steps
+    return codes

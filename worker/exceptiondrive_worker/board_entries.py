@@ -9,8 +9,7 @@ import numpy as np
 from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
-from exceptiondrive_schemas.coverage import too_little_covered
-from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.coverage import unranked_flags, unranked_reasons
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
@@ -56,7 +55,7 @@ def board_entries(
     rows = _Rows(challenge, protocol, rounding)
     of_teams = [entry for entry in entries if not entry.record.is_reference]
     references = [entry for entry in entries if entry.record.is_reference]
-    is_listed = [bool(rows.unranked_flags(entry.record.sheet)) for entry in of_teams]
+    is_listed = [bool(unranked_flags(entry.record.sheet, protocol)) for entry in of_teams]
     places = rows.ranks(of_teams, [not listed for listed in is_listed])
     would_be = rows.ranks(of_teams, [True] * len(of_teams))
     ranked = [entry for entry, rank in zip(of_teams, places, strict=True) if rank is not None]
@@ -109,11 +108,6 @@ class _Rows:
         ]
         return ranks(values, takes_part, self._order)
 
-    def unranked_flags(self, sheet: ScoreSheet) -> tuple[str, ...]:
-        """Codes of the flags for which an entry takes no rank."""
-        raised = {flag.code for flag in sheet.plausibility.flags}
-        return tuple(code for code in self._ranking.unranked_flags if code in raised)
-
     def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int] | None]:
         """Best and worst rank that the draws leave open; None where scenes are too few to say."""
         first = self._keys_of_intervals.index(self._order[0].metric)
@@ -129,8 +123,8 @@ class _Rows:
     ) -> BoardEntry:
         row = self._row(entry)
         if rank is None:
-            flags = self.unranked_flags(entry.record.sheet)
-            why = self._why_unranked(entry, flags)
+            flags = unranked_flags(entry.record.sheet, self._protocol)
+            why = self._why_unranked(entry.record.sheet)
             return row.model_copy(update={"unranked_because": why, "unranked_flags": flags})
         interval = None if spread is None else (min(spread[0], rank), max(spread[1], rank))
         return row.model_copy(update={"rank": rank, "rank_interval": interval})
@@ -222,25 +216,13 @@ class _Rows:
         exact = coverage.exact_shares(sheet.n)
         return {key: share for key, share in exact.items() if share < least}
 
-    def _why_unranked(self, entry: ScoredEntry, flags: Sequence[str]) -> str:
-        sheet = entry.record.sheet
-        uncovered = too_little_covered(
-            self._challenge, sheet.coverage.exact_shares(sheet.n), self._ranking.min_coverage
-        )
-        reasons = []
-        if flags:
-            *first, last = (FLAGS[code].label for code in flags)
-            labels = f"{', '.join(first)} and {last}" if first else last
-            reasons.append(
-                f"flagged {labels}; protocol {self._protocol.version} ranks no such entry"
-            )
-        if uncovered:
-            reasons.append(uncovered)
+    def _why_unranked(self, sheet: ScoreSheet) -> str:
+        reasons = list(unranked_reasons(sheet, self._protocol))
         undefined = [
             self._challenge.metric(key.metric).label
             for key in self._order
-            if self._headline(entry.record.sheet).get(key.metric) is None
+            if self._headline(sheet).get(key.metric) is None
         ]
-        if undefined and not uncovered:
+        if undefined and not self._uncovered(sheet):
             reasons.append(f"{' and '.join(undefined)} not defined")
         return "; ".join(reasons)

@@ -1,5 +1,6 @@
 """The life of worker processes: context, memory limit and heartbeat of each, after it has forked."""
 
+import gc
 import logging
 import os
 import resource
@@ -214,9 +215,11 @@ def keep_memory() -> None:
     """Free one large block that nobody has touched: scoring then takes up to half the time.
 
     glibc hands freed memory back to the system above a threshold, and pays for every page again at
-    the next temporary; the threshold follows the largest block that was freed.
+    the next temporary; the threshold follows the largest block that was freed. What a process holds
+    by now it holds to its end: the collector of cycles looks at it no more.
     """
     np.empty(KEEP_BYTES, dtype=np.uint8)
+    gc.freeze()
 
 
 def limit_memory(headroom_bytes: int) -> int | None:

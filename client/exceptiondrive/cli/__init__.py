@@ -63,6 +63,12 @@ COMMANDS = {
         ".notice_commands",
         "Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
     ),
+    "news": (".news_commands", "Show the news of a phase, newest first."),
+    "ask": (
+        ".news_commands",
+        "Ask the organizers about a phase; the answer comes into the team's notices.",
+    ),
+    "questions": (".news_commands", "Show what the team asked about a phase, and the answers."),
     "leaderboard": (".board_commands", "Show a ranked board."),
     "phases": (".board_commands", "List the phases."),
     "remind": (

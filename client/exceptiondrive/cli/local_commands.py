@@ -10,7 +10,7 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show, show_result
 from exceptiondrive.cli.progress import StepLine
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.cli.tables import outlook_view, report_view, sheet_view
+from exceptiondrive.cli.tables import file_view, outlook_view, report_view, sheet_view
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.evaluation import (
     SampleResult,
@@ -18,16 +18,18 @@ from exceptiondrive.evaluation import (
     score,
     sound_file,
 )
-from exceptiondrive.inputs import GivenFile, given_split
+from exceptiondrive.inputs import GivenFile, ProtocolLike, given_split
+from exceptiondrive.outlook import Outlook
 from exceptiondrive.plot import plot_file
 from exceptiondrive.settings import find_setting
 from exceptiondrive.version import __version__
-from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.coverage import unranked_reasons
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 
 def check(
+    context: typer.Context,
     file: options.File,
     split: Annotated[
         Path | None,
@@ -38,6 +40,10 @@ def check(
         typer.Option("--manifest", metavar="M", help="Check its samples: a manifest file."),
     ] = None,
     phase: options.DefaultPhase = None,
+    method: Annotated[
+        str | None,
+        typer.Option("--method", metavar="NAME", help="With a phase: say which entry it replaces."),
+    ] = None,
     protocol: options.ProtocolOption = None,
     name_all: Annotated[
         bool, typer.Option("--all", help="Name every sample that has a fault.")
@@ -48,27 +54,32 @@ def check(
     """Check a file, list every fault, and say what it looks like.
 
     The checker is the server's own. Sample ids are checked against --split, --manifest or the
-    phase; without any of them only the form is.
+    phase; without any of them only the form is. With a phase it is said what an upload would do:
+    whether it would rank, and with --method which entry of the team it takes the place of.
     """
-    given = options.given(file)
+    given = options.given(file, context)
     if split is None and manifest is None:
         phase = find_setting("phase", phase).value
-    report = _report(given, split, manifest, phase, protocol, server)
-    show_result(report, json, *report_view(report, given.name, with_all=name_all))
+    outlook = _outlook(given, split, manifest, phase, method, protocol, server)
+    report = outlook.report
+    words = report_view(report, given.name, with_all=name_all)
+    is_told = report.is_valid and phase is not None and protocol is None
+    show_result(report, json, *words, *(outlook_view(outlook) if is_told else ()))
     if report.is_valid and not json and split is None and manifest is None and phase is None:
         say("Only the form was checked; add --phase, --manifest or --split for the sample ids.")
     if not report.is_valid:
         raise typer.Exit(InvalidFileError.exit_code)
 
 
-def _report(
+def _outlook(
     file: GivenFile,
     split: Path | None,
     manifest: Path | None,
     phase: str | None,
+    method: str | None,
     protocol: str | None,
     server: str | None,
-) -> CheckReport:
+) -> Outlook:
     """Check a file against at most one of split, manifest and phase."""
     if sum(choice is not None for choice in (split, manifest, phase)) > 1:
         raise InvalidArgumentError(
@@ -77,13 +88,16 @@ def _report(
     if phase is not None:
         with open_client(server) as client:
             if protocol is None:
-                return client.check(file, phase=phase)
-            return check_file(file, manifest=client.manifest(phase), protocol=protocol)
-    known = given_split(split) if split is not None else manifest
-    return check_file(file, manifest=known, protocol=protocol)
+                return client.outlook(file, phase=phase, method=method)
+            report = check_file(file, manifest=client.manifest(phase), protocol=protocol)
+    else:
+        known = given_split(split) if split is not None else manifest
+        report = check_file(file, manifest=known, protocol=protocol)
+    return Outlook(report, None)
 
 
 def evaluate(
+    context: typer.Context,
     file: options.File,
     split: Annotated[
         Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
@@ -96,29 +110,41 @@ def evaluate(
             help="Write the result of every sample, the worst first: .csv or .parquet.",
         ),
     ] = None,
+    phase: options.DefaultPhase = None,
     protocol: options.ProtocolOption = None,
+    server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Score a file on this machine.
 
-    It is done exactly as the worker does it. The table is rounded as the board is; --json prints
-    the exact score sheet. Below it stands what the file looks like. Needs the extra `evaluate` (numpy) and a split with regions: see `split
+    It is done exactly as the worker does it, under the protocol of the phase, else --protocol, else
+    the usual one; below stands whether it would be ranked under it. The table is rounded as the board is; --json prints
+    the exact score sheet. Needs the extra `evaluate` (numpy) and a split with regions: see `split
     download`.
     """
-    given = options.given(file)
+    given = options.given(file, context)
+    rules: ProtocolLike | None = protocol
+    if protocol is None and (named := find_setting("phase", phase).value) is not None:
+        with open_client(server) as client:
+            rules = client.protocol_of(client.phase(named))
     with StepLine(is_shown=not json) as tell:
         tell(f"reading {given.name}")
-        sound = sound_file(given, split, protocol)
+        sound = sound_file(given, split, rules)
         sheet = score(sound.document, sound.split, sound.protocol, tell)
     if per_sample is not None:
         rows = sample_results(sound.document, sound.split, sound.protocol)
         form = parquet_bytes if per_sample.suffix == ".parquet" else csv_text
         write_file(per_sample, form(SampleResult._fields, rows))
         say(f"{counted(len(rows), 'sample')} in {per_sample}")
-    show_result(sheet, json, *sheet_view(sheet, sound.protocol), *outlook_view(sound.report))
+    because = "; ".join(unranked_reasons(sheet, sound.protocol))
+    report = sound.report.model_copy(update={"unranked_because": because or None})
+    words = sheet_view(sheet, sound.protocol, n_predictions=report.n_predictions)
+    ranked = () if because else (f"it would be ranked under protocol {sound.protocol.version}",)
+    show_result(sheet, json, *words, *file_view(report), *ranked)
 
 
 def plot(
+    context: typer.Context,
     file: options.File,
     split: Annotated[
         Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
@@ -143,7 +169,7 @@ def plot(
     regions: see `split download`.
     """
     drawn = plot_file(
-        options.given(file),
+        options.given(file, context),
         output,
         split=split,
         sample_ids=samples,
@@ -163,5 +189,6 @@ def version() -> None:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    for command in (check, evaluate, plot, version):
-        app.command()(command)
+    for command in (check, evaluate, plot):
+        app.command(context_settings=options.ONE_FILE)(command)
+    app.command()(version)

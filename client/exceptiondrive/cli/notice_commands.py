@@ -1,6 +1,7 @@
 """What the team is told, and where: notices, contacts."""
 
-from typing import Annotated
+import time
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +12,11 @@ from exceptiondrive.cli.tables import notices_view, records_table
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.rescoring import WISHES
 
+if TYPE_CHECKING:
+    from exceptiondrive.client import Client
+
+MAIL_WAIT_S, MAIL_PAUSE_S = 3.0, 0.3
+"""So long is the message waited for that asks to confirm an address."""
 COLUMNS = ("id", "address", "wishes", "is_confirmed", "channel", "created_at")
 Wishes = Annotated[
     list[str] | None,
@@ -77,9 +83,11 @@ def add(
     """
     with open_client(server) as client:
         contact = client.add_contact(address, _wishes(tell) or ("updates",))
-    words = "confirm it by the link that was sent there"
-    if contact.get("secret"):
-        words = f"secret, shown this once: {contact['secret']}"
+        words = (
+            f"secret, shown this once: {contact['secret']}"
+            if contact.get("secret")
+            else _confirmation(client, contact["id"])
+        )
     show_result(contact, json, f"{contact['id']}  {contact['address']}  {words}")
 
 
@@ -107,6 +115,24 @@ def remove(
     with open_client(server) as client:
         contact = client.remove_contact(contact_id)
     show_result(contact, json, f"{contact['address']} is told nothing more")
+
+
+def _confirmation(client: "Client", contact_id: str) -> str:
+    """Say what became of the message that asks to confirm an address, which is sent at once."""
+    until = time.monotonic() + MAIL_WAIT_S
+    while True:
+        found = next((each for each in client.contacts() if each["id"] == contact_id), {})
+        last = found.get("last_message") or {}
+        if last.get("state") == "sent":
+            return "confirm it by the link that was sent there"
+        if last.get("attempts"):
+            return (
+                "the link to confirm it could not be sent: this server may have no mail server; ask "
+                "the organizers. `exceptiondrive contacts list` says when it was sent"
+            )
+        if time.monotonic() > until:
+            return "confirm it by the link that is sent there"
+        time.sleep(MAIL_PAUSE_S)
 
 
 def _wishes(given: list[str] | None) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +9,7 @@ import typer
 
 from exceptiondrive.cli import completion
 from exceptiondrive.cli.output import remember_json
+from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import GivenFile, given_bytes
 
 Json = Annotated[
@@ -25,12 +27,23 @@ Server = Annotated[
 STDIN = Path("-")
 
 
-def given(file: Path) -> GivenFile:
+ONE_FILE = {"allow_extra_args": True}
+"""Settings of a command that says itself that it takes one file: see `given`."""
+
+
+def given(file: Path, context: typer.Context | None = None) -> GivenFile:
     """Return what a file holds that was named, or stdin where it is `-`.
 
     Raises:
-        InvalidArgumentError: It cannot be read.
+        InvalidArgumentError: It cannot be read, or is not the only one.
     """
+    if context is not None and context.args:
+        names = shlex.join([str(file), *context.args])
+        raise InvalidArgumentError(
+            "too_many_files",
+            f"One file is one submission, and {len(context.args) + 1} were named.",
+            f"Shards of one run become one: exceptiondrive convert {names} -o planning.json.gz",
+        )
     if file == STDIN:
         return GivenFile("stdin", sys.stdin.buffer.read())
     return given_bytes(file)

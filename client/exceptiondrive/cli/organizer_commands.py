@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import (
+    news_commands,
     options,
     participation_commands,
     phase_commands,
@@ -526,6 +527,8 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "disqualify": participation_commands.disqualify_submission,
         },
     ),
+    "news": ("News of phases: page, feed and inboxes.", news_commands.NEWS),
+    "questions": ("Questions of teams, and answers.", news_commands.QUESTIONS),
     "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),

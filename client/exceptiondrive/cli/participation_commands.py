@@ -80,6 +80,18 @@ def merge_teams(
     show_result(merged, json, line)
 
 
+def forget_team(
+    team_id: TeamId,
+    reason: Reason,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Take everything personal of a team out of the records, for good; an alias stands on boards."""
+    with open_organizer(server) as organizer:
+        team = organizer.forget_team(team_id, reason)
+    show_result(team, json, f"the team is forgotten; it stands as {team['name']} ({team['id']})")
+
+
 def import_teams(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="CSV: id, name, affiliation, email; - is stdin.")
@@ -202,6 +214,7 @@ TEAM_COMMANDS: dict[str, Callable[..., None]] = {
     "show": show_team,
     "change": change_team,
     "merge": merge_teams,
+    "forget": forget_team,
     "import": import_teams,
     "limits": set_limits,
     "disqualify": disqualify_team,

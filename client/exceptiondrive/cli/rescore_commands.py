@@ -17,10 +17,10 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
-from exceptiondrive.cli.tables import challenge_of
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
+from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.python310 import Self
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Id of the run.")]

@@ -21,21 +21,23 @@ from exceptiondrive.cli.progress import TransferBar, WaitLine
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import (
     edits_table,
-    entry_words,
+    file_view,
     outlook_view,
     quota_table,
     submission_view,
     submissions_view,
 )
-from exceptiondrive.client import Outlook
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.facts import facts_of_pairs
+from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
+from exceptiondrive.words import entry_words
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 
 def submit(
+    context: typer.Context,
     file: options.File,
     method: Annotated[
         str,
@@ -95,10 +97,10 @@ def submit(
     told = facts_of_pairs(fact or (), facts)
 
     def consent(outlook: Outlook) -> None:
-        say_view(*outlook_view(outlook.report), outlook.rule)
+        say_view(*file_view(outlook.report), *outlook_view(outlook))
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
-    phase, given = default_phase(phase), options.given(file)
+    phase, given = default_phase(phase), options.given(file, context)
     with open_client(server) as client:
         with TransferBar("uploading", given.name) as bar:
             submission = client.submit(
@@ -119,7 +121,7 @@ def submit(
         if json:
             show_document(submission.view)
             return
-        show(*submission_view(submission.view, submission.page_url))
+        show(*submission_view(submission.view, submission.page_url, with_file=False))
         show(*_quota_left(client.phase(phase).quota))
 
 
@@ -129,13 +131,11 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
     Raises:
         InvalidArgumentError: Nobody can be asked, or the answer is no; nothing was sent.
     """
-    questions = []
-    if outlook.replaces is not None and not replace:
-        questions.append((f"It replaces {entry_words(outlook.replaces)}.", "--replace"))
-    if outlook.report.unranked_because is not None and not allow_unranked:
-        because = outlook.report.unranked_because
-        questions.append((f"It will be scored but not ranked: {because}.", "--allow-unranked"))
-    for sentence, option in questions:
+    said = {"replace": replace, "allow_unranked": allow_unranked}
+    for argument, sentence in outlook.to_confirm.items():
+        option = f"--{argument.replace('_', '-')}"
+        if said[argument]:
+            continue
         if not can_ask():
             raise InvalidArgumentError(
                 "not_confirmed", f"{sentence} Nothing was sent.", f"To send it, add {option}."
@@ -262,11 +262,17 @@ def withdraw(
 ) -> None:
     """Take a submission off the board.
 
-    It stays in the team's own list.
+    It stays in the team's own list; the run of the method that it had replaced stands again.
     """
     with open_client(server) as client:
+        own = client.submissions(phase=client.status(submission_id).phase)
         view = client.withdraw(submission_id)
-    show_result(view, json, f"{view.id} {view.status}")
+        before = next((each for each in own if each.replaced_by == view.id), None)
+        again = None if before is None else client.status(before.id)
+    words = "no other run takes its place on the board"
+    if again is not None and again.replaced_by is None:
+        words = f"with the next board there stands again {entry_words(again)}"
+    show_result(view, json, f"{view.id} {view.status}: {words}")
 
 
 def choose(
@@ -328,5 +334,6 @@ def _quota_left(quota: Quota | None) -> tuple[str, ...]:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    for command in (submit, status, submissions, quota, edit, download, withdraw, choose, publish):
+    app.command(context_settings=options.ONE_FILE)(submit)
+    for command in (status, submissions, quota, edit, download, withdraw, choose, publish):
         app.command()(command)

@@ -9,19 +9,20 @@ from rich.table import Table
 from rich.text import Text
 
 from exceptiondrive.cli.fitted_table import ByWidth, Column, FittedTable
-from exceptiondrive.errors import ServerError, utc_text
+from exceptiondrive.errors import utc_text
+from exceptiondrive.outlook import Outlook
+from exceptiondrive.words import HEADLINE, challenge_of, entry_words, metric_text
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, UnknownChallengeError
+from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import ProtocolDocument, PublicationSection, packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 
 EXAMPLES_SHOWN = 5
-HEADLINE = "macro_family"
 FIRST_LEFT_OUT = 3
 """Of the columns of a board or sheet, metrics that do not rank are left out first."""
 SENSITIVITY = "d_safe_x"
@@ -62,44 +63,11 @@ def _cell(name: str, value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def challenge_of(challenge_id: str) -> Challenge:
-    """Return the challenge with this id.
-
-    Raises:
-        ServerError: It came after this client.
-    """
-    try:
-        return CHALLENGES[challenge_id]
-    except UnknownChallengeError as error:
-        raise ServerError(
-            "unknown_challenge",
-            error.sentence,
-            "Install the newest client: pip install --upgrade exceptiondrive",
-        ) from None
-
-
 def metric_head(metric: Metric) -> str:
     """Column head: label, unit, and which way is better."""
     arrow = {"higher": " ^", "lower": " v", None: ""}[metric.better]
     unit = "%" if metric.unit == "fraction" else "m"
     return f"{metric.label} {unit}{arrow}"
-
-
-def metric_text(
-    metric: Metric, value: float | None, publication: PublicationSection | None = None
-) -> str:
-    """Return a value as the board shows it.
-
-    Args:
-        metric: Which metric.
-        value: Fraction or metres; None where undefined.
-        publication: Digits; two where not given.
-    """
-    if value is None:
-        return "-"
-    if metric.unit == "fraction":
-        return f"{100 * value:.{publication.percent_decimals if publication else 2}f}"
-    return f"{value:.{publication.metre_decimals if publication else 2}f}"
 
 
 def report_view(
@@ -126,10 +94,24 @@ def report_view(
             yield Text(f"  ... and {rest} more; --all names every one", style="dim")
         elif not group.n_samples and group.count > EXAMPLES_SHOWN:
             yield Text(f"  ... and {group.count - EXAMPLES_SHOWN:,} more", style="dim")
-    yield from outlook_view(report)
+    yield from file_view(report)
 
 
-def outlook_view(report: CheckReport) -> Iterator[RenderableType]:
+def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
+    """Yield what an upload will do, as far as the file and the team's entries tell."""
+    if outlook.is_known:
+        yield "these bytes were submitted before: that submission comes back, no quota is spent"
+        return
+    if outlook.report.unranked_because is None:
+        yield "outlook: it will be ranked, as far as the file itself tells"
+    if outlook.replaces is not None:
+        yield f"outlook: it replaces {entry_words(outlook.replaces)}"
+    elif outlook.report.is_valid:
+        yield "outlook: it takes the place of no other entry"
+    yield outlook.rule
+
+
+def file_view(report: CheckReport) -> Iterator[RenderableType]:
     """Yield what a file looks like, what is probably wrong with it, and whether it would rank."""
     for note in report.notes:
         yield Text(f"note: {note}", style="yellow")
@@ -173,7 +155,10 @@ def _examples(group: FaultGroup) -> FittedTable:
 
 
 def sheet_view(
-    sheet: ScoreSheet, protocol: ProtocolDocument | None = None, with_tasks: bool = True
+    sheet: ScoreSheet,
+    protocol: ProtocolDocument | None = None,
+    with_tasks: bool = True,
+    n_predictions: int | None = None,
 ) -> Iterator[RenderableType]:
     """Yield what to print for a score sheet.
 
@@ -182,11 +167,16 @@ def sheet_view(
         protocol: Gives titles, digits and the headline; else the one that ships with the client
             if it is the sheet's, else ids and two digits are shown.
         with_tasks: Whether to show the rows of the tasks.
+        n_predictions: How many samples the file answers, where that is known: more than are scored
+            where there are controls or withdrawn samples.
     """
+    n_scored = counted(sheet.n, "sample")
+    if n_predictions not in (None, sheet.n):
+        n_scored = f"{counted(n_predictions or 0, 'sample')}, {sheet.n:,} of them in the score"
     protocol = protocol or _shipped(sheet.protocol)
     yield Text(
         f"{challenge_of(sheet.challenge).title} · split {sheet.split.name} · "
-        f"protocol {sheet.protocol.version} · {sheet.n} samples",
+        f"protocol {sheet.protocol.version} · {n_scored}",
         style="bold",
     )
     edited, source = sheet.coverage.edited, sheet.coverage.source
@@ -310,8 +300,10 @@ def queue_text(queue: QueuePlace) -> str:
     return f"place {queue.position}{wait}{again}"
 
 
-def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableType]:
-    """Yield what to print for one submission."""
+def submission_view(
+    view: SubmissionView, page_url: str, *, with_file: bool = True
+) -> Iterator[RenderableType]:
+    """Yield what to print for one submission; what its file looks like may have been said before."""
     style = STYLES.get(view.status, "yellow")
     yield Text.assemble((f"{view.id}  ", "bold"), (status_line(view), f"bold {style}"))
     yield Text(
@@ -324,10 +316,11 @@ def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableT
         yield Text(f"{view.failure.code}: {view.failure.message}")
     if view.report is not None and view.report.faults:
         yield from report_view(view.report)
-    elif view.report is not None:
-        yield from outlook_view(view.report)
+    elif view.report is not None and with_file:
+        yield from file_view(view.report)
     if view.sheet is not None:
-        yield from sheet_view(view.sheet, with_tasks=False)
+        n_predictions = view.report.n_predictions if view.report else None
+        yield from sheet_view(view.sheet, with_tasks=False, n_predictions=n_predictions)
     if view.status is SubmissionStatus.SCORED:
         rank = f"rank {view.rank}" if view.rank else "not ranked"
         why = f": {view.unranked_because}" if view.unranked_because else ""
@@ -340,18 +333,6 @@ def submission_view(view: SubmissionView, page_url: str) -> Iterator[RenderableT
     elif not view.status.is_terminal:
         yield Text(f"follow it with: exceptiondrive status {view.id}")
         yield Text(f"or in the browser: {page_url}")
-
-
-def entry_words(view: SubmissionView) -> str:
-    """Name an entry of the team with its score and rank: "ID (HCC 55.13, rank 4) of "Method"."""
-    facts = []
-    if view.sheet is not None:
-        key = challenge_of(view.challenge).primary_order[0].metric
-        metric = challenge_of(view.challenge).metric(key)
-        value = getattr(view.sheet, HEADLINE).get(key)
-        facts.append(f"{metric.label} {metric_text(metric, value)}")
-    facts += [f"rank {view.rank}"] if view.rank else ["not ranked"]
-    return f'{view.id} ({", ".join(facts)}) of "{view.method}"'
 
 
 def submissions_view(views: Iterable[SubmissionView]) -> Iterator[RenderableType]:

@@ -5,7 +5,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 import math
 from array import array
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 from exceptiondrive_schemas.challenges import PLANNING
@@ -22,7 +22,6 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
-OFF_COURSE = "off_course"
 NUMBERS = (float, int)
 FARTHEST_M = 1e9
 """Farther than any coordinate of the earth: nothing can be made of such a number."""
@@ -107,16 +106,38 @@ class PlanningRules:
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
         """Say why a sound file would be scored but not ranked; None where nothing tells that."""
-        ranking, plausibility = self._protocol.ranking, self._protocol.plausibility
+        ranking = self._protocol.ranking
         shares = {
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
         }
         reasons = [too_little_covered(PLANNING, shares, ranking.min_coverage)]
-        median_m = None if profile is None else profile.median_source_l2_m
-        limit_m = plausibility.flag_off_course_m
-        if OFF_COURSE in ranking.unranked_flags and median_m is not None and median_m > limit_m:
-            reasons.append(f"flagged {FLAGS[OFF_COURSE].label}: median source L2 {median_m:.2f} m")
+        for code, why in self._flags(profile, shares):
+            if code in ranking.unranked_flags:
+                reasons.append(f"flagged {FLAGS[code].label}: {why}")
         return "; ".join(filter(None, reasons)) or None
+
+    def _flags(
+        self, profile: FileProfile | None, shares: Mapping[str, float]
+    ) -> Iterator[tuple[str, str]]:
+        """Yield the flags that a file tells of without its regions, and why (docs/protocol.md 5).
+
+        Shares are of all samples: a missing trajectory counts as one that stands still.
+        """
+        if profile is None:
+            return
+        section = self._protocol.plausibility
+        edited = 1 - shares["edited"] * (1 - (profile.standing_edited or 0.0))
+        source = 1 - shares["source"] * (1 - (profile.standing_sources or 0.0))
+        if edited - source > section.flag_edited_stationary_excess:
+            yield (
+                "stands_still",
+                f"{edited:.0%} of the edited trajectories, {source:.0%} of the source",
+            )
+        if source > section.flag_source_stationary:
+            yield "source_stands_still", f"{source:.0%} of the source trajectories"
+        median_m = profile.median_source_l2_m
+        if median_m is not None and median_m > section.flag_off_course_m:
+            yield "off_course", f"median source L2 {median_m:.2f} m"
 
     def document(self, split: str, answers: Mapping[str, Any]) -> PlanningDocument:
         """Return the sound file."""

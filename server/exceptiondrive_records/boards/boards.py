@@ -13,11 +13,11 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import frozen_since
-from exceptiondrive_records.phases.redaction import shown_board
+from exceptiondrive_records.phases.policy import frozen_since, shown_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
@@ -191,11 +191,11 @@ _PARSED: Memory[str, Board] = Memory(8 * 2**20)
 
 def parsed_board(row: BoardRow) -> Board:
     """Return the document of a board; boards never change, so it is read once while there is room."""
-    key = f"{row.body_digest} {row.told_at}"
+    key = f"{row.told_digest} {row.told_at}"
     kept = _PARSED.get(key)
     if kept is not None:
         return kept
-    board = Board.model_validate_json(row.body)
+    board = Board.model_validate_json(row.told_body)
     if row.told_at != board.published_at:
         board = board.model_copy(update={"published_at": row.told_at})
     return _PARSED.keep(key, board, len(row.body))
@@ -205,10 +205,10 @@ def served_body(row: BoardRow) -> str:
     """Return the document of a board as readers get it.
 
     These are the bytes that were recorded, but for a draft: it is published when it is first shown,
-    and its `published_at` says so from then on.
+    and its `published_at` says so from then on; and for one that names a forgotten team.
     """
     if row.told_at == row.published_at:
-        return row.body
+        return row.told_body
     return canonical_json(parsed_board(row)).decode()
 
 
@@ -238,13 +238,14 @@ _MAX_KEPT = 32
 
 def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntry]:
     """Return the entries of a board by submission; boards never change, so each is read once."""
-    digest = session.scalar(select(BoardRow.body_digest).where(BoardRow.id == board_id))
-    if digest is None:
+    row = None if board_id is None else session.get(BoardRow, board_id)
+    if row is None:
         return {}
+    digest = row.told_digest
     if digest not in _ENTRIES:
         if len(_ENTRIES) >= _MAX_KEPT:
             _ENTRIES.clear()
-        entries = parsed_board(session.get_one(BoardRow, board_id)).entries
+        entries = parsed_board(row).entries
         _ENTRIES[digest] = {each.submission_id: each for each in entries if each.submission_id}
     return _ENTRIES[digest]
 
@@ -328,7 +329,26 @@ def leads(session: Session, phase_id: str) -> list[Lead]:
         .where(BoardFlip.phase_id == phase_id)
         .order_by(BoardFlip.at, BoardFlip.id)
     )
-    return [Lead(*row) for row in session.execute(query)]
+    aliases = _aliases(session, phase_id)
+    return [
+        Lead(at, number, version, _under_alias(leader, aliases))
+        for at, number, version, leader in session.execute(query)
+    ]
+
+
+def _aliases(session: Session, phase_id: str) -> dict[str, str]:
+    """The names under which submissions of forgotten teams stand."""
+    query = (
+        select(Submission.id, Team.name)
+        .join(Team, Team.id == Submission.team_id)
+        .where(Submission.phase_id == phase_id, Team.forgotten_at.is_not(None))
+    )
+    return {submission_id: name for submission_id, name in session.execute(query)}
+
+
+def _under_alias(leader: BoardLeader | None, aliases: Mapping[str, str]) -> BoardLeader | None:
+    alias = None if leader is None else aliases.get(leader.submission_id)
+    return leader if leader is None or alias is None else leader.model_copy(update={"team": alias})
 
 
 def was_shown() -> ColumnElement[bool]:

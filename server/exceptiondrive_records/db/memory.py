@@ -12,7 +12,7 @@ V = TypeVar("V")
 class Memory(Generic[K, V]):
     """Values by key, up to a weight together. Safe to share between threads.
 
-    A value heavier than the whole room is not kept.
+    The newest is kept however heavy it is: made again for everybody who asks, it would take as much.
     """
 
     def __init__(self, room: int) -> None:
@@ -38,10 +38,9 @@ class Memory(Generic[K, V]):
         """Keep a value in place of what was kept under its key, and return it."""
         with self._lock:
             self.weight -= self._kept.pop(key, (None, 0))[1]
-            if weight <= self._room:
-                self._kept[key] = value, weight
-                self.weight += weight
-            while self.weight > self._room:
+            self._kept[key] = value, weight
+            self.weight += weight
+            while self.weight > self._room and len(self._kept) > 1:
                 self.weight -= self._kept.popitem(last=False)[1][1]
         return value
 

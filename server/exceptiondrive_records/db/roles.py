@@ -63,6 +63,8 @@ RIGHTS = MappingProxyType(
         _VERSIONS: (R, R, R),
         "allowances": (RIUD, R, R),
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
+        "board_aliases": (RIU, R, R),
+        "board_flip_aliases": (RIU, R, R),
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
@@ -72,11 +74,13 @@ RIGHTS = MappingProxyType(
         "entry_drawings": (R, RI, R),
         "invitations": (RIUD, NONE, NONE),
         "memberships": (RID, NONE, NONE),
+        "news": (RIU, NONE, NONE),
         "notifications": (RIUD, RI, RI),
         "people": (RIU, NONE, NONE),
         "phases": (_PHASES, _POINTER, R),
         "protocol_drawings": (R, RI, R),
         "protocols": (RID, R, R),  # foreign keys keep what is in use
+        "questions": (RIU, NONE, NONE),
         "receipt_keys": (RI, NONE, NONE),
         "rescoring_runs": (RIU, R, RU),
         "sample_pictures": (R, RID, R),

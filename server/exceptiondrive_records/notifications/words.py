@@ -56,7 +56,11 @@ def _number(metric: Metric, value: float) -> str:
 
 
 def _range(metric: Metric, interval: Interval | None) -> str:
+    """Write a range; one in whole per cents, as of withheld splits, claims no decimals."""
     if interval is None:
         return ""
+    low, high = interval
     scale, _ = _UNITS[metric.unit]
-    return f" ({interval[0] * scale:.2f} to {interval[1] * scale:.2f})"
+    is_whole = metric.unit == "fraction" and low == round(low, 2) and high == round(high, 2)
+    decimals = 0 if is_whole else 2
+    return f" ({low * scale:.{decimals}f} to {high * scale:.{decimals}f})"

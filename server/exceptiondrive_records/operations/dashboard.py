@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.operations.troubles import Trouble, troubles
 from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -69,6 +70,8 @@ class Dashboard:
     """What stands wrongly and no error says."""
     probing: tuple[AuditLine, ...]
     """Where workers suspected probing in the last 30 days, newest first."""
+    n_questions: int
+    """Questions of teams that wait for an answer."""
 
 
 def dashboard(session: Session) -> Dashboard:
@@ -92,6 +95,7 @@ def dashboard(session: Session) -> Dashboard:
         floors_held=tuple(session.scalars(_of_workers(session, SPLIT_FLOOR_HELD))),
         troubles=troubles(session),
         probing=tuple(session.scalars(_of_workers(session, PROBING_SUSPECTED))),
+        n_questions=count_waiting(session),
     )
 
 

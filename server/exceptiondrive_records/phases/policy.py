@@ -1,4 +1,4 @@
-"""Where a phase stands in its life: what is frozen, late, hidden or anonymous at a moment."""
+"""Where a phase stands in its life: what is frozen, late, hidden or anonymous, and what is shown."""
 
 import hashlib
 import hmac
@@ -11,8 +11,10 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import part_revision
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.phase_settings import PhaseNow, SplitPart
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 """No two that look alike."""
@@ -37,6 +39,14 @@ def families_shown_from(phase: Phase, now: datetime) -> datetime | None:
 def is_anonymous(phase: Phase) -> bool:
     """Whether teams and methods stand under pseudonyms."""
     return phase.policy.anonymous and phase.names_revealed_at is None
+
+
+def is_open(phase: Phase, now: datetime) -> bool:
+    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`."""
+    if phase.visibility != "shown":
+        return False
+    has_opened = phase.opens_at is None or phase.opens_at <= now
+    return has_opened and (phase.closes_at is None or now < phase.closes_at)
 
 
 def has_closed(phase: Phase, moment: datetime) -> bool:
@@ -135,3 +145,48 @@ def _keyed(phase: Phase, text: str, length: int) -> str:
         number, place = divmod(number, len(_LETTERS))
         letters.append(_LETTERS[place])
     return "".join(letters)
+
+
+# What of a board or a sheet may be shown now: families and tasks wait for their date.
+
+
+def shown_board(phase: Phase, board: Board, now: datetime) -> Board:
+    """Return a board as it may be published now; without families before their date."""
+    if families_shown_from(phase, now) is None:
+        return board
+    return board.model_copy(
+        update={
+            "families": (),
+            "entries": tuple(entry.model_copy(update={"families": {}}) for entry in board.entries),
+            "comparisons": tuple(
+                pair.model_copy(update={"families": {}, "tasks": {}}) for pair in board.comparisons
+            ),
+        }
+    )
+
+
+def shown_sheet(session: Session, phase: Phase, row: ScoreSheetRow) -> ScoreSheet:
+    """Return a sheet as anybody may see it now; without families and tasks before their date."""
+    if families_shown_from(phase, database_now(session)) is None:
+        return row.sheet
+    return without_breakdown(row.sheet)
+
+
+def without_breakdown(sheet: ScoreSheet) -> ScoreSheet:
+    """Return the totals of a sheet alone: nothing that is counted over some samples only.
+
+    A further row with an `n` is counted so too: the answers to samples with one acceptable set tell
+    which set each sample has, as a task would.
+    """
+    extra = {name: row for name, row in sheet.extra.items() if "n" not in row}
+    return sheet.model_copy(update={"families": {}, "tasks": {}, "extra": extra})
+
+
+def score_kept_back_since(
+    session: Session, phase: Phase, submission: Submission
+) -> datetime | None:
+    """Return since when the team is not shown this score; None while it is shown."""
+    since = frozen_since(phase, database_now(session))
+    if since is None or phase.policy.frozen_scores == "shown" or submission.received_at < since:
+        return None
+    return since

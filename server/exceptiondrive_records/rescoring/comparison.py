@@ -185,7 +185,7 @@ class Compared:
 
 def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     """Return what changes from one recorded board to another."""
-    return _compared(old.body, new.body)
+    return _compared(old.told_body, new.told_body)
 
 
 @lru_cache(maxsize=_KEPT)

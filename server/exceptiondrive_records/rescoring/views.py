@@ -4,7 +4,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import latest_board
-from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
+from exceptiondrive_records.boards.tables import BoardFlip, BoardFlipAlias, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, shadow_key
@@ -208,12 +208,13 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
         select(
             BoardFlip.id,
             BoardFlip.at,
-            BoardFlip.news,
+            func.coalesce(BoardFlipAlias.news, BoardFlip.news).label("news"),
             BoardRow.number,
             BoardRow.protocol_digest,
             BoardRow.split_revision,
         )
         .join(BoardRow, BoardRow.id == BoardFlip.board_id)
+        .outerjoin(BoardFlipAlias, BoardFlipAlias.flip_id == BoardFlip.id)
         .where(BoardFlip.phase_id == phase_id)
         .order_by(BoardFlip.at, BoardFlip.id)
     )

@@ -17,9 +17,10 @@ from exceptiondrive_records.phases.policy import (
     is_late,
     is_split_revealed,
     pseudonym_of_team,
+    score_kept_back_since,
+    shown_sheet,
 )
 from exceptiondrive_records.phases.quotas import WAITING
-from exceptiondrive_records.phases.redaction import score_kept_back_since, shown_sheet
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission

@@ -28,6 +28,8 @@ class Team(Base):
     """Registered itself then, and submits nothing until an organizer approves."""
     registration_note: Mapped[str | None]
     """Who they say they are, for organizers."""
+    forgotten_at: Mapped[datetime | None]
+    """Since then it stands under an alias, and nothing personal of it is kept."""
     registered_from: Mapped[str | None]
     """Digest of the network that it registered itself from."""
 

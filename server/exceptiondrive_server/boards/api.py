@@ -1,11 +1,15 @@
 """Boards: the current one, one of a date, each at its permanent address; JSON and CSV."""
 
 from typing import Annotated, Any
+from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import find_board, parsed_board, served_body
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.edits import newest_edit_at
@@ -14,7 +18,7 @@ from exceptiondrive_schemas.method_facts import PhaseFacts
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import chosen_board, facts_on
-from exceptiondrive_server.boards.query import AskedBoard, documented
+from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, documented
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
@@ -23,6 +27,14 @@ from exceptiondrive_server.web.responses import origin_of
 
 router = APIRouter(tags=["boards"])
 _UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}
+Limit = Annotated[int | None, Query(ge=1, le=1000, description="entries at a time")]
+After = Annotated[
+    str | None,
+    Query(
+        pattern=r"^[1-9][0-9]{0,8}\.[0-9]{1,9}$",
+        description="where a page begins: taken from the `Link` of the page before",
+    ),
+]
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": Board, "description": "The board; its strong ETag is the digest of its bytes."},
     304: _UNCHANGED,
@@ -37,16 +49,72 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     responses=_RESPONSES,
     openapi_extra=documented(),
 )
-def get_board(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
-    """Give a board as JSON; sorting and filters change no rank, rows without a value come last."""
+def get_board(
+    request: Request,
+    services: ServicesOf,
+    query: AskedBoard,
+    limit: Limit = None,
+    after: After = None,
+) -> Response:
+    """Give a board as JSON; sorting and filters change no rank, rows without a value come last.
+
+    With `limit` some entries at a time: the header `Link` names the next page (`rel="next"`), which
+    is of the same board also where another is the current one by then. Comparisons stand on the first.
+    """
+    max_age_s = services.settings.board_max_age_s
+    number, _, start = (after or "").partition(".")
     with services.database.read() as session:
-        row = chosen_board(session, query)
+        row = _paged_board(session, query, int(number)) if after else chosen_board(session, query)
         board = parsed_board(row)
         facts = facts_on(session, board)
-    shown = selected_board(board, query, facts)
-    body = served_body(row) if shown is board else shown.model_dump_json()
-    max_age_s = services.settings.board_max_age_s
-    return conditional(request, body.encode(), "application/json", max_age_s=max_age_s)
+        shown = selected_board(board, query, facts)
+        if shown is board and limit is None and after is None:
+            return _as_kept(request, row, max_age_s)
+    part, headers = _page_of(shown, query, int(start or 0), limit)
+    body = part.model_dump_json().encode()
+    return conditional(request, body, "application/json", max_age_s=max_age_s, headers=headers)
+
+
+def _paged_board(session: Session, query: BoardQuery, number: int) -> BoardRow:
+    """The board of the page before; of the late view, which has no number to ask for, if it stands.
+
+    Raises:
+        NotFound: There is none, or the late view is another by now.
+    """
+    if query.view == "main":
+        named = {"board": number, "as_of": None, "protocol": None}
+        return chosen_board(session, query.model_copy(update=named))
+    row = chosen_board(session, query)
+    if row.number != number:
+        raise NotFound("late view as it was: begin with its first page; board", str(number))
+    return row
+
+
+def _page_of(
+    board: Board, query: BoardQuery, start: int, limit: int | None
+) -> tuple[Board, dict[str, str]]:
+    end = len(board.entries) if limit is None else start + limit
+    changes = {"entries": board.entries[start:end]} | ({"comparisons": ()} if start else {})
+    part = board.model_copy(update=changes)
+    if end >= len(board.entries):
+        return part, {}
+    named = query.model_copy(
+        update={"phase": board.phase, "board": None, "as_of": None, "protocol": None}
+    )
+    pairs = [*named.pairs(), ("limit", str(limit)), ("after", f"{board.board}.{end}")]
+    return part, {"Link": f'</api/v1/leaderboard?{urlencode(pairs, safe=",:")}>; rel="next"'}
+
+
+def _as_kept(request: Request, row: BoardRow, max_age_s: int) -> Response:
+    """Give a board as readers get it; its recorded bytes are not digested again."""
+    is_recorded = row.told_at == row.published_at
+    return conditional(
+        request,
+        lambda: served_body(row).encode(),
+        "application/json",
+        etag=row.body_digest.removeprefix("sha256:") if is_recorded else "",
+        max_age_s=max_age_s,
+    )
 
 
 @router.get(
@@ -67,9 +135,9 @@ def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> 
     """Give a board as CSV; cells that a spreadsheet would run as formulas are quoted."""
     with services.database.read() as session:
         row = chosen_board(session, query)
-        protocol = find_protocol(session, row.protocol_digest)
-        facts = facts_on(session, parsed_board(row))
-    csv, board = EXPORTS["csv"], selected_board(parsed_board(row), query, facts)
+        protocol, whole = find_protocol(session, row.protocol_digest), parsed_board(row)
+        facts = facts_on(session, whole)
+    csv, board = EXPORTS["csv"], selected_board(whole, query, facts)
     text = csv.write(board, protocol, origin_of(request), facts)
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
@@ -110,5 +178,5 @@ def get_board_by_number(
 ) -> Response:
     """Give a board at its permanent address; its bytes never change."""
     with services.database.read() as session:
-        body = served_body(find_board(session, shown_phase(session, phase).id, number))
-    return conditional(request, body.encode(), "application/json", max_age_s=FOR_EVER_S)
+        row = find_board(session, shown_phase(session, phase).id, number)
+        return _as_kept(request, row, FOR_EVER_S)

@@ -582,11 +582,13 @@ def clearance_bars(curve: ClearanceCurve) -> tuple[ClearanceBar, ...]:
     return tuple(bars)
 
 
-def best_entries(board: Board) -> tuple[BoardEntry, ...]:
-    """Return the leader and the next best ranked entries."""
+def best_entries(board: Board, chosen: Sequence[str] = ()) -> tuple[BoardEntry, ...]:
+    """Return the leader, the entries of these keys, and the next best ranked while there is room."""
     ranked = sorted([e for e in board.entries if e.rank is not None], key=lambda e: e.rank or 0)
     ranked.sort(key=lambda entry: entry is not board.leader)
-    return tuple(ranked[:MAX_CURVES])
+    named = [entry for entry in board.entries if entry_key(entry) in chosen]
+    drawn = {entry_key(entry): entry for entry in (*ranked[:1], *named, *ranked)}
+    return tuple(drawn.values())[: max(MAX_CURVES, 1 + len(named))]
 
 
 def curve_chart(

@@ -239,11 +239,13 @@ class BoardNote:
 
 @dataclass(frozen=True)
 class PhaseDate:
-    """Something that happened to a phase: `announced`, `opened` or `closed`, in words."""
+    """Something that happened to a phase: `announced`, `opened`, `closed` or `news`, in words."""
 
     what: str
     at: datetime
     words: str
+    text: str = ""
+    """More than the words, of news."""
 
 
 @dataclass(frozen=True)
@@ -293,7 +295,7 @@ def _date(root: Xml.Element, history: History, date: PhaseDate, site_url: str) -
     _text(entry, "id", f"{address}#{date.what}-{iso(date.at)}")
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(date.at))
-    _text(entry, "summary", date.words)
+    _text(entry, "summary", date.text or date.words)
 
 
 def _text(parent: Xml.Element, name: str, text: str) -> None:

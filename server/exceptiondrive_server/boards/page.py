@@ -82,15 +82,19 @@ class ShownBoard(NamedTuple):
     compared_fields: tuple[tuple[str, str], ...]
 
 
-_MADE: Memory[Hashable, Any] = Memory(12_000)
+MADE_OF_A_BOARD = 8
+_MADE: Memory[Same[Board], Memory[Hashable, Any]] = Memory(12_000)
 """What was made of the boards that were shown last; it weighs what it keeps alive: entries."""
 
 
 def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
     """Return what follows from a board that is read, made once while there is room."""
-    key = Same(board), what
-    found: T | None = _MADE.get(key)
-    return found if found is not None else _MADE.keep(key, make(), 1 + len(board.entries))
+    same = Same(board)
+    made = _MADE.get(same)
+    if made is None:
+        made = _MADE.keep(same, Memory(MADE_OF_A_BOARD), 1 + len(board.entries))
+    found: T | None = made.get(what)
+    return found if found is not None else made.keep(what, make(), 1)
 
 
 def _shown(
@@ -131,7 +135,7 @@ def _shown(
         families=macro("boards/families.html", "families_section")(
             table=table,
             shown=families_of(board),
-            plot=dot_plot(board, best_entries(board), digits),
+            plot=dot_plot(board, best_entries(board, query.chosen), digits),
             tasks=same_tasks.value,
             protocol=protocol,
         ),
@@ -196,6 +200,8 @@ class PhaseLink:
     quota_per_day: int
     split: str
     split_is_public: bool
+    has_data: bool
+    """Whether its page says where scenes and pictures are had."""
     not_checked: tuple[str, ...]
     """What nobody checks of a file for it, in sentences."""
     url: str
@@ -384,7 +390,7 @@ class BoardPage:
     @property
     def kept_fields(self) -> list[tuple[str, str]]:
         """What the filter form carries on unseen."""
-        kept = ("challenge", "phase", "view", "source", "fact")
+        kept = ("challenge", "phase", "view", "source", "fact", "more")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
 
     @cached_property

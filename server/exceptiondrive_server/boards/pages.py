@@ -148,9 +148,9 @@ def export_board(request: Request, services: ServicesOf, query: AskedBoard, form
         raise NotFound("export", form)
     with services.database.read() as session:
         row = chosen_board(session, query)
-        protocol = find_protocol(session, row.protocol_digest)
-        facts = facts_on(session, parsed_board(row))
-    board = selected_board(parsed_board(row), query, facts)
+        protocol, whole = find_protocol(session, row.protocol_digest), parsed_board(row)
+        facts = facts_on(session, whole)
+    board = selected_board(whole, query, facts)
     text = export.write(board, protocol, origin_of(request), facts)
     name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}

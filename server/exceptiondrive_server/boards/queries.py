@@ -21,11 +21,16 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.phases.allowances import is_open
+from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import list_phases, not_checked
-from exceptiondrive_records.phases.policy import is_anonymous, phase_now, takes_late_entries
-from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.policy import (
+    is_anonymous,
+    is_open,
+    phase_now,
+    shown_sheet,
+    takes_late_entries,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.shown import shown_protocol
@@ -36,13 +41,13 @@ from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_server.boards.charts import Curves, best_entries
-from exceptiondrive_server.boards.entry_facts import challenge_of
+from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
 from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tasks
 from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_on
@@ -66,7 +71,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
     board = own_board(parsed_board(row)) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
-    told = _told_by_sheets(session, phase, board) if board else ToldBySheets((), ())
+    told = _told_by_sheets(session, phase, board, query.chosen) if board else ToldBySheets((), ())
     return BoardPage(
         query=query,
         phases=links,
@@ -84,7 +89,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
-        board_digest=row.body_digest if row else "",
+        board_digest=row.told_digest if row else "",
         facts_at=newest_edit_at(session, phase.id),
         disqualified=disqualification_notes(session, phase),
     )
@@ -118,14 +123,19 @@ class ToldBySheets(NamedTuple):
     tasks: Tasks
 
 
-def _told_by_sheets(session: Session, phase: Phase, board: Board) -> ToldBySheets:
-    return of_board(board, "sheets", lambda: _read_sheets(session, phase, board))
+def _told_by_sheets(
+    session: Session, phase: Phase, board: Board, chosen: tuple[str, ...]
+) -> ToldBySheets:
+    best = best_entries(board, chosen)
+    what = "sheets", *(entry_key(entry) for entry in best)
+    return of_board(board, what, lambda: _read_sheets(session, phase, board, best))
 
 
-def _read_sheets(session: Session, phase: Phase, board: Board) -> ToldBySheets:
+def _read_sheets(
+    session: Session, phase: Phase, board: Board, best: Sequence[BoardEntry]
+) -> ToldBySheets:
     """Clearance curves of the first, and the tasks of many more, as far as their sheets tell them."""
     ranked = [e.submission_id for e in board.entries if e.rank is not None][:MAX_SHEETS]
-    best = best_entries(board)
     rows = session.scalars(
         select(ScoreSheetRow).where(
             ScoreSheetRow.submission_id.in_({*ranked, *(entry.submission_id for entry in best)}),
@@ -199,6 +209,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         quota_per_day=phase.quota_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
+        has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
         not_checked=not_checked(phase.challenge, whole),
         url=f"/?phase={phase.id}#board",
     )
@@ -330,7 +341,17 @@ def read_history(session: Session, query: BoardQuery, limit: int = 10) -> Histor
     )
     reasons = update_reasons(session, phase.id)
     notes = tuple([_note(session, row, reasons.get(row.id, ())) for row in session.scalars(newest)])
-    return History(phase.id, phase.title, notes, tuple(_dates(phase, database_now(session))))
+    return History(
+        phase.id,
+        phase.title,
+        notes,
+        (*_news(session, phase.id), *_dates(phase, database_now(session))),
+    )
+
+
+def _news(session: Session, phase_id: str) -> Iterator[PhaseDate]:
+    for row in news_of(session, phase_id):
+        yield PhaseDate("news", row.published_at, row.title, row.text)
 
 
 def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:

@@ -41,6 +41,7 @@ PAGE_ROWS: Mapping[PageRows, int] = {"20": 20, "100": 100, "all": 1000}
 DEFAULT_SORT = BY_RANK
 """The order in which a board is given where nobody asks for another."""
 MAX_SEARCH = 80
+MAX_CHOSEN = 5
 _SIGNS = {"ascending": "", "descending": "-"}
 _METRICS = dict.fromkeys(key for each in CHALLENGES.values() for key in each.metric_keys)
 _SORTS = ", ".join((BY_RANK, "method", "date", "family.ID", *_METRICS))
@@ -90,6 +91,8 @@ class BoardQuery(BaseModel):
     )
     hidden: frozenset[str] = frozenset()
     added: frozenset[str] = frozenset()
+    chosen: tuple[str, ...] = ()
+    """Entries that the charts draw beside the leader; one that is not on the board is left out."""
 
     @field_validator("facts")
     @classmethod
@@ -133,6 +136,9 @@ class BoardQuery(BaseModel):
         given["hidden"] = _hidden(many)
         given["added"] = _names(many.get("add", []))
         given["facts"] = _names(many.get("fact", []))
+        given["chosen"] = tuple(dict.fromkeys(key for key in many.get("more", []) if key))[
+            :MAX_CHOSEN
+        ]
         try:
             return cls.model_validate(given)
         except ValidationError as error:
@@ -175,6 +181,7 @@ class BoardQuery(BaseModel):
             ("fact", ",".join(sorted(self.facts)) or None),
             ("hide", ",".join(sorted(self.hidden)) or None),
             ("add", ",".join(sorted(self.added)) or None),
+            *(("more", key) for key in self.chosen),
         ]
         return [(key, str(value)) for key, value in given if value is not None]
 

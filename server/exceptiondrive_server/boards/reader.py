@@ -45,11 +45,9 @@ class BoardReader:
             query = select(Phase.current_board_id).where(Phase.current_board_id.is_not(None))
             current = frozenset(id for id in session.scalars(query) if id is not None)
             new = current - self._read
-            rows = (
-                list(session.scalars(select(BoardRow).where(BoardRow.id.in_(new)))) if new else []
-            )
-        for row in rows:
-            parsed_board(row)
+            rows = session.scalars(select(BoardRow).where(BoardRow.id.in_(new))).all()
+            for row in rows:
+                parsed_board(row)
         self._read = current
         return len(rows)
 

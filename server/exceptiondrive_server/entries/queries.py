@@ -16,8 +16,7 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import find_phase, list_phases
-from exceptiondrive_records.phases.policy import is_anonymous
-from exceptiondrive_records.phases.redaction import shown_sheet
+from exceptiondrive_records.phases.policy import is_anonymous, shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
@@ -110,7 +109,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     borrows = _borrows_scenes(session, phase)
     return EntryData(
         outline=(
-            (row.body_digest, phase.title, is_current, shown_submission is None, told, borrows),
+            (row.told_digest, phase.title, is_current, shown_submission is None, told, borrows),
             sheet and (tuple(sheet.families), tuple(sheet.tasks)),
             tuple(each.body_digests for each in past),
             (tuple(drawn_ids), outline_of_pictures(pictures.values())),
@@ -258,7 +257,7 @@ def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastPositi
     entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
-    digests = last.body_digest, first.body_digest
+    digests = last.told_digest, first.told_digest
     return PastPosition(board, entry, first_board, first_entry, digests)
 
 

@@ -127,6 +127,10 @@ def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) ->
         verb = "waits" if len(found.pending) == 1 else "wait"
         words = f"{counted(len(found.pending), 'team')} {verb} for your approval."
         yield words, "/organize/teams?show=pending", "Look at them", "warn"
+    if found.n_questions:
+        verb = "waits" if found.n_questions == 1 else "wait"
+        words = f"{counted(found.n_questions, 'question')} of teams {verb} for an answer."
+        yield words, "/organize/news", "Answer", "warn"
     for queue in found.queue:
         if queue.lane is Lane.LIVE and (queue.oldest_s or 0) > SLOW_S:
             words = f"A fresh submission has waited for {duration_words(queue.oldest_s or 0)}."

@@ -14,6 +14,7 @@ from exceptiondrive_records.participation.disqualification import (
     list_disqualifications,
     reinstate,
 )
+from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.participation.importing import import_teams
 from exceptiondrive_records.participation.messages import (
     MAX_TEXT,
@@ -73,6 +74,13 @@ class Merged(BaseModel):
     id: str
     name: str
     n_submissions: int
+
+
+class Forgetting(Form):
+    """Why a team is forgotten."""
+
+    reason: Reason
+    """Stays in the audit log: name nobody in it."""
 
 
 class EntryDisqualification(Form):
@@ -188,6 +196,16 @@ def post_merge(services: ServicesOf, organizer: Organizer, team_id: Slug, merge:
             session, team_id, merge.into, reason=merge.reason, actor=organizer.actor
         )
         return Merged(id=team.slug, name=team.name, n_submissions=n_moved)
+
+
+@router.post("/teams/{team_id}/forget", operation_id="forgetTeam")
+def post_forgetting(
+    services: ServicesOf, organizer: Organizer, team_id: Slug, wanted: Forgetting
+) -> ChangedTeam:
+    """Take everything personal of a team out of the records; an alias stands on every board."""
+    with services.database.write() as session:
+        team = forget_team(session, team_id, reason=wanted.reason, actor=organizer.actor)
+        return ChangedTeam(id=team.slug, name=team.name, affiliation=team.affiliation)
 
 
 @router.post("/teams/{team_id}/disqualify", operation_id="disqualifyTeam", status_code=201)

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.changes import MAX_AFFILIATION, change_team, merge_teams
 from exceptiondrive_records.participation.disqualification import (
@@ -17,6 +17,7 @@ from exceptiondrive_records.participation.disqualification import (
     find_disqualification,
     reinstate,
 )
+from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.participation.importing import COLUMNS, import_teams, tokens_table
 from exceptiondrive_records.participation.messages import (
     MAX_TEXT,
@@ -213,6 +214,52 @@ def _merge(session: Session, team: Team) -> Step:
         button="Merge",
         fields=(into, REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',
+        is_grave=True,
+    )
+
+
+@router.get("/teams/{team_id}/forget")
+def show_forgetting(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
+) -> Response:
+    """Ask whether a team shall be forgotten."""
+    with services.database.read() as session:
+        step = _forgetting(find_team(session, team_id))
+    return step_page(request, browser, step)
+
+
+@router.post("/teams/{team_id}/forget")
+def post_forgetting(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    form: PostedForm,
+    team_id: Slug,
+) -> Response:
+    """Forget a team whose id was typed once more."""
+
+    def take(session: Session, values: Mapping[str, str]) -> str:
+        if values["again"] != team_id:
+            raise InvalidRecord("Type the id of the team once more: this cannot be taken back.")
+        team = forget_team(session, team_id, reason=values["reason"], actor=browser.principal.actor)
+        return f"/organize/teams/{team.slug}"
+
+    with services.database.read() as session:
+        step = _forgetting(find_team(session, team_id))
+    return take_step(request, services, browser, step, form, take, "team_forgotten")
+
+
+def _forgetting(team: Team) -> Step:
+    again = FormField("again", f"Type {team.slug}", is_required=True, max_length=64)
+    return _step(
+        team,
+        title=f"Forget {team.name}",
+        meaning="People, addresses, messages and what it says of its methods are taken out of the "
+        "records, its tokens end, and an alias stands on every board, old ones too; scores and the "
+        "digests of boards stay. Name nobody in the reason. This cannot be taken back.",
+        button="Forget",
+        fields=(again, REASON),
+        command=f'exceptiondrive organizer teams forget {team.slug} --reason "…"',
         is_grave=True,
     )
 

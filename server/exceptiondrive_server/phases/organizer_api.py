@@ -160,7 +160,7 @@ def get_live_board(services: ServicesOf, phase_id: PhaseId) -> LiveBoard:
         row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
         if row is None:
             raise NotFound("board of the phase", phase_id)
-        board = Board.model_validate_json(row.body)
+        board = Board.model_validate_json(row.told_body)
         ids = [entry.submission_id for entry in board.entries if entry.submission_id]
         return LiveBoard(
             is_public=row.id == phase.current_board_id,

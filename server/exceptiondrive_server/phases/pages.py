@@ -6,9 +6,11 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_server.boards.queries import phase_link
+from exceptiondrive_server.news.queries import news_view
 from exceptiondrive_server.web.auth import sees_hidden
 from exceptiondrive_server.web.browser_session import principal_of_browser
 from exceptiondrive_server.web.responses import Reading, public_page
@@ -26,6 +28,7 @@ def show_phase(request: Request, phase_id: Annotated[str, Path(max_length=64)]) 
         shown = {
             "phase": phase_link(session, phase, True),
             "text": phase.page,
+            "news": [news_view(row) for row in news_of(session, phase.id)],
             "protocol": find_protocol(session, phase.protocol_digest).version,
             "quota_total": phase.quota_total,
             "terms_required": phase.policy.terms_required,

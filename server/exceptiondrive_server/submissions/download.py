@@ -130,7 +130,7 @@ def _archived(
             break
         after = found[-1].id
     manifest = ArchiveManifest(made_at=datetime.now(UTC), files=tuple(files))
-    yield "manifest.json", manifest.model_dump_json(indent=2).encode()
+    yield "manifest.json", manifest.model_dump_json(indent=2, by_alias=True).encode()
 
 
 def read_upload(services: Services, one: SubmissionView) -> tuple[bytes | None, str | None]:

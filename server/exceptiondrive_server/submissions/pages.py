@@ -306,7 +306,7 @@ def show_receipt(services: ServicesOf, browser: Browser, submission_id: Submissi
         statement = statement_of(session, found)
     name = f"exceptiondrive-{submission_id}-receipt.json"
     return Response(
-        services.signer.sign(statement).model_dump_json(indent=2),
+        services.signer.sign(statement).model_dump_json(indent=2, by_alias=True),
         media_type="application/json",
         headers={
             **SECURITY_HEADERS,

@@ -76,7 +76,7 @@ def _evaluate(
         f"pip install {_wanted(server, wheel, '[evaluate]')}\n"
         f"{answer_it}"
         f"exceptiondrive split download {development.split} -o split.json\n"
-        f"exceptiondrive evaluate {file} --split split.json\n"
+        f"exceptiondrive evaluate {file} --split split.json --phase {development.id}\n"
     )
 
 

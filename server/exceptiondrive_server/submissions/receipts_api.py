@@ -7,8 +7,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.policy import is_anonymous
-from exceptiondrive_records.phases.redaction import score_kept_back_since
+from exceptiondrive_records.phases.policy import is_anonymous, score_kept_back_since
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.submissions.views import published_sheet

@@ -131,9 +131,9 @@ def _files(
 ) -> Iterator[tuple[str, bytes]]:
     upload = f"upload{suffix_of(data or b'')}"
     yield "README.md", _readme(story, receipt, upload, missing).encode()
-    yield "story.json", story.model_dump_json(indent=2).encode()
+    yield "story.json", story.model_dump_json(indent=2, by_alias=True).encode()
     if receipt is not None:
-        yield "receipt.json", receipt.model_dump_json(indent=2).encode()
+        yield "receipt.json", receipt.model_dump_json(indent=2, by_alias=True).encode()
     if data is not None:
         yield upload, data
 

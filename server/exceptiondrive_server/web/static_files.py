@@ -1,6 +1,7 @@
 """The site's own style, scripts, fonts and icons, each named by its content and kept for ever.
 
-Sources of the style are small files by subject; readers fetch one, made of all of them.
+Sources of the style are small files by subject; readers fetch one, made of all of them. Style and
+scripts are served without comments and indents.
 """
 
 import hashlib
@@ -26,8 +27,21 @@ STYLES = (
 @cache
 def asset(name: str) -> str:
     """Return the address of a static file; it changes whenever the content does."""
-    content = style_sheet().encode() if name == STYLE else (STATIC / name).read_bytes()
+    content = _made(name) or (STATIC / name).read_bytes()
     return f"/static/{name}?v={hashlib.sha256(content).hexdigest()[:10]}"
+
+
+def _made(name: str) -> bytes | None:
+    """What is served in place of a file; None of one that is served as it is."""
+    if name == STYLE:
+        return style_sheet().encode()
+    return script(name).encode() if name.endswith(".js") and (STATIC / name).is_file() else None
+
+
+@cache
+def script(name: str) -> str:
+    """Return a script without indents and lines of comment; each statement keeps its line."""
+    return re.sub(r"(?m)^\s*(//.*\n)?\s*", "", (STATIC / name).read_text("utf-8"))
 
 
 @cache
@@ -44,8 +58,10 @@ def style_sheet() -> str:
 class _NamedByContent(StaticFiles):
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Answer with a file, and say how long it may be kept."""
-        if path == STYLE:
-            answer = Response(style_sheet(), media_type="text/css")
+        made = _made(path)
+        if made is not None:
+            kind = "text/css" if path == STYLE else "text/javascript"
+            answer = Response(made, media_type=kind)
         else:
             answer = await super().get_response(path, scope)
         is_named_by_content = b"v=" in scope.get("query_string", b"")

@@ -91,3 +91,10 @@ def test_unticked_columns_are_the_hidden_ones() -> None:
 
 def test_a_long_search_is_cut() -> None:
     assert len(BoardQuery.parse([("q", "x" * 500)]).search) == 80
+
+
+def test_chosen_entries_stand_in_the_address_once_each_and_not_too_many() -> None:
+    asked = BoardQuery.parse([("phase", "dev"), *(("more", key) for key in "aabcdefg")])
+    assert asked.chosen == tuple("abcde")
+    assert BoardQuery.parse(asked.pairs()) == asked
+    assert asked.url().count("more=") == 5

@@ -10,9 +10,12 @@ from typing import Any
 
 import pytest
 from tests.server.pages.invented_board import LONG_AGO
+from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards import query as board_query
+from exceptiondrive_server.boards.charts import best_entries
+from exceptiondrive_server.boards.entry_facts import entry_key
 from exceptiondrive_server.web.static_files import STATIC, STYLES
 
 AGO, AGO_TOO = LONG_AGO, LONG_AGO + timedelta(hours=1)
@@ -381,3 +384,32 @@ async def test_a_board_of_a_reference_alone_has_no_charts_and_leads_to_submittin
     assert 'id="chart"' not in text
     assert 'id="families"' not in text
     assert text.index('id="submit"') < text.index('id="metrics"')
+
+
+async def test_chosen_entries_join_the_charts_without_script(
+    lively_site: Any, lively_board: Board
+) -> None:
+    usual = best_entries(lively_board)
+    other = next(
+        e
+        for e in lively_board.entries[::-1]
+        if e.source != "reported" and e.families and e not in usual
+    )
+    plain = read((await lively_site.get("/")).text)
+    asked = read((await lively_site.get(f"/?more={entry_key(other)}&more=nobody")).text)
+    keys = [
+        {key.text for key in page.one("section", id="families").all("span", "key")}
+        for page in (plain, asked)
+    ]
+    assert (other.method in keys[0], other.method in keys[1]) == (False, True)
+    assert best_entries(lively_board, [entry_key(other)])[:2] == (usual[0], other)
+    sort = next(a for a in asked.all("a") if "sort=ur" in (a["href"]))
+    assert f"more={entry_key(other)}" in sort["href"]
+
+
+async def test_page_and_api_say_how_intervals_are_found(
+    lively_site: Any, lively_board: Board
+) -> None:
+    about = read((await lively_site.get("/")).text).one("section", id="about").text
+    assert f"95 %, 1,000 draws: {lively_board.interval_method}" in about
+    assert '"interval_method":"percentile bootstrap over scenes' in lively_board.model_dump_json()

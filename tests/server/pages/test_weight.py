@@ -1,5 +1,6 @@
 """A page of the longest board stays light."""
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -30,6 +31,24 @@ def test_the_board_of_a_thousand_weighs_less_than_150_kilobytes(
     site = Site("auto", "/", "board", origin="https://leaderboard.example.org")
     html = render("boards/board.html", site=site, page=page, own=None)
     assert 50_000 < len(html.encode()) < MAX_BYTES
+
+
+def test_the_making_of_a_page_grows_no_faster_than_its_board(protocol: ProtocolDocument) -> None:
+    calls = {}
+    for n_entries in (200, 800):
+        page = BoardPage(
+            BoardQuery.parse([]),
+            (),
+            None,
+            big_board(protocol, n_entries),
+            protocol,
+            ("1.0",),
+            "1.0",
+        )
+        site = Site("auto", "/", "board")
+        made = partial(render, "boards/board.html", site=site, page=page, own=None)
+        calls[n_entries] = calls_in(made).total()
+    assert calls[800] < 4.4 * calls[200]
 
 
 def test_the_board_page_is_made_by_few_calls_in_few_files(

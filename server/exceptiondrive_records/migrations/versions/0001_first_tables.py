@@ -48,6 +48,7 @@ def upgrade() -> None:
     create_phases()
     create_submissions()
     create_participation()
+    create_news()
     create_boards()
     create_rescoring()
     create_notifications()
@@ -70,6 +71,7 @@ def create_teams() -> None:
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("pending_since", TIME),
         sa.Column("registration_note", sa.String()),
+        sa.Column("forgotten_at", TIME),
         sa.Column("registered_from", sa.String()),
         sa.UniqueConstraint("name"),
         sa.UniqueConstraint("name_skeleton"),
@@ -375,6 +377,37 @@ def create_submissions() -> None:
     )
 
 
+def create_news() -> None:
+    """What organizers announce, and what teams ask them."""
+    op.create_table(
+        "news",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column(
+            "phase_id",
+            sa.String(),
+            sa.ForeignKey("phases.id", ondelete="CASCADE"),
+            nullable=False,
+        ),
+        sa.Column("title", sa.String(), nullable=False),
+        sa.Column("text", sa.Text(), nullable=False),
+        sa.Column("published_at", TIME, nullable=False),
+        sa.Column("withdrawn_at", TIME),
+    )
+    op.create_index("ix_news_phase_id", "news", ["phase_id"])
+    op.create_table(
+        "questions",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id"), nullable=False),
+        sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
+        sa.Column("text", sa.Text(), nullable=False),
+        sa.Column("asked_at", TIME, nullable=False),
+        sa.Column("answer", sa.Text()),
+        sa.Column("answered_at", TIME),
+        sa.Column("news_id", sa.String(), sa.ForeignKey("news.id")),
+    )
+    op.create_index("ix_questions_team_id", "questions", ["team_id"])
+
+
 def create_participation() -> None:
     """What organizers do with teams."""
     op.create_table(
@@ -460,6 +493,17 @@ def create_boards() -> None:
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
     op.create_index("ix_board_flips_board", "board_flips", ["board_id", "at"])
+    op.create_table(
+        "board_aliases",
+        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
+        sa.Column("body", sa.Text(), nullable=False),
+        sa.Column("body_digest", sa.String(), nullable=False),
+    )
+    op.create_table(
+        "board_flip_aliases",
+        sa.Column("flip_id", sa.Integer(), sa.ForeignKey("board_flips.id"), primary_key=True),
+        sa.Column("news", sa.Text(), nullable=False),
+    )
 
 
 def create_rescoring() -> None:

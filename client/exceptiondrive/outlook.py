@@ -1,0 +1,38 @@
+"""What an upload will do, told before anything is sent."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from exceptiondrive.words import entry_words
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.submission import SubmissionView
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What an upload will do.
+
+    Attributes:
+        report: Of the check, with what the file looks like and why it would not be ranked.
+        replaces: The team's entry that it takes the place of; None where there is none.
+        rule: Which run of a method stands, in a sentence.
+        is_known: Whether the team submitted the same bytes before: they give that submission back.
+    """
+
+    report: CheckReport
+    replaces: SubmissionView | None
+    rule: str = ""
+    is_known: bool = False
+
+    @property
+    def to_confirm(self) -> Mapping[str, str]:
+        """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
+        if self.is_known:
+            return {}
+        found = {}
+        if self.replaces is not None:
+            found["replace"] = f"It replaces {entry_words(self.replaces)}."
+        if self.report.unranked_because is not None:
+            because = self.report.unranked_because
+            found["allow_unranked"] = f"It will be scored but not ranked: {because}."
+        return found

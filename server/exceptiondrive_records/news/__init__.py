@@ -1,0 +1,1 @@
+"""What organizers announce, and what teams ask them."""

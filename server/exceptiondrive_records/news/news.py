@@ -1,0 +1,82 @@
+"""News of a phase: on its page, in its feed, and in the inbox of every team."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.identifiers import checked_reason, checked_text, random_id
+from exceptiondrive_records.news.tables import News
+from exceptiondrive_records.participation.messages import (
+    MAX_TEXT,
+    MAX_TITLE,
+    recipients,
+    send_message,
+)
+from exceptiondrive_records.phases.phases import find_phase
+
+
+def publish_news(session: Session, phase_id: str, title: str, text: str, *, actor: str) -> News:
+    """Announce something of a phase, and tell every team; the same words go out once.
+
+    Args:
+        session: Of a write transaction.
+        phase_id: Which.
+        title: One line.
+        text: Markdown.
+        actor: Who.
+
+    Raises:
+        NotFound: No such phase.
+        InvalidRecord: A text cannot be used.
+        Conflict: The phase is hidden, or a team has this very message.
+    """
+    phase = find_phase(session, phase_id)
+    if phase.visibility == "hidden":
+        raise Conflict("The phase is hidden: show it first.")
+    row = News(
+        id=random_id(),
+        phase_id=phase.id,
+        title=checked_text("title", title, max_length=MAX_TITLE),
+        text=checked_text("text", text, max_length=MAX_TEXT, may_have_lines=True),
+        published_at=database_now(session),
+        withdrawn_at=None,
+    )
+    session.add(row)
+    session.flush()
+    if recipients(session):
+        send_message(session, f"{phase.title}: {row.title}"[:MAX_TITLE], row.text, actor=actor)
+    audit(session, actor, "news published", row.id, {"phase": phase.id, "title": row.title})
+    return row
+
+
+def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) -> News:
+    """Take news from page and feed; what teams were told stays told.
+
+    Raises:
+        NotFound: There is none.
+        InvalidRecord: The reason is empty.
+        Conflict: They are withdrawn already.
+    """
+    row = session.get(News, news_id, with_for_update=True, populate_existing=True)
+    if row is None:
+        raise NotFound("news", news_id)
+    reason = checked_reason(reason)
+    if row.withdrawn_at is not None:
+        raise Conflict("These news are withdrawn already.")
+    row.withdrawn_at = database_now(session)
+    detail = {"phase": row.phase_id, "title": row.title, "reason": reason}
+    audit(session, actor, "news withdrawn", row.id, detail)
+    return row
+
+
+def news_of(session: Session, phase_id: str) -> list[News]:
+    """Return the news of a phase that readers see, newest first."""
+    query = select(News).where(News.phase_id == phase_id, News.withdrawn_at.is_(None))
+    return list(session.scalars(query.order_by(News.published_at.desc(), News.id)))
+
+
+def all_news(session: Session) -> list[News]:
+    """Return all news, withdrawn ones too, newest first."""
+    return list(session.scalars(select(News).order_by(News.published_at.desc(), News.id)))

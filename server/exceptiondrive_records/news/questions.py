@@ -1,0 +1,108 @@
+"""Questions of teams: answered to the team alone, or to everybody without its name."""
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.identifiers import checked_text, random_id
+from exceptiondrive_records.news.news import publish_news
+from exceptiondrive_records.news.tables import Question
+from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE, send_message
+from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.teams.tables import Team
+
+MAX_QUESTION = 1000
+MAX_OPEN = 5
+"""So many questions of a team may wait for an answer."""
+_TITLE = "A question, answered"
+
+
+def ask_question(
+    session: Session, team_id: int, phase_id: str, text: str, *, actor: str
+) -> Question:
+    """Ask the organizers.
+
+    Args:
+        session: Of a write transaction.
+        team_id: Whose question.
+        phase_id: What it is about.
+        text: Plain words.
+        actor: Who.
+
+    Raises:
+        NotFound: No such phase, or it is hidden.
+        InvalidRecord: The text cannot be used.
+        Conflict: Enough of the team's questions wait, or it asked this already.
+    """
+    phase = shown_phase(session, phase_id)
+    text = checked_text("question", text, max_length=MAX_QUESTION, may_have_lines=True)
+    session.get_one(Team, team_id, with_for_update={"key_share": True})
+    own = select(Question).where(Question.team_id == team_id, Question.answered_at.is_(None))
+    waiting = session.scalars(own).all()
+    if any(one.text == text and one.phase_id == phase.id for one in waiting):
+        raise Conflict("Your team has asked this already; the answer comes into its notices.")
+    if len(waiting) >= MAX_OPEN:
+        raise Conflict(f"{MAX_OPEN} questions of your team wait for an answer: ask later.")
+    row = Question(
+        id=random_id(),
+        phase_id=phase.id,
+        team_id=team_id,
+        text=text,
+        asked_at=database_now(session),
+    )
+    session.add(row)
+    session.flush()
+    audit(session, actor, "question asked", row.id, {"phase": phase.id})
+    return row
+
+
+def answer_question(
+    session: Session, question_id: str, text: str, *, to_all: bool, actor: str
+) -> Question:
+    """Answer a question, once: the team is told, or everybody, who do not learn who asked.
+
+    Raises:
+        NotFound: There is none.
+        InvalidRecord: The text cannot be used.
+        Conflict: It is answered already.
+    """
+    row = session.get(Question, question_id, with_for_update=True, populate_existing=True)
+    if row is None:
+        raise NotFound("question", question_id)
+    if row.answered_at is not None:
+        raise Conflict("The question is answered already.")
+    limit = MAX_TEXT - MAX_QUESTION - MAX_TITLE
+    row.answer = checked_text("answer", text, max_length=limit, may_have_lines=True)
+    row.answered_at = database_now(session)
+    if to_all:
+        quoted = "\n".join(f"> {line}" for line in row.text.splitlines())
+        told = f"{quoted}\n\n{row.answer}"
+        row.news_id = publish_news(session, row.phase_id, _TITLE, told, actor=actor).id
+    else:
+        slug = session.get_one(Team, row.team_id).slug
+        told = f"You asked: {row.text}\n\n{row.answer}"
+        send_message(session, _TITLE, told, actor=actor, slugs=[slug])
+    detail = {"phase": row.phase_id, "to_all": to_all}
+    audit(session, actor, "question answered", row.id, detail)
+    return row
+
+
+def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question]:
+    """Return what a team asked about a phase, newest first."""
+    mine = Question.team_id == team_id, Question.phase_id == phase_id
+    return list(session.scalars(select(Question).where(*mine).order_by(Question.asked_at.desc())))
+
+
+def all_questions(session: Session) -> list[tuple[Question, str]]:
+    """Return all questions with the id of the team that asked: those that wait first, oldest first."""
+    query = select(Question, Team.slug).join(Team, Team.id == Question.team_id)
+    order = (Question.answered_at.is_not(None), Question.asked_at, Question.id)
+    return [(row, slug) for row, slug in session.execute(query.order_by(*order))]
+
+
+def count_waiting(session: Session) -> int:
+    """Return how many questions wait for an answer."""
+    waiting = Question.answered_at.is_(None)
+    return session.scalar(select(func.count()).select_from(Question).where(waiting)) or 0

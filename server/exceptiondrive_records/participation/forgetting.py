@@ -1,0 +1,182 @@
+"""Forget a team: its people, addresses and words go; an alias stands wherever it was named.
+
+Bytes and digests of boards stay in the table that nothing may alter. What is told of them from now
+on is a second document, with the alias; the digest of what the board says is the one it always had.
+"""
+
+import secrets
+
+from sqlalchemy import delete, exists, select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.tables import (
+    BrowserSession,
+    Invitation,
+    Membership,
+    Person,
+    Token,
+)
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.tables import (
+    BoardAlias,
+    BoardEntryRow,
+    BoardFlip,
+    BoardFlipAlias,
+    BoardRow,
+)
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.identifiers import checked_reason, skeleton
+from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
+from exceptiondrive_records.participation.disqualification import want_boards_of_team
+from exceptiondrive_records.phases.policy import pseudonym_of_team
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import lock_team
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_records.work.tables import OPEN_STATES, WorkState
+from exceptiondrive_schemas.base import bytes_digest, canonical_json
+from exceptiondrive_schemas.board import Board, Links
+from exceptiondrive_schemas.rescoring import NotificationView
+
+_LETTERS = "23456789abcdefghjkmnpqrstuvwxyz"
+
+
+def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team:
+    """Take everything personal of a team out of the records; its scored entries stay, under an alias.
+
+    Names, note, affiliation, people that belong to no other team, addresses, what it was told, what
+    it says of its methods: gone. Its tokens and sessions end. This cannot be taken back.
+
+    Raises:
+        NotFound: No such team.
+        InvalidRecord: The reason cannot be kept.
+        Conflict: It is a reference team, or forgotten already.
+    """
+    team = lock_team(session, find_team(session, slug).id)
+    if team.is_reference:
+        raise Conflict("A reference team stands for no people: there is nothing to forget.")
+    if team.forgotten_at is not None:
+        raise Conflict(f"It was forgotten at {team.forgotten_at:%Y-%m-%d %H:%M} UTC.")
+    letters = "".join(secrets.choice(_LETTERS) for _ in range(6))
+    team.name, team.slug = f"Former team {letters.upper()}", f"former-{letters}"
+    team.name_skeleton = skeleton(team.name)
+    team.affiliation, team.registration_note, team.registered_from = "", None, None
+    team.forgotten_at = database_now(session)
+    session.flush()
+    _forget_people(session, team)
+    _forget_notices(session, team)
+    session.execute(
+        update(Submission)
+        .where(Submission.team_id == team.id)
+        .values(description="", paper_url=None, code_url=None, facts=None, idempotency_key=None)
+    )
+    n_boards = _alias_boards(session, team)
+    want_boards_of_team(session, team.id)
+    detail = {"reason": checked_reason(reason), "n_boards": n_boards}
+    audit(session, actor, "team forgotten", team.slug, detail)
+    return team
+
+
+def _forget_people(session: Session, team: Team) -> None:
+    now = database_now(session)
+    tokens = select(Token.id).where(Token.team_id == team.id).scalar_subquery()
+    session.execute(
+        delete(BrowserSession).where(
+            BrowserSession.token_id.in_(tokens) | (BrowserSession.team_id == team.id)
+        )
+    )
+    mine = update(Token).where(Token.team_id == team.id)
+    session.execute(mine.where(Token.revoked_at.is_(None)).values(revoked_at=now))
+    session.execute(mine.values(name="forgotten"))
+    session.execute(delete(Invitation).where(Invitation.team_id == team.id))
+    members = session.scalars(
+        select(Person).join(Membership).where(Membership.team_id == team.id)
+    ).all()
+    session.execute(delete(Membership).where(Membership.team_id == team.id))
+    for person in members:
+        elsewhere = exists().where(Membership.person_id == person.id)
+        if person.is_organizer or session.scalar(select(elsewhere)):
+            continue
+        session.execute(delete(BrowserSession).where(BrowserSession.person_id == person.id))
+        person.name, person.email = "Former participant", None
+        person.issuer, person.subject = "forgotten", person.id
+
+
+def _forget_notices(session: Session, team: Team) -> None:
+    now = database_now(session)
+    contacts = select(ContactPoint.id).where(ContactPoint.team_id == team.id).scalar_subquery()
+    session.execute(
+        update(Delivery)
+        .where(Delivery.contact_id.in_(contacts), Delivery.state.in_(OPEN_STATES))
+        .values(state=WorkState.CANCELLED, finished_at=now, lease_until=None)
+    )
+    session.execute(
+        update(ContactPoint)
+        .where(ContactPoint.team_id == team.id)
+        .values(address="", secret=None, removed_at=now)
+    )
+    for row in session.scalars(select(Notification).where(Notification.team_id == team.id)):
+        view = NotificationView.model_validate_json(row.body)
+        blank = NotificationView(
+            id=view.id,
+            kind=view.kind,
+            team=team.name,
+            phase=view.phase,
+            created_at=view.created_at,
+            title="Forgotten",
+            what_changed=(),
+            comparison="",
+        )
+        row.body = canonical_json(blank).decode("utf-8")
+
+
+def _alias_boards(session: Session, team: Team) -> int:
+    """Write anew what is told of each board that names the team; return how many there are."""
+    ids = select(Submission.id).where(Submission.team_id == team.id)
+    own = frozenset(session.scalars(ids))
+    boards = select(BoardRow).where(
+        BoardRow.id.in_(select(BoardEntryRow.board_id).where(BoardEntryRow.submission_id.in_(own)))
+    )
+    n_boards, names = 0, set[str]()
+    for row in session.scalars(boards.order_by(BoardRow.id)):
+        board = Board.model_validate_json(row.told_body)
+        told = _aliased(session.get_one(Phase, row.phase_id), board, team, own)
+        pairs = zip(board.entries, told.entries, strict=True)
+        names |= {entry.team for entry, told_entry in pairs if entry is not told_entry}
+        body = canonical_json(told)
+        session.merge(
+            BoardAlias(board_id=row.id, body=body.decode("utf-8"), body_digest=bytes_digest(body))
+        )
+        n_boards += 1
+    _alias_news(session, team, names)
+    return n_boards
+
+
+def _aliased(phase: Phase, board: Board, team: Team, own: frozenset[str]) -> Board:
+    """Return a board with the alias; a pseudonym stays, which tells nothing of the team."""
+    pseudonym = pseudonym_of_team(phase, team.id) if phase.pseudonym_salt else None
+    entries = tuple(
+        entry.model_copy(update={"team": team.name, "description": "", "links": Links()})
+        if entry.submission_id in own and entry.team != pseudonym
+        else entry
+        for entry in board.entries
+    )
+    return board.model_copy(update={"entries": entries})
+
+
+def _alias_news(session: Session, team: Team, names: set[str]) -> None:
+    """Write anew what is told of each flip whose news name the team, as it stood on boards."""
+    of_team = select(Submission.phase_id).where(Submission.team_id == team.id)
+    for flip in session.scalars(select(BoardFlip).where(BoardFlip.phase_id.in_(of_team))):
+        alias = session.get(BoardFlipAlias, flip.id)
+        told = flip.news if alias is None else alias.news
+        if not any(entry.team in names for entry in told.entries):
+            continue
+        entries = tuple(
+            entry.model_copy(update={"team": team.name}) if entry.team in names else entry
+            for entry in told.entries
+        )
+        news = told.model_copy(update={"entries": entries})
+        session.merge(BoardFlipAlias(flip_id=flip.id, news=news))

@@ -1,0 +1,61 @@
+"""News of a phase for everybody; questions of a team to the organizers."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import Field
+
+from exceptiondrive_records.news.news import news_of
+from exceptiondrive_records.news.questions import MAX_QUESTION, ask_question, questions_of
+from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_server.news.queries import NewsView, QuestionView, news_view, question_view
+from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
+from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.problems import problem_responses
+
+router = APIRouter(prefix="/phases", tags=["phases"])
+PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
+_OF_TEAMS = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED, ProblemCode.NOT_FOUND)
+
+
+class NewQuestion(Form):
+    """What a team asks."""
+
+    text: Annotated[str, Field(min_length=1, max_length=MAX_QUESTION)]
+
+
+@router.get(
+    "/{phase_id}/news", operation_id="listNews", responses=problem_responses(ProblemCode.NOT_FOUND)
+)
+def get_news(services: ServicesOf, phase_id: PhaseId) -> list[NewsView]:
+    """List the news of a phase, newest first."""
+    with services.database.read() as session:
+        return [news_view(row) for row in news_of(session, shown_phase(session, phase_id).id)]
+
+
+@router.get(
+    "/{phase_id}/questions", operation_id="listQuestions", responses=problem_responses(*_OF_TEAMS)
+)
+def get_questions(services: ServicesOf, reader: Reader, phase_id: PhaseId) -> list[QuestionView]:
+    """List what the team asked about a phase, newest first."""
+    with services.database.read() as session:
+        phase = shown_phase(session, phase_id)
+        return [question_view(row) for row in questions_of(session, team_of(reader), phase.id)]
+
+
+@router.post(
+    "/{phase_id}/questions",
+    operation_id="askQuestion",
+    status_code=201,
+    responses=problem_responses(*_OF_TEAMS, ProblemCode.CONFLICT),
+)
+def post_question(
+    services: ServicesOf, submitter: Submitter, phase_id: PhaseId, question: NewQuestion
+) -> QuestionView:
+    """Ask the organizers about a phase; the answer comes into the team's notices."""
+    with services.database.write() as session:
+        asked = ask_question(
+            session, team_of(submitter), phase_id, question.text, actor=submitter.actor
+        )
+        return question_view(asked)

@@ -1,0 +1,82 @@
+"""News and answers, as organizers write them."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from pydantic import Field, StrictBool
+
+from exceptiondrive_records.news.news import all_news, publish_news, withdraw_news
+from exceptiondrive_records.news.questions import all_questions, answer_question
+from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
+from exceptiondrive_server.news.queries import (
+    AskedQuestion,
+    NewsView,
+    QuestionView,
+    asked_question,
+    news_view,
+    question_view,
+)
+from exceptiondrive_server.web.auth import Organizer, ServicesOf
+from exceptiondrive_server.web.forms import Deed, Form
+
+router = APIRouter()
+Id = Annotated[str, Path(max_length=64)]
+
+
+class NewNews(Form):
+    """What is announced."""
+
+    title: Annotated[str, Field(min_length=1, max_length=MAX_TITLE)]
+    text: Annotated[str, Field(min_length=1, max_length=MAX_TEXT, description="Markdown")]
+
+
+class Answer(Form):
+    """An answer to a question."""
+
+    text: Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]
+    to_all: StrictBool = False
+    """Question and answer become news, without the team's name; else the team alone is told."""
+
+
+@router.get("/news", operation_id="listAllNews")
+def get_all_news(services: ServicesOf) -> list[NewsView]:
+    """List the news of all phases, withdrawn ones too, newest first."""
+    with services.database.read() as session:
+        return [news_view(row) for row in all_news(session)]
+
+
+@router.post("/phases/{phase_id}/news", operation_id="publishNews", status_code=201)
+def post_news(services: ServicesOf, organizer: Organizer, phase_id: Id, news: NewNews) -> NewsView:
+    """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
+    with services.database.write() as session:
+        actor = organizer.actor
+        return news_view(publish_news(session, phase_id, news.title, news.text, actor=actor))
+
+
+@router.post("/news/{news_id}/withdraw", operation_id="withdrawNews")
+def post_withdrawal(
+    services: ServicesOf, organizer: Organizer, news_id: Id, deed: Deed
+) -> NewsView:
+    """Take news from page and feed; what teams were told stays told."""
+    with services.database.write() as session:
+        actor = organizer.actor
+        return news_view(withdraw_news(session, news_id, reason=deed.reason, actor=actor))
+
+
+@router.get("/questions", operation_id="listAllQuestions")
+def get_all_questions(services: ServicesOf) -> list[AskedQuestion]:
+    """List the questions of all teams: those that wait first."""
+    with services.database.read() as session:
+        return [asked_question(row, team) for row, team in all_questions(session)]
+
+
+@router.post("/questions/{question_id}/answer", operation_id="answerQuestion")
+def post_answer(
+    services: ServicesOf, organizer: Organizer, question_id: Id, answer: Answer
+) -> QuestionView:
+    """Answer a question, once: to the team alone, or to all."""
+    with services.database.write() as session:
+        answered = answer_question(
+            session, question_id, answer.text, to_all=answer.to_all, actor=organizer.actor
+        )
+        return question_view(answered)

@@ -1,0 +1,73 @@
+"""Where a team asks the organizers, and reads what they answered."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import RedirectResponse, Response
+
+from exceptiondrive_records.accounts.tokens import Scope
+from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.news.questions import MAX_QUESTION, ask_question, questions_of
+from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_server.news.queries import question_view
+from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
+from exceptiondrive_server.web.responses import private_page
+from exceptiondrive_server.web.services import Services
+
+router = APIRouter(include_in_schema=False)
+PhaseId = Annotated[str, Path(max_length=64)]
+
+
+@router.get("/my/questions/{phase_id}")
+def show_questions(
+    request: Request, services: ServicesOf, browser: Browser, phase_id: PhaseId
+) -> Response:
+    """Show what the team asked about a phase, and the form."""
+    return _questions(request, services, browser, phase_id)
+
+
+@router.post("/my/questions/{phase_id}")
+def post_question(
+    request: Request, services: ServicesOf, browser: Browser, form: PostedForm, phase_id: PhaseId
+) -> Response:
+    """Ask; a refusal shows the form again with what was typed."""
+    require_scope(browser, Scope.SUBMIT)
+    who, text = browser.principal, str(form.get("text", ""))
+    try:
+        with services.database.write() as session:
+            ask_question(session, team_of(who), phase_id, text, actor=who.actor)
+    except NotFound:
+        raise
+    except RecordsError as refusal:
+        return _questions(request, services, browser, phase_id, text, refusal)
+    return RedirectResponse(f"/my/questions/{phase_id}", status_code=303)
+
+
+def _questions(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    phase_id: str,
+    text: str = "",
+    refusal: RecordsError | None = None,
+) -> Response:
+    require_scope(browser, Scope.READ_OWN)
+    with services.database.read() as session:
+        phase = shown_phase(session, phase_id)
+        asked = questions_of(session, team_of(browser.principal), phase.id)
+        questions = [question_view(row) for row in asked]
+    return private_page(
+        request,
+        "news/questions.html",
+        "my",
+        status=200 if refusal is None else PROBLEMS[refusal.code].status,
+        phase=phase,
+        questions=questions,
+        text=text,
+        refusal=None if refusal is None else str(refusal),
+        max_length=MAX_QUESTION,
+        can_ask=Scope.SUBMIT in browser.principal.scopes,
+        form_token=browser.form_token,
+    )

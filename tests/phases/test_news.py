@@ -1,0 +1,134 @@
+"""What organizers announce and what teams ask: page, feed, inbox, and who may do what."""
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tests.phases.browsing import send, visitor
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+NEWS = {"title": "The workshop moves", "text": "It is on **Friday** now."}
+QUESTION = "May a planner use <b>maps</b>?"
+ANSWER = "Yes, *offline* ones."
+
+
+def inbox(life: "Life", team: str) -> list[str]:
+    return [notice["title"] for notice in life.json("/api/v1/notifications", team)]
+
+
+def last_line(life: "Life") -> tuple[str, str]:
+    line = life.json("/api/v1/organizer/audit?limit=1", "organizer")[0]
+    return line["action"], line["subject"]
+
+
+@pytest.fixture
+def open_phase(life: "Life") -> "Life":
+    life.make_phase(split="plain")
+    return life
+
+
+@pytest.mark.parametrize("by", ["page", "api"])
+def test_news_stand_on_the_page_in_the_feed_and_in_every_inbox_until_withdrawn(
+    open_phase: "Life", by: str
+) -> None:
+    life, organizer = open_phase, visitor(open_phase, "organizer")
+    assert "The workshop" not in life.get("/phases/test").text
+    if by == "page":
+        page = "/organize/news/new"
+        assert send(organizer, page, {"phase": "test", **NEWS}, page=page).status_code == 303
+    else:
+        life.done("/phases/test/news", NEWS)
+    (told,) = life.json("/api/v1/phases/test/news")
+    assert last_line(life) == ("news published", told["id"])
+    assert "It is on <strong>Friday</strong> now." in life.get("/phases/test").text
+    assert "The workshop moves" in life.get("/feed.atom?phase=test").text
+    assert all("The workshop moves" in inbox(life, team)[0] for team in ("alpha", "beta"))
+    assert "very message" in life.refused("/phases/test/news", NEWS, 409)
+    assert len(life.json("/api/v1/phases/test/news")) == 1
+    if by == "page":
+        page = f"/organize/news/{told['id']}/withdraw"
+        assert page in organizer.get("/organize/news").text
+        assert send(organizer, page, {"reason": "wrong"}, page=page).status_code == 303
+    else:
+        life.done(f"/news/{told['id']}/withdraw", {"reason": "wrong"})
+    assert last_line(life) == ("news withdrawn", told["id"])
+    assert life.json("/api/v1/phases/test/news") == []
+    assert "The workshop" not in life.get("/phases/test").text
+    assert "The workshop" not in life.get("/feed.atom?phase=test").text
+    assert "already" in life.refused(f"/news/{told['id']}/withdraw", {"reason": "again"}, 409)
+
+
+def asked(life: "Life", by: str) -> Any:
+    if by == "page":
+        page = "/my/questions/test"
+        done = send(visitor(life, "alpha"), page, {"text": QUESTION}, page=page)
+        assert done.status_code == 303
+    else:
+        body = {"text": QUESTION}
+        answer = life.request("POST", "/api/v1/phases/test/questions", "alpha", json=body)
+        assert answer.status_code == 201, answer.text
+    (question,) = life.json("/api/v1/phases/test/questions", "alpha")
+    return question
+
+
+@pytest.mark.parametrize("by", ["page", "api"])
+def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -> None:
+    life, organizer = open_phase, visitor(open_phase, "organizer")
+    question = asked(life, by)
+    assert last_line(life) == ("question asked", question["id"])
+    assert "1 question of teams waits for an answer" in organizer.get("/organize").text
+    page = f"/organize/news/questions/{question['id']}"
+    assert page in organizer.get("/organize/news").text
+    if by == "page":
+        assert send(organizer, page, {"text": ANSWER}, page=page).status_code == 303
+    else:
+        life.done(f"/questions/{question['id']}/answer", {"text": ANSWER})
+    assert last_line(life) == ("question answered", question["id"])
+    (seen,) = life.json("/api/v1/phases/test/questions", "alpha")
+    assert (seen["answer"], seen["is_public"]) == (ANSWER, False)
+    assert ANSWER in visitor(life, "alpha").get("/my/questions/test").text
+    assert inbox(life, "alpha") == ["A question, answered"]
+    assert inbox(life, "beta") == []
+    assert life.json("/api/v1/phases/test/questions", "beta") == []
+    assert life.json("/api/v1/phases/test/news") == []
+    again = {"text": "No.", "to_all": True}
+    assert "already" in life.refused(f"/questions/{question['id']}/answer", again, 409)
+
+
+def test_an_answer_to_all_does_not_say_who_asked(open_phase: "Life") -> None:
+    life = open_phase
+    question = asked(life, "api")
+    life.done(f"/questions/{question['id']}/answer", {"text": ANSWER, "to_all": True})
+    text = life.get("/phases/test").text
+    assert "&lt;b&gt;maps" in text
+    assert "<b>maps" not in text
+    assert "<em>offline</em>" in text
+    assert "alpha" not in life.get("/api/v1/phases/test/news").text.lower()
+    assert all("A question, answered" in inbox(life, team)[0] for team in ("alpha", "beta"))
+
+
+def test_who_may_not_is_refused(open_phase: "Life") -> None:
+    life = open_phase
+    question = asked(life, "api")
+    for path, body in (
+        ("/phases/test/news", NEWS),
+        (f"/questions/{question['id']}/answer", {"text": ANSWER}),
+        ("/news/x/withdraw", {"reason": "x"}),
+    ):
+        sent = life.request("POST", f"/api/v1/organizer{path}", "alpha", json=body)
+        assert sent.status_code == 403, path
+    assert life.get("/api/v1/organizer/questions", "alpha").status_code == 403
+    assert life.get("/api/v1/phases/test/questions").status_code == 401
+    life.change({"visibility": "hidden"})
+    assert "hidden" in life.refused("/phases/test/news", NEWS, 409)
+    assert life.get("/api/v1/phases/test/news").status_code == 404
+
+
+def test_a_team_asks_a_thing_once_and_only_so_many(open_phase: "Life") -> None:
+    life = open_phase
+    asked(life, "api")
+    for n, status in enumerate((409, 201, 201, 201, 201, 409)):
+        body = {"text": QUESTION if n == 0 else f"And {n}?"}
+        sent = life.request("POST", "/api/v1/phases/test/questions", "alpha", json=body)
+        assert sent.status_code == status, sent.text
