@@ -29,12 +29,11 @@ from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.split_floors import (
-    FloorsUnreadableError,
     SplitFloors,
     breaches,
 )
 from exceptiondrive_worker.split_store import read_split
-from exceptiondrive_worker.splits_admin import publish_split_file
+from exceptiondrive_worker.splits_admin import SplitsRefusedError, publish_split_file
 
 World = Any
 FloatArray = NDArray[np.float64]
@@ -360,7 +359,7 @@ def test_floors_that_cannot_be_read_leave_everything_queued(
 ) -> None:
     world.add_phase(tiny)
     write_floors(world, text, tiny.name)
-    with pytest.raises(FloorsUnreadableError, match=r"floors\.toml of tiny"):
+    with pytest.raises(SplitsRefusedError, match=r"floors\.toml of tiny"):
         world.add_split(tiny)
     submission_id = world.score(planning_file(tiny))
     assert world.submission(submission_id).status is SubmissionStatus.RECEIVED
