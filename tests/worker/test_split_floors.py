@@ -330,17 +330,24 @@ def test_only_so_many_protocols_ever_ask(
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 3, at most 2 may be"]
 
 
+@pytest.mark.parametrize("part", ["private", None])
 def test_the_private_part_is_closed_until_its_date(
-    world: World, make_split: Callable[..., Split], planning_file: Callable[..., bytes]
+    world: World,
+    make_split: Callable[..., Split],
+    planning_file: Callable[..., bytes],
+    part: str | None,
 ) -> None:
-    """Whoever has the server's role may point a phase at the private part: it is not scored."""
+    """Whoever has the server may point a phase at it, or at the whole: neither is scored."""
     parts = {f"s{n}": {"part": "private" if n % 2 else "public"} for n in range(6)}
     split = make_split(parts, name="parted")
     write_floors(world, "private_part_from = 2999-01-01T00:00:00Z", split.name)
     world.add_phase(split, "parted")
+    fine = world.score(planning_file(split), phase_id="parted")
+    assert code_of(world, fine) is None
     with world.database.write() as session:
-        session.get_one(Phase, "parted").split_revision = split.part("private").revision
-    submission_id = world.score(planning_file(split), phase_id="parted")
+        chosen = split.part("private") if part else split
+        session.get_one(Phase, "parted").split_revision = chosen.revision
+    submission_id = world.score(planning_file(split, edited_mps=1.2), phase_id="parted")
     assert code_of(world, submission_id) == FailureCode.SPLIT_FLOOR.value
     assert held(world)[-1][1]["asked"] == ["the private part is closed until 2999-01-01 00:00 UTC"]
 

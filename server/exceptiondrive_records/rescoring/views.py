@@ -33,6 +33,7 @@ from exceptiondrive_schemas.rescoring import (
     FlipDirection,
     PreviewView,
     PublicRun,
+    RunAction,
     RunState,
     RunView,
     actions_of,
@@ -48,6 +49,9 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     phase = session.get_one(Phase, run.phase_id)
     compared = comparison_of(session, run) if run.state in _PREVIEWED else None
     progress = progress_of(session, run, shadow_key(run))
+    actions = actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind)
+    trial = trial_of(session, run.id)
+    is_refused = trial is not None and trial.state == "refused"
     return RunView(
         id=run.id,
         kind=run.kind,
@@ -64,10 +68,10 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         applied_at=run.applied_at,
         ended_at=run.ended_at,
         progress=progress,
-        actions=actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind),
+        actions=tuple(one for one in actions if one is not RunAction.START or not is_refused),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
-        trial=trial_of(session, run.id),
+        trial=trial,
         old_board=compared.comparison.old_board if compared else None,
         new_board=compared.comparison.new_board if compared else None,
         preview=compared.digest if compared else None,
