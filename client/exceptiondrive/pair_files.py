@@ -282,7 +282,8 @@ def _of_sides(path: Path, sides: dict[str, Any]) -> Iterator[dict[str, Any]]:
 def _listed(predictions: Any) -> Iterator[Any]:
     """Yield predictions of a list, or of an object by sample id."""
     if not isinstance(predictions, Mapping):
-        yield from predictions
+        for value in predictions:
+            yield from value if isinstance(value, list) else [value]
         return
     for sample_id, value in predictions.items():
         yield {**value, "sample_id": sample_id} if isinstance(value, dict) else value

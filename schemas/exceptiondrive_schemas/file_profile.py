@@ -52,6 +52,9 @@ class FileProfile(Document):
     standing_edited: float | None = None
     equal_pairs: float | None = None
     """Share of pairs whose two trajectories are alike."""
+    same_edited: float | None = None
+    """Share of the edited trajectories that are one path: as long, ending as far ahead, begun alike;
+    None where they are few or short."""
     longer_sources: float | None = None
     """Share of pairs whose source is the longer one."""
     source_l2_m: float | None = None

@@ -5,8 +5,11 @@ a local server that speaks chat completions. Another submits in a browser and wa
 """
 
 import gzip
+import html
 import json
+import os
 import re
+import shutil
 import struct
 import subprocess
 import threading
@@ -228,6 +231,42 @@ def test_images_become_two_linked_entries_and_the_board_shows_what_the_reminder_
     published = sample_system.get(f"/entries/{with_it['id']}")
     assert published["sheet"]["extra"]["reminder"]["strategy_accuracy"] == 1.0, "of the reminders"
     assert "confusion_C" in published["sheet"]["extra"]
+
+
+INSTALLED = ("python3 -m venv", ". exceptiondrive-client", "pip install", "exceptiondrive login")
+
+
+@pytest.mark.parametrize("phase", ["sample", "sample-strategy"])
+def test_the_quick_start_runs_as_pasted(phase: str, sample_system: System, tmp_path: Path) -> None:
+    """Every block of the page but the first: client and token are there, and so is recorder.py."""
+    page = sample_system.read(f"/submit?phase={phase}")
+    blocks = [
+        html.unescape(each)
+        for each in re.findall(r'<pre class="term"[^>]*>(.*?)</pre>', page, re.DOTALL)
+    ]
+    assert len(blocks) == 5
+    lines = [line for block in blocks for line in block.splitlines()]
+    pasted = [line for line in lines if not line.startswith((*INSTALLED, "curl "))]
+    assert len(lines) - len(pasted) == 6
+    shutil.copy(ROOT / "client" / "exceptiondrive" / "recorder.py", tmp_path)
+    done = subprocess.run(
+        ["bash", "-e"],
+        input="\n".join(pasted),
+        cwd=tmp_path,
+        env={
+            **sample_system.environment(sample_system.make_team(f"newcomers-of-{phase}")),
+            "PATH": f"{BIN}:{os.environ['PATH']}",
+        },
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    because = "it will be scored but not ranked: flagged Same answer"
+    assert because in done.stderr, "it is told before the upload"
+    assert f"not ranked in phase {phase}: flagged Same answer" in done.stdout
+    assert "submissions left today" in done.stdout
 
 
 @pytest.fixture(scope="module")

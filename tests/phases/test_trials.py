@@ -49,8 +49,10 @@ def test_regions_that_touch_the_new_footprint_are_counted_before_anything_begins
     scored.work()
     after = seen(scored, run)
     assert after["trial"] == {"state": "refused", "found": [{"what": TOUCH, "n": 2}]}
+    assert after["actions"] == ["cancel"]
     text = organizer.get(page).text
     assert f"2 {TOUCH}" in text
+    assert "Start scoring" not in text
     for words in (text, str(after)):
         assert str(CANARY_M)[:8] not in words
         assert "scene-" not in words

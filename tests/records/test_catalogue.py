@@ -11,7 +11,7 @@ from sqlalchemy.exc import DatabaseError
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases import phases
-from exceptiondrive_records.phases.allowances import is_open
+from exceptiondrive_records.phases.policy import is_open
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols import protocols
 from exceptiondrive_records.splits import splits

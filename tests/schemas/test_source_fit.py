@@ -263,6 +263,7 @@ def test_the_figures_are_those_of_known_trajectories(protocol: ProtocolDocument)
         "standing_edited": 0.5,
         "equal_pairs": 0.5,
         "longer_sources": 0.5,
+        "same_edited": None,
         "source_l2_m": 1.0,
         "source_l2_1s_m": 1.0,
         "source_l2_2s_m": 1.0,

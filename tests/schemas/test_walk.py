@@ -582,6 +582,33 @@ MORE: dict[str, Row] = {
         {"wrong_waypoint_count": f"{2 * N} trajectories {ALL}"},
         ["looks like 3 waypoints 1 s apart", f"{CONVERT} --time-step-s 1`"],
     ),
+    "a list of lists of predictions": Row(
+        lambda: outer(predictions=[predictions()[:80], predictions()[80:]]),
+        {"wrong_type": "2 values"},
+        ["write all predictions into one list", f"{CONVERT}` does"],
+    ),
+    "trajectories as text": Row(
+        lambda: paths(json.dumps),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["a list that is written as text", f"{CONVERT}` reads it"],
+    ),
+    "numbers as sample ids": Row(
+        lambda: outer(
+            predictions=[{**each, "sample_id": n} for n, each in enumerate(predictions())]
+        ),
+        {"wrong_type": f"{N} values"},
+        ["take the ids from the manifest; a number"],
+    ),
+    "a Markdown fence": Row(
+        lambda: b"```json\n" + as_bytes(sound()) + b"\n```\n",
+        {"wrong_file_kind": "1 fault"},
+        ["remove the lines that begin with ```"],
+    ),
+    "a pointer of Git LFS": Row(
+        lambda: b"version https://git-lfs.github.com/spec/v1\noid sha256:aa\nsize 12\n",
+        {"wrong_file_kind": "1 fault"},
+        ["git lfs pull"],
+    ),
     "y backward": Row(
         lambda: paths(lambda path: rotated(path, -1)),
         {"wrong_frame": "1 fault"},

@@ -363,7 +363,10 @@ class SubmissionReader:
     def _read_prediction(self, value: Any, index: int) -> None:
         path: Path = ("predictions", index)
         if not isinstance(value, dict):
-            self._refuse(FaultCode.WRONG_TYPE, path, "an object", kind(value))
+            hint = None
+            if isinstance(value, list) and value and isinstance(value[0], dict):
+                hint = f"write all predictions into one list: {CONVERT}` does"
+            self._refuse(FaultCode.WRONG_TYPE, path, "an object", kind(value), hint=hint)
             return
         rules = self._rules or self._choose_rules(value)
         stated = value.get("sample_id")

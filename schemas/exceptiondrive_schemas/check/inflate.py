@@ -28,6 +28,8 @@ MAGIC_BYTES: tuple[tuple[bytes, str], ...] = (
     (b"\x78\xda", "zlib data without a gzip header"),
     (b"\x1f\x8b", "gzip data inside gzip data"),
     (b"%PDF", "a PDF file"),
+    (b"version https://git-lfs", "a pointer of Git LFS: git lfs pull brings the file"),
+    (b"```", "Markdown: remove the lines that begin with ```"),
     (b"<", "an HTML or XML file"),
 )
 WIDE_TEXT = "UTF-16 or UTF-32 text"

@@ -135,6 +135,9 @@ class PlanningRules:
             )
         if source > section.flag_source_stationary:
             yield "source_stands_still", f"{source:.0%} of the source trajectories"
+        same = profile.same_edited or 0.0
+        if same > section.flag_same_answer:
+            yield "same_answer", f"{same:.0%} of the edited trajectories are the same"
         median_m = profile.median_source_l2_m
         if median_m is not None and median_m > section.flag_off_course_m:
             yield "off_course", f"median source L2 {median_m:.2f} m"

@@ -66,7 +66,8 @@ class SampleIds:
         """
         if not isinstance(value, str) or not value:
             got = "an empty text" if value == "" else kind(value)
-            self._refuse(FaultCode.WRONG_TYPE, index, "a sample id in quotes", got)
+            hint = "take the ids from the manifest; a number or a place in a list is none"
+            self._refuse(FaultCode.WRONG_TYPE, index, "a sample id in quotes", got, hint)
             return None
         if self._valid is None:
             return self._once(value, index) if self._is_sound(value, index) else None

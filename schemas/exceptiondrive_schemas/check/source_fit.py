@@ -123,6 +123,7 @@ def file_profile(
             if edited
         ),
         equal_pairs=_share(_mean_distance_m(*pair) < margin_m for pair in both),
+        same_edited=_same_share([edited for _, edited in whole.values() if edited], plausibility),
         longer_sources=_share(source > edited + margin_m for source, edited in lengths_m),
         source_l2_m=_mean(means_m),
         source_l2_1s_m=at_s[1.0],
@@ -172,6 +173,24 @@ def _median(values: Iterator[float] | Sequence[float], factor: float = 1.0) -> f
 def _share(answers: Iterator[bool]) -> float | None:
     found = list(answers)
     return sum(found) / len(found) if found else None
+
+
+def _same_share(paths: Sequence[Points], plausibility: PlausibilitySection) -> float | None:
+    """Return the share of paths whose distance of the end, end ahead and first step are the median's.
+
+    None where the paths are few or short: those that stand or creep are told apart.
+    """
+    if len(paths) < plausibility.flag_family_min_samples:
+        return None
+    told = [(math.hypot(*path[-1]), path[-1][0], math.hypot(*path[0])) for path in paths]
+    middle = [statistics.median(column) for column in zip(*told, strict=True)]
+    if middle[0] < plausibility.progress_min_path_m:
+        return None
+    margin_m = plausibility.blind_shift_below_m
+    return _share(
+        all(abs(value - usual) < margin_m for value, usual in zip(each, middle, strict=True))
+        for each in told
+    )
 
 
 # Transformations

@@ -1,5 +1,6 @@
 """Rules for one prediction of `exceptiondrive.strategy/1` (docs/protocol.md section 6)."""
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, ClassVar, get_args
 
@@ -9,6 +10,7 @@ from exceptiondrive_schemas.check.fault_list import FaultList, Path, check_text,
 from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import FileProfile
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
@@ -17,6 +19,7 @@ from exceptiondrive_schemas.taxonomy import Strategy
 STRATEGIES = frozenset(strategy.value for strategy in Strategy)
 RISK_LEVELS = frozenset(get_args(RiskLevel))
 TEXT_KEYS = ("relative_location", "evidence", "safety_constraint")
+SAME_ANSWER = "same_answer"
 REMINDER_KEYS = frozenset(ReminderRecord.model_fields)
 
 
@@ -29,13 +32,16 @@ class StrategyRules:
     def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
         self._faults = faults
         self._task_ids = frozenset(task.id for task in protocol.tasks)
-        self._min_coverage = protocol.ranking.min_coverage
+        self._ranking, self._plausibility = protocol.ranking, protocol.plausibility
         self._n_missing = 0
+        self._letters: Counter[Strategy] = Counter()
 
     def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
         """Check the strategy and the reminder of one prediction and return them."""
         strategy = self._strategy(prediction.get("strategy"), (*path, "strategy"), sample_id)
         self._n_missing += strategy is None
+        if strategy is not None:
+            self._letters[strategy] += 1
         reminder = self._reminder(prediction.get("reminder"), (*path, "reminder"), sample_id)
         return StrategyAnswer(strategy, reminder)
 
@@ -52,7 +58,16 @@ class StrategyRules:
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
         """Say why a sound file would be scored but not ranked; None where it would be ranked."""
         share = 1 - self._n_missing / max(n_predictions, 1)
-        return too_little_covered(STRATEGY, {"edited": share}, self._min_coverage)
+        reasons = [too_little_covered(STRATEGY, {"edited": share}, self._ranking.min_coverage)]
+        n_given, section = self._letters.total(), self._plausibility
+        for letter, n in self._letters.most_common(1):
+            is_same = n / n_given > section.flag_same_answer
+            is_flagged = is_same and n_given >= section.flag_family_min_samples
+            if is_flagged and SAME_ANSWER in self._ranking.unranked_flags:
+                reasons.append(
+                    f"flagged {FLAGS[SAME_ANSWER].label}: {n / n_given:.0%} are {letter}"
+                )
+        return "; ".join(filter(None, reasons)) or None
 
     def document(self, split: str, answers: Mapping[str, Any]) -> StrategyDocument:
         """Return the sound file."""

@@ -1,5 +1,6 @@
 """Other forms in which planners write a trajectory: the checker names them, `convert` reads them."""
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -43,6 +44,8 @@ def trajectory_in(value: Any) -> tuple[list[Any], str] | None:
         The waypoints as they stand there, and the form in words; None where it is a list of
         waypoints already, or nothing that is known.
     """
+    if isinstance(value, str):
+        return _list_in(value)
     columns = _axes_of(value)
     if columns is not None and all(isinstance(column, list) for column in columns):
         return _transposed(columns), "an object with a list of x and a list of y"
@@ -60,6 +63,14 @@ def trajectory_in(value: Any) -> tuple[list[Any], str] | None:
     if len(value) == len(AXES[0]) and all(_is_row(row) for row in value):
         return _transposed(value), "a row of x and a row of y"
     return None
+
+
+def _list_in(text: str) -> tuple[list[Any], str] | None:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return (found, "a list that is written as text") if isinstance(found, list) else None
 
 
 def _axes_of(value: Any) -> list[Any] | None:

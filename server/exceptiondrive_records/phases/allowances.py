@@ -1,20 +1,12 @@
-"""When a phase takes submissions: of all teams, and of one that was granted a later deadline."""
+"""When a phase takes submissions of one team: one may have been granted a later deadline."""
 
 from datetime import datetime
 
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.policy import is_split_revealed
+from exceptiondrive_records.phases.policy import is_open, is_split_revealed
 from exceptiondrive_records.phases.tables import Phase
-
-
-def is_open(phase: Phase, now: datetime) -> bool:
-    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`."""
-    if phase.visibility != "shown":
-        return False
-    has_opened = phase.opens_at is None or phase.opens_at <= now
-    return has_opened and (phase.closes_at is None or now < phase.closes_at)
 
 
 def allowance_of(session: Session, team_id: int, phase_id: str) -> Allowance | None:

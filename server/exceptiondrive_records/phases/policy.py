@@ -41,6 +41,14 @@ def is_anonymous(phase: Phase) -> bool:
     return phase.policy.anonymous and phase.names_revealed_at is None
 
 
+def is_open(phase: Phase, now: datetime) -> bool:
+    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`."""
+    if phase.visibility != "shown":
+        return False
+    has_opened = phase.opens_at is None or phase.opens_at <= now
+    return has_opened and (phase.closes_at is None or now < phase.closes_at)
+
+
 def has_closed(phase: Phase, moment: datetime) -> bool:
     """Whether a moment lies at or after the deadline."""
     return phase.closes_at is not None and moment >= phase.closes_at

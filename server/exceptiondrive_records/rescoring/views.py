@@ -30,8 +30,10 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
 from exceptiondrive_schemas.rescoring import (
     BoardHistoryLine,
+    FlipDirection,
     PreviewView,
     PublicRun,
+    RunAction,
     RunState,
     RunView,
     actions_of,
@@ -47,6 +49,9 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     phase = session.get_one(Phase, run.phase_id)
     compared = comparison_of(session, run) if run.state in _PREVIEWED else None
     progress = progress_of(session, run, shadow_key(run))
+    actions = actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind)
+    trial = trial_of(session, run.id)
+    is_refused = trial is not None and trial.state == "refused"
     return RunView(
         id=run.id,
         kind=run.kind,
@@ -63,10 +68,10 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
         applied_at=run.applied_at,
         ended_at=run.ended_at,
         progress=progress,
-        actions=actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind),
+        actions=tuple(one for one in actions if one is not RunAction.START or not is_refused),
         blockers=blockers_of(session, run),
         difference=difference_of(session, run),
-        trial=trial_of(session, run.id),
+        trial=trial,
         old_board=compared.comparison.old_board if compared else None,
         new_board=compared.comparison.new_board if compared else None,
         preview=compared.digest if compared else None,
@@ -128,10 +133,17 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     return PreviewView(
         run=run.id,
         digest=compared.digest,
+        direction=_direction(run.state),
         is_stale=is_behind or (seen is not None and seen != compared.digest),
         blockers=blockers,
         comparison=compared.comparison,
     )
+
+
+def _direction(state: RunState) -> FlipDirection:
+    if state.is_final:
+        return "applied"
+    return "roll_back" if state is RunState.APPLIED else "apply"
 
 
 def _applied(run: RescoringRun) -> Compared | None:

@@ -22,11 +22,11 @@ from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.news.news import news_of
-from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
+    is_open,
     phase_now,
     shown_sheet,
     takes_late_entries,

@@ -18,8 +18,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.setup import prepare
-from exceptiondrive_records.phases.allowances import is_open
 from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.policy import is_open
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_server.launcher.broker import (
     NoBrokerError,
