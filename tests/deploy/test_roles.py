@@ -20,6 +20,7 @@ from exceptiondrive_records.db.roles import RIGHTS, WORK_RIGHTS, Role, grant_to_
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.work.tables import WorkItem
+from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_worker.sample.files import write_sample_split
 
@@ -118,14 +119,15 @@ def pointed(records_url: str) -> None:
             add_protocol(session, packaged_protocol_toml(version), "test")
         manifest = make_manifest()
         add_sample_split(session, manifest)
-        for part in ("public", "private"):
+        parts: tuple[SplitPart, ...] = ("public", "private")
+        for part in parts:
             of_part = manifest.model_copy(update={"revision": f"{manifest.revision}-{part}"})
             register_split(
                 session,
                 of_part,
                 {"sudden_emergence": 1},
                 "test",
-                part=part,  # type: ignore[arg-type]
+                part=part,
                 whole_revision=manifest.revision,
             )
         add_phase(session)
