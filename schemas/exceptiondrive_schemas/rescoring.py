@@ -269,11 +269,16 @@ class Comparison(Document):
         return content_digest(self)
 
 
+FlipDirection = Literal["apply", "roll_back", "applied"]
+
+
 class PreviewView(Document):
     """The comparison, whether it is fresh, and what stands in the way of applying it."""
 
     run: str
     digest: str
+    direction: FlipDirection = "apply"
+    """What makes it true: the next step of the run; of one that has ended, its apply."""
     is_stale: bool
     blockers: tuple[str, ...]
     comparison: Comparison

@@ -15,11 +15,13 @@ _SCORED, _WITHDRAWN = SubmissionStatus.SCORED.value, SubmissionStatus.WITHDRAWN.
 SheetKey = tuple[str, str, str]
 
 
-def _may_follow(before: str | None, after: str) -> bool:
-    """An ending is for ever; but a score may be withdrawn."""
+def _may_follow(before: str | None, after: str, *, is_restored: bool) -> bool:
+    """An ending is for ever; but a score may be withdrawn, and an organizer may give it back."""
     if before not in _FINAL or before == after:
         return True
-    return (before, after) == (_SCORED, _WITHDRAWN)
+    return (before, after) == (_SCORED, _WITHDRAWN) or (
+        is_restored and (before, after) == (_WITHDRAWN, _SCORED)
+    )
 
 
 def endings_stay(history: History, rows: list[Submission]) -> Iterator[Violation]:
@@ -27,12 +29,13 @@ def endings_stay(history: History, rows: list[Submission]) -> Iterator[Violation
     told: dict[str, str] = {}
     for seen in sorted(history.sightings, key=lambda seen: seen.at_s):
         before = told.get(seen.submission_id)
-        if not _may_follow(before, seen.status):
+        is_restored = seen.submission_id in history.restored
+        if not _may_follow(before, seen.status, is_restored=is_restored):
             yield Violation("ending changed", seen.submission_id, f"{before}, then {seen.status}")
         told[seen.submission_id] = seen.status
     for row in rows:
         said = told.get(row.id)
-        if not _may_follow(said, row.status.value):
+        if not _may_follow(said, row.status.value, is_restored=row.id in history.restored):
             yield Violation("ending changed", row.id, f"{said} was told, records: {row.status}")
 
 

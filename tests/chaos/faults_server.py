@@ -11,9 +11,11 @@ from sqlalchemy import func, select, text
 from tests.chaos.history import Call
 from tests.chaos.processes import state_of
 from tests.chaos.run import OPEN, Run
-from tests.chaos.topology import HEARTBEAT_TTL_S, PATIENT
+from tests.chaos.topology import HEARTBEAT_TTL_S, PATIENT, PHASE
 
 from exceptiondrive.receipts import verify_receipt
+from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import KEY_PREFIX
 from exceptiondrive_records.work.heartbeats import live_workers
@@ -225,6 +227,40 @@ def withdrawn(run: Run) -> str:
     assert again.submission_id != call.submission_id
     run.require_scored([again])
     return "tombstone and audit line kept, the late score refused; the same file counts again"
+
+
+def taken_out_by_mistake(run: Run) -> str:
+    """An organizer takes the wrong entry out while others submit, and gives it back."""
+    call = run.upload()
+    run.settle()
+    scored, restored = run.n_scored(call), run.lines("submission restored")
+    assert call.submission_id in _on_board(run)
+    with run.topology.database.write() as session:
+        token, _ = issue_token(session, None, "organizer", ORGANIZER_SCOPES, actor="chaos")
+    others = [run.upload("beta")]
+    assert run.clients.withdraw(call, token) == 200
+    run.settle()
+    assert run.status_of(call) is SubmissionStatus.WITHDRAWN
+    assert call.submission_id not in _on_board(run), "the entry stays on the board"
+    assert _n_rows(run, call) == 1, "the tombstone is gone"
+    others.append(run.upload("gamma"))
+    assert run.clients.restore(call, token) == 200
+    run.settle()
+    run.require_scored([call, *others])
+    assert call.submission_id in _on_board(run), "given back, it is not on the board"
+    assert run.n_scored(call) == scored, "it was scored twice"
+    assert run.lines("submission restored") == restored + 1
+    return "off the board with its tombstone, and back with its old score"
+
+
+def _on_board(run: Run) -> set[str]:
+    with run.topology.database.read() as session:
+        board = current_board(session, PHASE)
+    return (
+        set()
+        if board is None
+        else {entry["submission_id"] for entry in json.loads(board.body)["entries"]}
+    )
 
 
 def _n_rows(run: Run, call: Call) -> int:

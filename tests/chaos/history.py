@@ -60,6 +60,8 @@ class History:
     sightings: list[Sighting] = field(default_factory=list)
     boards: list[BoardSeen] = field(default_factory=list)
     given_up: list[Call] = field(default_factory=list)
+    restored: set[str] = field(default_factory=set)
+    """Ids of what an organizer gave back after it was withdrawn."""
     """Uploads that were sent again and again, and never got an answer that says what became of them."""
     audit_heads: dict[int, str] = field(default_factory=dict)
     """The last line of the audit chain whenever the checker looked: its number and its hash."""
@@ -75,6 +77,7 @@ class History:
                 sightings=list(self.sightings),
                 boards=list(self.boards),
                 given_up=list(self.given_up),
+                restored=set(self.restored),
                 audit_heads=dict(self.audit_heads),
             )
 

@@ -106,6 +106,11 @@ FAULTS = (
     Fault("F33", "a worker of an older scorer joins", scoring.older_scorer),
     Fault("F34", "a protocol edited in place", server.edited_protocol),
     Fault("F35", "withdrawn while it is scored, then sent again", server.withdrawn),
+    Fault(
+        "F35b",
+        "an organizer takes the wrong entry out, and gives it back",
+        server.taken_out_by_mistake,
+    ),
     Fault("F36", "one submission fails, one answers nothing", scoring.no_score),
     Fault("F37", "back up under load, restore elsewhere", alone.restore_from_backup),
     Fault("F38", "SIGKILL in the middle of a migration", alone.kill_migration, On.ALONE),

@@ -123,6 +123,8 @@ WITHOUT: dict[str, tuple[Replacement, ...]] = {
     "F33": ((faults_scoring, "SCORER", _UNHEARD),),
     "F34": ((faults_server, "_edit_protocol", _nothing),),
     "F35": ((Clients, "withdraw", _always(200)),),
+    "F35b taken out": ((Clients, "withdraw", _always(200)),),
+    "F35b given back": ((Clients, "restore", _always(200)),),
     "F36 failure": (_NO_ORDER,),
     "F36 silence": ((faults_scoring, "_nothing_answered", _an_answer),),
     "F37": ((Clients, "stream", _nothing),),

@@ -10,11 +10,18 @@ import pytest
 from psycopg import errors
 from sqlalchemy import make_url
 from tests.support.databases import Postgres, as_role
+from tests.support.documents import make_manifest
+from tests.support.records import add_phase, add_sample_split
 
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.roles import RIGHTS, WORK_RIGHTS, Role, grant_to_files, rights_of
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.work.tables import WorkItem
+from exceptiondrive_schemas.phase_settings import SplitPart
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_worker.sample.files import write_sample_split
 
 pytestmark = pytest.mark.postgres
@@ -101,6 +108,54 @@ REFUSED = [
     (Role.API, "UPDATE splits SET public_file_digest = 'x'"),
     (Role.API, "DELETE FROM worker_heartbeats"),
 ]  # fmt: skip
+
+
+@pytest.fixture
+def pointed(records_url: str) -> None:
+    """A phase without a board, on the public part of a split with parts, and another protocol."""
+    database = Database(records_url)
+    with database.write() as session:
+        for version in ("1.0", "1.1"):
+            add_protocol(session, packaged_protocol_toml(version), "test")
+        manifest = make_manifest()
+        add_sample_split(session, manifest)
+        parts: tuple[SplitPart, ...] = ("public", "private")
+        for part in parts:
+            of_part = manifest.model_copy(update={"revision": f"{manifest.revision}-{part}"})
+            register_split(
+                session,
+                of_part,
+                {"sudden_emergence": 1},
+                "test",
+                part=part,
+                whole_revision=manifest.revision,
+            )
+        add_phase(session)
+    database.dispose()
+
+
+POINT = "UPDATE phases SET split_revision = (SELECT revision FROM splits WHERE part = '{}')"
+OTHER = "UPDATE phases SET protocol_digest = (SELECT digest FROM protocols WHERE version = '1.1')"
+
+
+@pytest.mark.usefixtures("pointed")
+def test_the_server_points_no_phase_at_what_no_worker_has_built_a_board_of(ask: Ask) -> None:
+    """Under its role: before the first board not at the private part, later at built boards alone."""
+    ask(Role.API, POINT.format("public"))
+    with pytest.raises(errors.InsufficientPrivilege, match="no worker has built"):
+        ask(Role.API, POINT.format("private"))
+    ask(
+        Role.WORKER,
+        "INSERT INTO boards (phase_id, protocol_digest, split_revision, number, digest, body_digest, body, "
+        "published_at, view) SELECT id, protocol_digest, split_revision, 1, '', '', '', now(), 'main' "
+        "FROM phases",
+    )
+    for statement in (POINT.format("private"), OTHER):
+        with pytest.raises(errors.InsufficientPrivilege, match="no worker has built"):
+            ask(Role.API, statement)
+    ask(Role.API, "UPDATE phases SET title = 'still changed'")
+    with pytest.raises(errors.InsufficientPrivilege):
+        ask(Role.API, "DROP TRIGGER phases_follow_boards ON phases")
 
 
 @pytest.mark.parametrize(("role", "statement"), REFUSED)

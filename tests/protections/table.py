@@ -129,7 +129,7 @@ PROTECTIONS = (
     ),
     Protection(
         "unranked-flags",
-        "exceptiondrive_worker.board_entries:_Rows.unranked_flags",
+        "exceptiondrive_schemas.coverage:unranked_flags",
         _always(()),
         "tests/rescoring/test_to_1_1.py::test_a_parked_car_leaves_rank_1_by_a_run_that_says_so",
     ),
@@ -269,7 +269,7 @@ PROTECTIONS = (
     ),
     Protection(
         "unranked",
-        "exceptiondrive_worker.board_entries:_Rows.unranked_flags",
+        "exceptiondrive_schemas.coverage:unranked_flags",
         _always(()),
         "tests/worker/test_unranked.py::"
         "test_under_1_1_flagged_entries_are_listed_below_in_the_order_that_they_would_have",

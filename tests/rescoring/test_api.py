@@ -1,8 +1,10 @@
 """The organizer's routes and the reader's, over the real application."""
 
 import json
+import re
 import threading
 from collections.abc import Callable
+from csv import DictReader
 from typing import Any
 
 Api = Any
@@ -33,10 +35,13 @@ def test_an_update_goes_from_document_to_rollback_over_the_api(
     preview = api("GET", f"{path}/preview").json()
     csv = api("GET", f"{path}/preview.csv").text.splitlines()
     assert len(csv) == 1 + preview["comparison"]["n_entries"]
+    assert compared(csv) == {("apply", "dev", "1.0", "1.1")}
     stale = api("POST", f"{path}/apply", json={"preview": "sha256:0", **REASON})
     assert (stale.status_code, "stale" in stale.json()["detail"]) == (409, True)
     applied = api("POST", f"{path}/apply", json={"preview": preview["digest"], **REASON})
     assert applied.json()["state"] == "applied"
+    back = api("GET", f"{path}/preview.csv").text.splitlines()
+    assert compared(back) == {("roll_back", "dev", "1.1", "1.0")}
     public = api("GET", f"/rescoring/{drafted.json()['id']}", "nobody").json()
     assert public["comparison"] == preview["comparison"]
     assert "reason" not in public
@@ -46,12 +51,32 @@ def test_an_update_goes_from_document_to_rollback_over_the_api(
     assert api("POST", f"/notifications/{told['id']}/read", "alpha").json()["read_at"]
     assert api("GET", "/notifications?unread=true", "alpha").json() == []
     assert api("POST", f"{path}/rollback", json=REASON).json()["state"] == "rolled_back"
+    done = api("GET", f"{path}/preview.csv").text.splitlines()
+    assert compared(done) == {("applied", "dev", "1.0", "1.1")}
     assert api("GET", "/leaderboard?phase=dev", "nobody").content == before.content
     history = api("GET", "/boards?phase=dev", "nobody").json()
     assert [line["protocol"]["version"] for line in history[:3]] == ["1.0", "1.1", "1.0"]
     for line in history:  # at the very moment of a flip the new board counts
         shown = api("GET", f"/leaderboard?phase=dev&as_of={line['shown_from']}", "nobody").json()
         assert shown["board"] == line["board"]
+
+
+def compared(lines: list[str]) -> set[tuple[str, ...]]:
+    """What a comparison as CSV says that it compares, of all its lines."""
+    keys = ("direction", "phase", "old_protocol", "new_protocol")
+    return {tuple(row[key] for key in keys) for row in DictReader(lines)}
+
+
+def test_a_protocol_that_nobody_can_mean_is_refused_by_check_and_add_alike(
+    api: Api, make_protocol: Callable[..., str]
+) -> None:
+    toml = make_protocol("1.1", "footprint_length_m = 4.084", "footprint_length_m = 60.0")
+    toml = re.sub(r'changes = ".*"', 'changes = ""', toml)
+    for path in ("/organizer/protocols/check", "/organizer/protocols"):
+        refused = api("POST", path, content=toml, headers={"Content-Type": "application/toml"})
+        assert refused.status_code == 400, refused.text
+        assert "no vehicle is 60 m" in refused.json()["detail"]
+        assert "changes: is empty" in refused.json()["detail"]
 
 
 def test_every_response_during_the_flip_is_one_whole_board(

@@ -321,4 +321,4 @@ def test_a_preview_for_spreadsheets_runs_nothing() -> None:
             "entries": tuple(changes),
         }
     )
-    assert_no_formula(comparison_csv(compared), ("method", "team"), len(ALL))
+    assert_no_formula(comparison_csv(compared, "apply"), ("method", "team"), len(ALL))

@@ -113,7 +113,14 @@ def test_a_message_is_previewed_and_shows_no_address(
     words = {"title": "The <deadline>", "text": "It moves.\n\nBy a day."}
     preview = organizer.post(page, words, page=page)
     assert preview.status_code == 200
-    for part in ("Send to 2 teams", "Alpha", "Beta", "1 webhook", "By a day.", "&lt;deadline&gt;"):
+    for part in (
+        "Send to 2 teams",
+        "Alpha",
+        "Beta",
+        "by webhook: 1",
+        "By a day.",
+        "&lt;deadline&gt;",
+    ):
         assert part in preview.text
     assert "secret-hook" not in preview.text
     assert api.get("/notifications", "alpha").json() == []

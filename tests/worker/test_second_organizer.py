@@ -23,6 +23,7 @@ from exceptiondrive_schemas.confirmation import Confirmation
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split, SplitRef
 from exceptiondrive_worker.failures import FailureCode
+from exceptiondrive_worker.splits_admin import SplitsRefusedError
 
 World = Any
 PROTOCOL = packaged_protocol("1.1")
@@ -153,5 +154,5 @@ def test_floors_that_ask_for_two_name_two_keys(
     key = make_key(keys["anna"])
     lines = "\n".join(f'{name} = "{key}"' for name in names)
     write_floors(world, f"second_organizer = true\n[organizers]\n{lines}\n", tiny.name)
-    with pytest.raises(ValueError, match="organizers"):
+    with pytest.raises(SplitsRefusedError, match="organizers"):
         world.add_split(tiny)

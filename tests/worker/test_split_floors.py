@@ -21,7 +21,7 @@ from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.operations.dashboard import dashboard
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.sheets import scored_within_a_day
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
@@ -29,12 +29,11 @@ from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.split_floors import (
-    FloorsUnreadableError,
     SplitFloors,
     breaches,
 )
 from exceptiondrive_worker.split_store import read_split
-from exceptiondrive_worker.splits_admin import publish_split_file
+from exceptiondrive_worker.splits_admin import SplitsRefusedError, publish_split_file
 
 World = Any
 FloatArray = NDArray[np.float64]
@@ -89,9 +88,16 @@ def write_floors(world: World, text: str, name: str = "sample") -> None:
 
 
 def open_phase(world: World, toml: str, split: Split, phase_id: str = "made") -> str:
+    """Open a phase under any protocol, those too that no organizer could add: floors hold alone."""
     world.add_split(split)
+    protocol = parse_protocol(toml)
+    version = protocol.version
     with world.database.write() as session:
-        version = add_protocol(session, toml, "organizer").version
+        now = database_now(session)
+        row = ProtocolRow(digest=protocol.digest, version=version, toml=toml, created_at=now)
+        if session.get(ProtocolRow, protocol.digest) is None:
+            session.add(row)
+            session.flush()
         add_phase(session, phase_id, split=split.name, protocol=version, quota_per_day=10_000)
     return version
 
@@ -324,17 +330,24 @@ def test_only_so_many_protocols_ever_ask(
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 3, at most 2 may be"]
 
 
+@pytest.mark.parametrize("part", ["private", None])
 def test_the_private_part_is_closed_until_its_date(
-    world: World, make_split: Callable[..., Split], planning_file: Callable[..., bytes]
+    world: World,
+    make_split: Callable[..., Split],
+    planning_file: Callable[..., bytes],
+    part: str | None,
 ) -> None:
-    """Whoever has the server's role may point a phase at the private part: it is not scored."""
+    """Whoever has the server may point a phase at it, or at the whole: neither is scored."""
     parts = {f"s{n}": {"part": "private" if n % 2 else "public"} for n in range(6)}
     split = make_split(parts, name="parted")
     write_floors(world, "private_part_from = 2999-01-01T00:00:00Z", split.name)
     world.add_phase(split, "parted")
+    fine = world.score(planning_file(split), phase_id="parted")
+    assert code_of(world, fine) is None
     with world.database.write() as session:
-        session.get_one(Phase, "parted").split_revision = split.part("private").revision
-    submission_id = world.score(planning_file(split), phase_id="parted")
+        chosen = split.part("private") if part else split
+        session.get_one(Phase, "parted").split_revision = chosen.revision
+    submission_id = world.score(planning_file(split, edited_mps=1.2), phase_id="parted")
     assert code_of(world, submission_id) == FailureCode.SPLIT_FLOOR.value
     assert held(world)[-1][1]["asked"] == ["the private part is closed until 2999-01-01 00:00 UTC"]
 
@@ -353,7 +366,7 @@ def test_floors_that_cannot_be_read_leave_everything_queued(
 ) -> None:
     world.add_phase(tiny)
     write_floors(world, text, tiny.name)
-    with pytest.raises(FloorsUnreadableError, match=r"floors\.toml of tiny"):
+    with pytest.raises(SplitsRefusedError, match=r"floors\.toml of tiny"):
         world.add_split(tiny)
     submission_id = world.score(planning_file(tiny))
     assert world.submission(submission_id).status is SubmissionStatus.RECEIVED

@@ -8,7 +8,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.rescoring.trials import tried_protocols
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
 from exceptiondrive_records.splits.drawings import find_public_split
-from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.splits import find_split, part_revision
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
@@ -54,8 +54,7 @@ def hold_floors(
             f"it would be protocol number {len(protocols)}, at most {floors.max_protocols} may be"
         )
     opens, now = floors.private_part_from, database_now(session)
-    is_private = find_split(session, ref.name, ref.revision).part == "private"
-    if is_private and opens is not None and now < opens:
+    if opens is not None and now < opens and _has_private(session, ref):
         found.append(f"the private part is closed until {opens:%Y-%m-%d %H:%M %Z}")
     if found:
         raise FloorHeldError(*found)
@@ -66,6 +65,13 @@ def hold_floors(
                 f"another submission, after {n_scored} of {now:%Y-%m-%d}; at most "
                 f"{floors.max_scored_per_day} a day may be scored"
             )
+
+
+def _has_private(session: Session, ref: SplitRef) -> bool:
+    """Whether samples of the private part are scored: as the part, or with the whole split."""
+    part = find_split(session, ref.name, ref.revision).part
+    private = part_revision(session, ref.name, ref.revision, "private")
+    return part == "private" or (part is None and private is not None)
 
 
 def hold_floors_of(

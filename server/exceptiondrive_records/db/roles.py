@@ -134,11 +134,33 @@ def grants(role: Role) -> Iterator[str]:
         if "INSERT" in rights and table in _NUMBERED:
             yield f"GRANT USAGE ON SEQUENCE {table}_id_seq TO {role}"
     yield from _work_policies(role)
+    yield from _PHASES_FOLLOW_BOARDS
 
 
 _NO_TEMPORARY_TABLES = """DO $$ BEGIN
     EXECUTE format('REVOKE TEMPORARY ON DATABASE %I FROM PUBLIC', current_database());
 END $$"""
+
+
+_PHASES_FOLLOW_BOARDS = (
+    f"""CREATE OR REPLACE FUNCTION phases_follow_boards() RETURNS trigger LANGUAGE plpgsql
+    SET search_path = public AS $$ BEGIN
+        IF current_user <> '{Role.API}' OR EXISTS (
+            SELECT FROM boards WHERE phase_id = NEW.id
+            AND protocol_digest = NEW.protocol_digest AND split_revision = NEW.split_revision
+        ) OR NOT EXISTS (SELECT FROM boards WHERE phase_id = NEW.id) AND EXISTS (
+            SELECT FROM splits WHERE name = NEW.split_name AND revision = NEW.split_revision
+            AND part IS DISTINCT FROM 'private'
+        ) THEN RETURN NEW; END IF;
+        RAISE insufficient_privilege USING MESSAGE = 'no worker has built such a board';
+    END $$""",
+    "DROP TRIGGER IF EXISTS phases_follow_boards ON phases",
+    """CREATE TRIGGER phases_follow_boards
+    BEFORE INSERT OR UPDATE OF protocol_digest, split_revision ON phases
+    FOR EACH ROW EXECUTE FUNCTION phases_follow_boards()""",
+)
+"""The server points a phase only at what a worker has scored and built a board of, floors held; a
+phase without boards at any part but the private one."""
 
 
 def _work_policies(role: Role) -> Iterator[str]:

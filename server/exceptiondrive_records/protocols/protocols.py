@@ -21,6 +21,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
 )
+from exceptiondrive_schemas.protocol_sense import nonsense
 
 
 def add_protocol(session: Session, toml: str, actor: str) -> ProtocolDocument:
@@ -78,7 +79,7 @@ def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
     """Return a protocol document that could be added, or is there already.
 
     Raises:
-        InvalidRecord: Not a valid protocol document.
+        InvalidRecord: Not a valid protocol document, or one that nobody can mean.
         Conflict: The version is taken by another content.
     """
     try:
@@ -87,6 +88,9 @@ def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
         raise InvalidRecord(str(error)) from error
     query = select(ProtocolRow).where(ProtocolRow.version == protocol.version)
     held = session.scalars(query).first()
+    meaningless = [] if held is not None and held.digest == protocol.digest else nonsense(protocol)
+    if meaningless:
+        raise InvalidRecord(str(ProtocolError(meaningless)))
     if held is not None and held.digest != protocol.digest:
         raise Conflict(
             f"Protocol {protocol.version} exists with other content. A protocol never changes: "

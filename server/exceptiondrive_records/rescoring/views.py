@@ -30,6 +30,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
 from exceptiondrive_schemas.rescoring import (
     BoardHistoryLine,
+    FlipDirection,
     PreviewView,
     PublicRun,
     RunAction,
@@ -132,10 +133,17 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     return PreviewView(
         run=run.id,
         digest=compared.digest,
+        direction=_direction(run.state),
         is_stale=is_behind or (seen is not None and seen != compared.digest),
         blockers=blockers,
         comparison=compared.comparison,
     )
+
+
+def _direction(state: RunState) -> FlipDirection:
+    if state.is_final:
+        return "applied"
+    return "roll_back" if state is RunState.APPLIED else "apply"
 
 
 def _applied(run: RescoringRun) -> Compared | None:

@@ -533,10 +533,7 @@ def _message(session: Session, values: Mapping[str, Any]) -> Step:
         facts=(
             ("Text", paragraphs),
             ("To", tuple(names) or "nobody"),
-            (
-                "Besides the inbox",
-                f"{counted(n_emails, 'e-mail address')}, {counted(n_webhooks, 'webhook')}",
-            ),
+            ("Addresses told besides", f"by e-mail: {n_emails}, by webhook: {n_webhooks}"),
         ),
         hidden=(
             ("title", values["title"]),

@@ -5,14 +5,18 @@ import io
 
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import spreadsheet_text
-from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
+from exceptiondrive_schemas.rescoring import Comparison, EntryChange, FlipDirection, Standing
 from exceptiondrive_schemas.score_sheet import MetricRow
 
 _REMINDER = "reminder_effect"
 
 
-def comparison_csv(comparison: Comparison) -> str:
-    """Return old, new and difference of every number, entry by entry."""
+def comparison_csv(comparison: Comparison, direction: FlipDirection) -> str:
+    """Return old and new of every number, entry by entry.
+
+    Each line ends with what is compared: the direction (`roll_back`: new is the earlier protocol), and
+    number, protocol and split revision of both boards.
+    """
     metrics = CHALLENGES[comparison.challenge].metric_keys
     families = _families(comparison)
     columns = [("all", key) for key in metrics]
@@ -25,11 +29,22 @@ def comparison_csv(comparison: Comparison) -> str:
     for family, key in columns:
         name = key if family == "all" else f"{family}.{key}"
         head += [f"old_{name}", f"new_{name}"]
+    compared = {
+        "direction": direction,
+        "phase": comparison.phase,
+        "old_board": str(comparison.old_board),
+        "new_board": str(comparison.new_board),
+        "old_protocol": comparison.from_protocol.version,
+        "new_protocol": comparison.to_protocol.version,
+        "old_split_revision": comparison.from_split.revision,
+        "new_split_revision": comparison.to_split.revision,
+    }
+    head += compared
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(head)
     for entry in comparison.entries:
-        writer.writerow(_line(entry, columns))
+        writer.writerow([*_line(entry, columns), *compared.values()])
     return out.getvalue()
 
 

@@ -137,7 +137,7 @@ def get_preview_csv(services: ServicesOf, run_id: RunId) -> Response:
     """Download the comparison: a line per entry."""
     with services.database.read() as session:
         preview = preview_of(session, run_id)
-    return Response(comparison_csv(preview.comparison), media_type="text/csv")
+    return Response(comparison_csv(preview.comparison, preview.direction), media_type="text/csv")
 
 
 @router.post("/rescoring/{run_id}/start", operation_id="startRun")

@@ -165,7 +165,8 @@ def show_preview(
 def download_csv(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId) -> Response:
     """Download the comparison: a line per entry."""
     with services.database.read() as session:
-        text = comparison_csv(preview_of(session, run_id).comparison)
+        preview = preview_of(session, run_id)
+    text = comparison_csv(preview.comparison, preview.direction)
     return _file(text, "text/csv", f"preview-{run_id}.csv")
 
 
