@@ -10,9 +10,12 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
+from benchmarks.report import ms, show
+from benchmarks.timing import cpu_seconds
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
 from exceptiondrive_schemas.challenges import PLANNING
@@ -25,6 +28,7 @@ from exceptiondrive_server.web.responses import Site
 from exceptiondrive_server.web.templating import render
 
 ENTRIES = 1000
+GROWTH = (100, 1_000, 10_000)
 ROUNDS = 9
 _ROOT = Path(__file__).parents[1]
 _OURS = (str(_ROOT / "server"), str(_ROOT / "schemas"))
@@ -118,6 +122,23 @@ def _median_ms(work: Callable[[], object]) -> float:
         work()
         times.append(1000 * (time.process_time() - started))
     return statistics.median(times)
+
+
+def run(protocol: ProtocolDocument) -> None:
+    """Print how the cost of a board grows with its entries, in the server."""
+    _page(big_board(protocol, 10), protocol)  # compiles the templates
+    rows = []
+    for n_entries in GROWTH:
+        made = big_board(protocol, n_entries)
+        body = canonical_json(made)
+        reading = cpu_seconds(partial(Board.model_validate_json, body))
+        first = cpu_seconds(partial(_first_page, made, protocol))
+        again = cpu_seconds(partial(_page, made, protocol))
+        per_entry = f"{(reading + first) / n_entries * 1e6:.0f}"
+        megabytes = f"{len(body) / 1e6:.1f}"
+        rows.append((f"{n_entries:,}", megabytes, ms(reading), ms(first), per_entry, ms(again)))
+    heads = ("entries", "MB", "read ms", "first page ms", "us an entry", "again ms")
+    show("A board in the server as it grows", heads, rows)
 
 
 def main() -> None:

@@ -13,7 +13,8 @@ from tests.records.statements import statements
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.web import kept_pages, site_state
+from exceptiondrive_server.web import kept_pages
+from exceptiondrive_server.web import services as of_site
 from exceptiondrive_server.web.kept_pages import KeptPages
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ def test_each_page_follows_each_deed_at_once_in_every_process(
 def test_an_unchanged_page_asks_the_records_for_their_state_alone(
     life: "Life", boarded: dict[str, str], address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for clock in (kept_pages, site_state):  # a slow machine must not turn it in between
+    for clock in (kept_pages, of_site):  # a slow machine must not turn it in between
         monkeypatch.setattr(clock, "CLOCK_S", 3600.0)
     first = life.client.get(address.format(**boarded))
     with statements(services(life.client).database) as asked:

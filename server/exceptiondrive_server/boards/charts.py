@@ -21,8 +21,7 @@ from exceptiondrive_server.boards.entry_facts import (
     values_of,
 )
 from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.web.numbers import Digits, fixed
-from exceptiondrive_server.web.scales import Scale, nice_scale, px
+from exceptiondrive_server.web.numbers import Digits, Scale, fixed, nice_scale, px
 from exceptiondrive_server.web.templating import template_filter
 
 CHARACTER_WIDTH = 7.4

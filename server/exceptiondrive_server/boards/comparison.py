@@ -17,8 +17,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import MINUS, Digits, listed, unit_of
-from exceptiondrive_server.web.scales import Scale, nice_scale
+from exceptiondrive_server.web.numbers import MINUS, Digits, Scale, listed, nice_scale, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
 LINE_HEIGHT = 40

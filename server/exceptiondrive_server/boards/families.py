@@ -12,8 +12,7 @@ from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_server.boards.charts import labels_of
 from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import Digits
-from exceptiondrive_server.web.scales import Scale, nice_scale, px
+from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale, px
 
 MAX_SHEETS = 100
 """Of so many ranked entries, the best first, the tasks are read."""

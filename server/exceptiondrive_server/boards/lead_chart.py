@@ -8,8 +8,7 @@ from typing import NamedTuple
 from exceptiondrive_records.boards.boards import Lead
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_server.boards.charts import Box, Label, Tick, place_labels
-from exceptiondrive_server.web.numbers import Digits, day, minute
-from exceptiondrive_server.web.scales import nice_scale, px
+from exceptiondrive_server.web.numbers import Digits, day, minute, nice_scale, px
 
 N_DATES = 4
 

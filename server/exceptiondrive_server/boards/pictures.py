@@ -23,9 +23,8 @@ from exceptiondrive_server.boards.query import AskedBoard
 from exceptiondrive_server.boards.table import Row, RowBuilder
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
-from exceptiondrive_server.web.numbers import Digits, day
+from exceptiondrive_server.web.numbers import Digits, day, px
 from exceptiondrive_server.web.responses import SECURITY_HEADERS
-from exceptiondrive_server.web.scales import px
 from exceptiondrive_server.web.templating import render
 
 _NARROW = frozenset("iljtfrI.,:;|!'()[]/ -·")

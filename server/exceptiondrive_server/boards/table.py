@@ -39,8 +39,15 @@ from exceptiondrive_server.boards.selection import (
     found_entries,
     sort_entries,
 )
-from exceptiondrive_server.web.numbers import DASH, Digits, grouped, unit_of, with_unit
-from exceptiondrive_server.web.scales import Scale, nice_scale
+from exceptiondrive_server.web.numbers import (
+    DASH,
+    Digits,
+    Scale,
+    grouped,
+    nice_scale,
+    unit_of,
+    with_unit,
+)
 
 HEAT_STEPS = 10
 HEAT_ROWS = 12

@@ -24,7 +24,7 @@ from exceptiondrive_schemas.drawing import (
 )
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Task
-from exceptiondrive_server.web.scales import Scale, nice_scale, px
+from exceptiondrive_server.web.numbers import Scale, nice_scale, px
 
 WIDTH, HEIGHT = 430.0, 230.0
 LINE_HEIGHT = 128.0

@@ -14,8 +14,7 @@ from exceptiondrive_server.boards.pictures import (
 from exceptiondrive_server.boards.table import RowBuilder
 from exceptiondrive_server.entries.queries import EntryData
 from exceptiondrive_server.entries.view import WHOLE, position_of
-from exceptiondrive_server.web.numbers import Digits
-from exceptiondrive_server.web.scales import px
+from exceptiondrive_server.web.numbers import Digits, px
 from exceptiondrive_server.web.templating import render
 
 NAME_SIZE = 64

@@ -32,8 +32,7 @@ from exceptiondrive_server.boards.table import (
 from exceptiondrive_server.entries.motion import Motion, motion
 from exceptiondrive_server.entries.queries import EntryData
 from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
-from exceptiondrive_server.web.numbers import Digits
-from exceptiondrive_server.web.scales import Scale, nice_scale
+from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale
 from exceptiondrive_server.web.templating import template_filter
 
 WHOLE = Scale((0.0, 1.0), (0.0, 100.0), ())

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from exceptiondrive_schemas.drawing import Outline, Position, ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Strategy, Task
-from exceptiondrive_server.web.scales import px
+from exceptiondrive_server.web.numbers import px
 
 WIDTH, HEIGHT = 600, 330
 MARGIN_TOP = 48

@@ -8,8 +8,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
-from exceptiondrive_server.web.numbers import Digits
-from exceptiondrive_server.web.scales import px
+from exceptiondrive_server.web.numbers import Digits, px
 
 SHOWN = 40
 """Entries on a page: it stays small, and the file has them all."""

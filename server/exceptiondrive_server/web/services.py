@@ -1,22 +1,55 @@
 """What routes work with: made once per application, closed with it."""
 
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from fastapi import Request
+from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.operations.site import preparing, site_links
+from exceptiondrive_records.operations.status import scoring_delay
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_server.web.site_state import SiteState
 from exceptiondrive_server.web.upload_places import UploadPlaces
 
 if TYPE_CHECKING:
     from exceptiondrive_server.accounts.oidc import Provider
+
+CLOCK_S = 1.0
+"""How old what every page says of the site may be."""
+
+
+class SiteState:
+    """Links, and whether scoring is delayed; while the records are away, what they said last."""
+
+    def __init__(self, database: Database, heartbeat_ttl_s: float) -> None:
+        self._database = database
+        self._ttl_s = heartbeat_ttl_s
+        self._said = (SiteLinks(), "", "")
+        self._read_at_s = -CLOCK_S
+
+    def now(self) -> tuple[SiteLinks, str, str]:
+        """Return the links; why scoring is delayed, or nothing; what is being made, or nothing."""
+        if time.monotonic() - self._read_at_s >= CLOCK_S:
+            try:
+                with self._database.read() as session:
+                    delay = scoring_delay(session, ttl_s=self._ttl_s)
+                    self._said = site_links(session), delay, preparing(session)
+            except SQLAlchemyError:  # pages that need no records are shown all the same
+                pass
+            self._read_at_s = time.monotonic()
+        return self._said
+
+    def forget(self) -> None:
+        """Read anew at the next page."""
+        self._read_at_s = -CLOCK_S
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.markdown import first_paragraph, markdown
-from exceptiondrive_server.web.scales import px
+from exceptiondrive_server.web.numbers import px
 from exceptiondrive_server.web.static_files import asset
 
 F = TypeVar("F", bound=Callable[..., Any])

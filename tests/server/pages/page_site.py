@@ -59,8 +59,8 @@ from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.problems import install_problem_handlers
+from exceptiondrive_server.web.services import SiteState
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_server.web.site_state import SiteState
 from exceptiondrive_server.web.static_files import mount_static
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split

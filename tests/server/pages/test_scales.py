@@ -5,8 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exceptiondrive_server.web.numbers import fixed
-from exceptiondrive_server.web.scales import nice_scale, px
+from exceptiondrive_server.web.numbers import fixed, nice_scale, px
 
 values = st.lists(st.floats(0, 100, allow_nan=False), min_size=1, max_size=20)
 

@@ -11,7 +11,8 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
 from exceptiondrive_server.boards.pages import show_board
 from exceptiondrive_server.boards.query import BoardQuery
-from exceptiondrive_server.web import kept_pages, site_state
+from exceptiondrive_server.web import kept_pages
+from exceptiondrive_server.web import services as of_site
 from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.responses import Site
 from exceptiondrive_server.web.templating import render
@@ -54,7 +55,7 @@ def test_the_making_of_a_page_grows_no_faster_than_its_board(protocol: ProtocolD
 def test_the_board_page_is_made_by_few_calls_in_few_files(
     lively_site: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for clock in (kept_pages, site_state):  # a slow machine must not turn it in between
+    for clock in (kept_pages, of_site):  # a slow machine must not turn it in between
         monkeypatch.setattr(clock, "CLOCK_S", 3600.0)
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
     request = Request({**scope, "app": lively_site.app, "server": ("site.test", 80)})
