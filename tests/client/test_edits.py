@@ -1,6 +1,7 @@
 """Edit, history and download from the command line and the SDK, against the real application."""
 
 import json
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,3 +117,19 @@ def test_notices_and_contacts_have_their_commands(working: "Running") -> None:
     assert (wrong.exit_code, "is none of updates, scored" in wrong.stderr) == (2, True)
     assert "nothing more" in ok(run(working, "contacts", "remove", made["id"]))
     assert json.loads(ok(run(working, "contacts", "list", "--json"))) == []
+
+
+def test_an_address_that_no_mail_reaches_is_told_of(working: "Running") -> None:
+    from exceptiondrive_records.notifications.channels import NoticeSettings
+    from exceptiondrive_records.notifications.outbox import run_outbox
+
+    stop = threading.Event()
+    outbox = threading.Thread(
+        target=run_outbox,
+        args=(working.context.database, NoticeSettings(deliver_every_s=0.1), stop),
+    )
+    outbox.start()
+    told = run(working, "contacts", "add", "b@example.org").stdout
+    stop.set()
+    outbox.join()
+    assert "could not be sent: this server may have no mail server" in told
