@@ -8,7 +8,7 @@ document says: a field that came later, with a default, leaves the digests of ol
 
 import json
 from collections.abc import Collection, Mapping
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import resources
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -340,3 +340,14 @@ def packaged_protocol_toml(version: str = "1.0") -> str:
 def packaged_protocol(version: str = "1.0") -> ProtocolDocument:
     """Return a protocol that ships with this package."""
     return parse_protocol(packaged_protocol_toml(version))
+
+
+@cache
+def packaged_digests() -> frozenset[str]:
+    """Return the digests of all protocols that ship with this package: they are no secret."""
+    files = (resources.files("exceptiondrive_schemas") / "protocols").iterdir()
+    return frozenset(
+        parse_protocol(file.read_text(encoding="utf-8")).digest
+        for file in files
+        if file.name.endswith(".toml")
+    )

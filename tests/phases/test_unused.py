@@ -61,6 +61,14 @@ def test_a_draft_is_for_organizers_until_a_phase_stands_under_it(life: "Life") -
     assert {life.get(f"{door}7.7").status_code for door in doors[:3]} == {200}
 
 
+def test_what_comes_with_the_software_is_no_draft(life: "Life") -> None:
+    life.make_phase(split="plain")
+    add(life, packaged_protocol_toml("1.1"))
+    assert life.get("/protocols/1.1").status_code == 200
+    known = life.json("/api/v1/organizer/protocols", "organizer")
+    assert [(one["version"], one["is_draft"]) for one in known] == [("1.0", False), ("1.1", False)]
+
+
 def test_the_protocol_of_the_front_page_is_the_protocol(life: "Life") -> None:
     life.make_phase(split="plain")
     add(life)

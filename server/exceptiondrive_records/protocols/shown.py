@@ -1,4 +1,4 @@
-"""Which protocols readers know of: a phase stands under them, or a board was shown.
+"""Which protocols readers know of: what phases and shown boards stand under, and what is packaged.
 
 One that is added for a run in preparation is not among them.
 """
@@ -14,7 +14,7 @@ from exceptiondrive_records.protocols.protocols import (
     find_protocol_row,
     list_protocols,
 )
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_digests
 
 
 def shown_protocols(session: Session, *, with_drafts: bool = False) -> list[ProtocolDocument]:
@@ -50,4 +50,4 @@ def shown_digests(session: Session) -> frozenset[str]:
         .join(Phase, Phase.id == BoardRow.phase_id)
         .where(is_seen)
     )
-    return frozenset(session.scalars(union(in_force, ever)))
+    return packaged_digests() | frozenset(session.scalars(union(in_force, ever)))
