@@ -332,6 +332,8 @@ class Client(Connection):
             challenge=phase.challenge,
             max_upload_bytes=phase.max_upload_bytes,
         )
+        if report.faults:
+            return report
         return report.model_copy(update={"notes": (*report.notes, *phase.not_checked)})
 
     def outlook(self, file: SubmissionLike, *, phase: str, method: str | None = None) -> Outlook:
