@@ -14,7 +14,7 @@ by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones
 
 import math
 import statistics
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -291,12 +291,14 @@ _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
 )
 TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0, 10.0)
 MIRROR = _SPATIAL[0]
+EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchanged)
+"""Where edits are slight, a file fits exchanged, too, and much better as it should be."""
 
 
 def _of_space() -> Iterator[Transformation]:
     for looks_like, option, change in _SPATIAL:
         yield Transformation(looks_like, option, partial(_of_source, change))
-    yield Transformation("source and edited exchanged", "--exchange", _exchanged)
+    yield EXCHANGE
 
 
 def _of_time(geometry: GeometrySection, n_given: int) -> Iterator[Transformation]:
@@ -343,11 +345,22 @@ def _best_mend(
     tried = _some(moving)
     as_is = [_with_step(geometry.time_step_s, geometry.time_step_s, each) for each in tried]
     error = _error(as_is)
-    transformations = list(_of_time(geometry, n_given or geometry.waypoints))
-    if n_given is None:
-        if error <= FITS:
-            return _mirror_mend(moving)
-        transformations += _of_space()
+    if n_given is not None:
+        return _best(tried, error, _of_time(geometry, n_given))
+    if error <= FITS:
+        transformations = [EXCHANGE]
+    else:
+        transformations = [*_of_time(geometry, geometry.waypoints), *_of_space()]
+    best = _best(tried, error, transformations)
+    if best is not None and error > FITS_BETTER * best.mended_error:
+        return best
+    return _mirror_mend(moving) if error <= FITS else None
+
+
+def _best(
+    tried: Sequence[Compared], error: float, transformations: Iterable[Transformation]
+) -> Mend | None:
+    """Return what fits best, if it fits at all."""
     mends: list[Mend] = []
     for transformation in transformations:
         applied = [found for each in tried if (found := transformation.apply(each)) is not None]
@@ -360,9 +373,8 @@ def _best_mend(
                     mended_error=_error(applied),
                 )
             )
-    best = min(mends, key=lambda mend: mend.mended_error)
-    is_better = n_given is not None or error > FITS_BETTER * best.mended_error
-    return best if is_better and best.mended_error <= FITS else None
+    best = min(mends, key=lambda mend: mend.mended_error, default=None)
+    return best if best is not None and best.mended_error <= FITS else None
 
 
 def _some(samples: Sequence[Compared]) -> Sequence[Compared]:
