@@ -96,8 +96,8 @@ def test_a_leak_in_a_row_is_found(postgres: "Postgres") -> None:
     address = postgres.uri.replace("/postgres?", f"/{name}?")
     with WATCH.planted() as found, psycopg.connect(address) as connection:
         connection.execute(
-            "INSERT INTO teams (slug, name, name_skeleton, is_reference, created_at) "
-            "VALUES (%s, %s, 'x', false, now())",
+            "INSERT INTO teams (slug, name, affiliation, name_skeleton, is_reference, created_at) "
+            "VALUES (%s, %s, '', 'x', false, now())",
             ("x", f"Team {CANARY}"),
         )
         look_in_postgres(connection)

@@ -216,7 +216,7 @@ def test_images_become_two_linked_entries_and_the_board_shows_what_the_reminder_
         *endpoint,
         *reminded,
     )
-    submit = ("--phase", PHASE, "--wait", "--json")
+    submit = ("--phase", PHASE, "--wait", "--json", "--allow-unranked")
     plain = json.loads(run("submit", "plain.json", "--method", "Made", *submit))
     linked = ("--without-reminder", plain["id"])
     with_it = json.loads(run("submit", "reminded.json", "--method", "Made + R", *submit, *linked))

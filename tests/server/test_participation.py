@@ -1,5 +1,6 @@
 """What organizers do with teams: by API and by page, refused to teams, in the audit log."""
 
+import hashlib
 import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -249,8 +250,9 @@ def test_a_forgotten_team_stands_under_an_alias_and_the_board_keeps_its_digest(
         r"/organize/teams/(former-\w+)\?done=team_forgotten", done.headers["location"]
     )
     assert alias is not None
-    told = api.get("/boards/dev/2")
+    told = api.get("/boards/dev/2", headers={"Accept-Encoding": "identity"})
     assert told.json()["entries"][0]["team"] == f"Former team {alias[1][7:].upper()}"
+    assert told.headers["etag"] == f'"{hashlib.sha256(told.content).hexdigest()}"'
     for address in ("/", "/history?phase=dev", "/api/v1/leaderboard?phase=dev", f"/entries/{own}"):
         seen = api.client.get(address, headers={"Accept": "text/html, application/json"})
         assert (seen.status_code, "Alpha" in seen.text) == (200, False), address

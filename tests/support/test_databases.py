@@ -8,8 +8,8 @@ from tests.support.databases import TEMPLATE, Postgres
 
 pytestmark = [pytest.mark.postgres]
 ADD_TEAM = (
-    "INSERT INTO teams (slug, name, name_skeleton, is_reference, created_at)"
-    " VALUES ('x', 'X', 'x', false, now()) RETURNING id"
+    "INSERT INTO teams (slug, name, affiliation, name_skeleton, is_reference, created_at)"
+    " VALUES ('x', 'X', '', 'x', false, now()) RETURNING id"
 )
 
 

@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
+from exceptiondrive_records.boards.tables import BoardAlias, BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
@@ -238,14 +238,18 @@ _MAX_KEPT = 32
 
 def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntry]:
     """Return the entries of a board by submission; boards never change, so each is read once."""
-    row = None if board_id is None else session.get(BoardRow, board_id)
-    if row is None:
+    digest = session.scalar(
+        select(func.coalesce(BoardAlias.body_digest, BoardRow.body_digest))
+        .select_from(BoardRow)
+        .outerjoin(BoardAlias, BoardAlias.board_id == BoardRow.id)
+        .where(BoardRow.id == board_id)
+    )
+    if digest is None:
         return {}
-    digest = row.told_digest
     if digest not in _ENTRIES:
         if len(_ENTRIES) >= _MAX_KEPT:
             _ENTRIES.clear()
-        entries = parsed_board(row).entries
+        entries = parsed_board(session.get_one(BoardRow, board_id)).entries
         _ENTRIES[digest] = {each.submission_id: each for each in entries if each.submission_id}
     return _ENTRIES[digest]
 

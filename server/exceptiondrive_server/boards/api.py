@@ -106,13 +106,13 @@ def _page_of(
 
 
 def _as_kept(request: Request, row: BoardRow, max_age_s: int) -> Response:
-    """Give a board as readers get it; its recorded bytes are not digested again."""
+    """Give a board as readers get it; bytes that are recorded are not digested again."""
     is_recorded = row.told_at == row.published_at
     return conditional(
         request,
         lambda: served_body(row).encode(),
         "application/json",
-        etag=row.body_digest.removeprefix("sha256:") if is_recorded else "",
+        etag=row.told_digest.removeprefix("sha256:") if is_recorded else "",
         max_age_s=max_age_s,
     )
 
