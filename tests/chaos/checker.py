@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from sqlalchemy import select
 from tests.chaos.checker_boards import audited, boards_now
-from tests.chaos.checker_told import boards_seen, endings_stay, scores_stay
+from tests.chaos.checker_told import board_as_told, boards_seen, endings_stay, scores_stay
 from tests.chaos.history import History
 from tests.chaos.topology import MAX_ATTEMPTS
 
@@ -45,11 +45,11 @@ def check(
         jobs = list(session.scalars(select(Job).where(Job.attempts > MAX_ATTEMPTS)))
         teams = {team.id: team.slug for team in session.scalars(select(Team))}
         phases = {phase.id: phase for phase in session.scalars(select(Phase))}
-        boards = {row.body for row in session.scalars(select(BoardRow))}
-        flips = select(BoardFlip.phase_id, BoardRow.number).order_by(BoardFlip.id)
-        shown = defaultdict[str, list[int]](list)
-        for phase_id, number in session.execute(flips.join(BoardRow)):
-            shown[phase_id].append(number)
+        flips = select(BoardFlip.at, BoardRow).join(BoardRow).order_by(BoardFlip.id)
+        shown, boards = defaultdict[str, list[int]](list), dict[int, str]()
+        for at, board in session.execute(flips):
+            shown[board.phase_id].append(board.number)
+            boards.setdefault(board.id, board_as_told(board, at))
         sheets = {
             (row.submission_id, row.protocol_digest, row.split_revision): json.loads(
                 row.sheet.model_dump_json(by_alias=True)
@@ -66,7 +66,7 @@ def check(
     found += _attempts(jobs)
     found += endings_stay(history, rows)
     found += scores_stay(history, sheets)
-    found += boards_seen(history.boards, boards, shown)
+    found += boards_seen(history.boards, set(boards.values()), shown)
     return sorted(set(found))
 
 

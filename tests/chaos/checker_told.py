@@ -2,10 +2,13 @@
 
 import json
 from collections.abc import Iterator
+from datetime import datetime
 from typing import Any
 
+from pydantic import TypeAdapter
 from tests.chaos.history import BoardSeen, History
 
+from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -13,6 +16,7 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 _FINAL = {status.value for status in SubmissionStatus if status.is_terminal}
 _SCORED, _WITHDRAWN = SubmissionStatus.SCORED.value, SubmissionStatus.WITHDRAWN.value
 SheetKey = tuple[str, str, str]
+_DATE = TypeAdapter(datetime)
 
 
 def _may_follow(before: str | None, after: str, *, is_restored: bool) -> bool:
@@ -49,6 +53,17 @@ def scores_stay(history: History, sheets: dict[SheetKey, dict[str, Any]]) -> Ite
         if kept != seen.sheet:
             names = sorted(key for key in seen.sheet if (kept or {}).get(key) != seen.sheet[key])
             yield Violation("score changed", seen.submission_id, f"told other {', '.join(names)}")
+
+
+def board_as_told(row: BoardRow, first_at: datetime) -> str:
+    """The bytes of the records, with the moment when readers first saw them as their date.
+
+    That is another than the recorded one where a rescoring built the board and it was applied later.
+    """
+    built, told = (
+        f'"published_at":{_DATE.dump_json(at).decode()}' for at in (row.published_at, first_at)
+    )
+    return row.body.replace(built, told)
 
 
 def boards_seen(

@@ -62,6 +62,14 @@ def _apply(run: Run, rescoring: str) -> None:
         assert compared is not None, "there is no preview"
         preview = compared.digest
         apply_run(session, rescoring, preview=preview, reason="seen", actor="chaos")
+        applied = find_run(session, rescoring).to_protocol_digest
+    run.topology.wait_until(lambda: _newest_seen(run) == applied, "a reader to see the new board")
+
+
+def _newest_seen(run: Run) -> str:
+    """The protocol of the board that readers saw last."""
+    digest: str = json.loads(run.history.so_far().boards[-1].body)["protocol"]["digest"]
+    return digest
 
 
 def _roll_back(run: Run, rescoring: str) -> None:

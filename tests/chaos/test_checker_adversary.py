@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,7 +15,8 @@ from tests.chaos.history import Call, Sighting
 
 from exceptiondrive_records.audit.log import GENESIS, audit, line_hash
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
+from exceptiondrive_records.boards.boards import served_body
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_schemas.base import canonical_json, content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 
@@ -125,6 +127,13 @@ def _leave_the_pointer(story: Story) -> None:
         audit(session, "worker", "board published", first.phase_id)
 
 
+def _show_a_draft_later(story: Story) -> None:
+    """A minute passed until readers saw the board, as where a rescoring is applied by and by."""
+    with story.database.write() as session:
+        flip = session.scalars(select(BoardFlip)).one()
+        flip.at += timedelta(minutes=1)
+
+
 def _cut_the_tail(story: Story) -> None:
     _sql("DELETE FROM audit_lines WHERE id = (SELECT max(id) FROM audit_lines)")(story)
 
@@ -167,6 +176,10 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     "a withdrawn one stays on the board": ("must not stand on the board", _withdraw_but_show),
     "the board stands on its head": ("rank is not that of the values", _republish(_on_their_head)),
     "a newer board is not shown": ("not the newest board", _leave_the_pointer),
+    "a draft was told with the date when it was built": (
+        "board not on the records",
+        _show_a_draft_later,
+    ),
     "no board is shown": (
         "scores without a board",
         _sql("UPDATE phases SET current_board_id = NULL"),
@@ -185,3 +198,13 @@ def test_one_rule_alone_sees(what: str, embedded_story: Story) -> None:
     rule, plant = PLANTED[what]
     plant(embedded_story)
     assert rules(embedded_story) == {rule}
+
+
+def test_a_draft_is_told_with_the_date_when_readers_first_saw_it(embedded_story: Story) -> None:
+    _show_a_draft_later(embedded_story)
+    first = embedded_story.history.boards[0]
+    with embedded_story.database.read() as session:
+        body = served_body(session.scalars(select(BoardRow)).one()).encode()
+    assert body != first.body
+    embedded_story.history.boards[0] = dataclasses.replace(first, etag="draft", body=body)
+    assert rules(embedded_story) == set()

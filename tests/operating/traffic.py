@@ -97,7 +97,7 @@ def submit(client: Client, file: Path, team: str, history: History) -> str:
     method = f"proxied-{team}"
     status, submission_id = None, None
     try:
-        submission_id = client.submit(file, phase=PHASE, method=method).id
+        submission_id = client.submit(file, phase=PHASE, method=method, replace=True).id
         status = 202
     finally:
         took_s = history.now_s() - began_s
