@@ -117,7 +117,14 @@ def read_arrays(path: Path, *names: str) -> tuple[list[Any], ...]:
             'Run: pip install "exceptiondrive[evaluate]"',
         ) from None
     try:
-        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as arrays:
+        arrays = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        if isinstance(arrays, np.ndarray):
+            raise fault(
+                path,
+                "is one array without names (.npy). Write it with sample ids: "
+                f'numpy.savez("planner.npz", {", ".join(f"{name}=..." for name in names)}).',
+            )
+        with arrays:
             return tuple(arrays[name].tolist() for name in names)
     except KeyError as error:
         raise fault(path, f"has no array {error}.") from None
@@ -138,6 +145,8 @@ def points_of(
     modes = _modes(value)
     if modes is not None:
         value = _chosen_mode(path, where, modes, mode)
+        if len(modes) > 1:
+            on_form(f"mode {mode} of {len(modes)}")
     other = trajectory_in(value)
     if other is not None:
         value, form = other

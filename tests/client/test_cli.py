@@ -249,6 +249,16 @@ def test_convert_never_writes_what_is_not_valid(planning_file: MakeFile, tmp_pat
     assert json.loads(output.read_text())["predictions"][0]["source"] is None
 
 
+def test_convert_says_where_it_found_nothing(tmp_path: Path) -> None:
+    file, out = tmp_path / "run.json", tmp_path / "out.json"
+    file.write_text('{"n0": {"of_another_form": 1}}')
+    runs = ("--from", "waymo", "--source-run", str(file), "--edited-run", str(file))
+    done = run("convert", *runs, "--split", "sample", "--output", str(out))
+    assert done.exit_code == 2
+    assert "No prediction was found" in done.stderr
+    assert not out.exists()
+
+
 def test_convert_takes_two_runs_and_checks_them_with_the_manifest(
     tmp_path: Path,
 ) -> None:

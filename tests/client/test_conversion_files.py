@@ -95,7 +95,9 @@ def test_an_object_by_sample_id_is_read(tmp_path: Path) -> None:
 def test_one_of_several_modes_is_taken_where_it_is_said(tmp_path: Path) -> None:
     other = [[0.0, 0.0]] * 6
     several = written(tmp_path, "a.json", json.dumps([PREDICTION | {"source": [other, LISTS]}]))
-    assert read_pairs([several], mode=1) == ((PAIR,), None)
+    told: list[str] = []
+    assert read_pairs([several], mode=1, on_form=told.append) == ((PAIR,), None)
+    assert told == ["mode 1 of 2"]
     for mode in (None, 2):
         with pytest.raises(InvalidArgumentError, match="s1: source has 2 modes") as caught:
             read_pairs([several], mode=mode)
@@ -127,6 +129,10 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
         read_pairs([path])
     np.savez(path, sample_id=np.array(["s1"]))
     with pytest.raises(InvalidArgumentError, match="has no array"):
+        read_pairs([path])
+    with path.open("wb") as one_array:
+        np.save(one_array, missing)
+    with pytest.raises(InvalidArgumentError, match="one array without names"):
         read_pairs([path])
 
 

@@ -158,6 +158,15 @@ def convert(
         if form is not None or not files
         else read_pairs(files, mode, forms.setdefault)
     )
+    if not pairs:
+        raise InvalidArgumentError(
+            "unreadable_file",
+            "No prediction was found in what was given.",
+            f"Runs in the form of {planner} look as `exceptiondrive convert --help` and "
+            "docs/client.md say."
+            if form
+            else "Name a file that has trajectories by sample id.",
+        )
     known = None if manifest is None else given_manifest(manifest)
     split = split or split_of_files or (known.name if known else None)
     if split is None:
