@@ -96,10 +96,10 @@ def test_a_team_publishes_by_a_click_without_script(
 ) -> None:
     page = signed_in(life, browser, site, "beta", java_script_enabled=False)
     page.goto(f"{site}/my")
-    row = page.locator("tr", has_text="own").first
+    row = page.locator("tr", has_text="Choose and publish").first
     row.locator("button", has_text="Publish it").click()
     expect(page).to_have_url(f"{site}/my")
-    expect(page.locator("tr", has_text="own").first).to_contain_text("Published")
+    expect(page.locator("tr", has_text="Choose and publish").first).to_contain_text("Published")
     life.work()
     page.goto(f"{site}/?phase=own")
     expect(page.locator("tr.own")).to_contain_text("BetaDrive")

@@ -193,7 +193,7 @@ def test_a_message_whose_sender_dies_each_time_is_given_up(
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
                 send_next(stage.database, patience)
-            with stage.database.write() as session:
+            with stage.owner.write() as session:
                 let_time_pass(session, timedelta(hours=1))
     assert send_next(stage.database, patience)
     assert delivery(stage).outcome.value == "given_up"

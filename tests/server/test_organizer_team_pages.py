@@ -9,6 +9,12 @@ from sqlalchemy import select
 
 from exceptiondrive_records.accounts.tables import BrowserSession, Token
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.news.questions import ask_question
+from exceptiondrive_records.news.tables import Question
+from exceptiondrive_records.notifications.contacts import add_contact
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.participation.disqualification import disqualify_team
+from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, register_team
@@ -118,6 +124,26 @@ def test_a_registration_is_approved_or_refused(
     refuse = f"{TEAMS}/epsilon/refuse"
     late = organizer.post(refuse, {"reason": "x"}, page=refuse)
     assert (late.status_code, "The team is approved" in late.text) == (409, True)
+
+
+def test_a_refused_registration_takes_along_all_that_is_the_teams(
+    api_on_both: "Api", organizer: "TeamBrowser"
+) -> None:
+    api = api_on_both
+    with api.database.write() as session:
+        _, _, team = register_team(session, "delta", "Delta", "We are new.")
+        ask_question(session, team.id, "dev", "May we use maps?", actor="delta")
+        disqualify_team(session, "delta", reason="a second account", actor="test")
+        add_contact(session, team.id, Channel.EMAIL, "new@example.org", actor="delta")
+    held = (Question, Disqualification, ContactPoint, Delivery)
+    with api.database.read() as session:
+        assert all(session.scalars(select(kind)).first() for kind in held)
+    refuse = f"{TEAMS}/delta/refuse"
+    done = organizer.post(refuse, {"reason": "a second account"}, page=refuse)
+    assert done.headers["location"] == f"{TEAMS}?done=team_refused"
+    with api.database.read() as session:
+        assert not any(session.scalars(select(kind)).first() for kind in held)
+        assert session.scalars(select(Team).where(Team.slug == "delta")).first() is None
 
 
 def test_a_phase_is_made_and_a_deadline_is_moved(

@@ -70,7 +70,7 @@ RIGHTS = MappingProxyType(
         "boards": (R, RI, R),  # only workers publish
         "confirmations": (RID, R, R),  # workers believe a signature, not a row
         "contact_points": (RIUD, R, R),
-        "disqualifications": (RIU, R, R),
+        "disqualifications": (RIUD, R, R),
         "entry_drawings": (R, RI, R),
         "invitations": (RIUD, NONE, NONE),
         "memberships": (RID, NONE, NONE),
@@ -80,7 +80,7 @@ RIGHTS = MappingProxyType(
         "phases": (_PHASES, _POINTER, R),
         "protocol_drawings": (R, RI, R),
         "protocols": (RID, R, R),  # foreign keys keep what is in use
-        "questions": (RIU, NONE, NONE),
+        "questions": (RIUD, NONE, NONE),
         "receipt_keys": (RI, NONE, NONE),
         "rescoring_runs": (RIU, R, RU),
         "sample_pictures": (R, RID, R),
@@ -106,7 +106,7 @@ WORK_RIGHTS = MappingProxyType(
     {
         # kind of work: (api, worker, reconciler)
         "board": (RIU, RIU, RIU),
-        "delivery": (RIU, RI, RIU),
+        "delivery": (RIUD, RI, RIU),
         "lead": (R, NONE, RIUD),
         "recheck": (RIU, RU, RU),
         "trial": (RI, RU, R),  # workers alone say what came of it

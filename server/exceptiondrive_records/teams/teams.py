@@ -1,10 +1,11 @@
 """Teams: they own submissions."""
 
 import hashlib
+from collections.abc import Iterator
 from datetime import timedelta
 from ipaddress import IPv6Address, ip_address, ip_network
 
-from sqlalchemy import Column, ColumnElement, Table, delete, exists, func, select
+from sqlalchemy import ColumnElement, ForeignKey, delete, exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import Token
@@ -85,7 +86,7 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
     """Refuse a team that waits for approval: its id and name are free again, its tokens gone.
 
     Only an audit line stays. Whatever table comes to hold something of a team is emptied of it
-    too, since its foreign key says so.
+    too, and of what hangs on that, since its foreign keys say so.
 
     Raises:
         NotFound: There is no such team.
@@ -100,24 +101,24 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
         raise Conflict("The team has submissions; they cannot be taken out of the records.")
     detail = {"reason": checked_reason(reason), "name": team.name}
     audit(session, actor, "team refused", slug, detail)
-    tokens = select(Token.id).where(Token.team_id == team.id).scalar_subquery()
     for table in reversed(Base.metadata.sorted_tables):
         if table is Submission.__table__:  # there are none, and the server may delete none
             continue
-        for column in _pointing(table, "tokens.id"):
-            session.execute(delete(table).where(column.in_(tokens)))
-        for column in _pointing(table, "teams.id"):
-            session.execute(delete(table).where(column == team.id))
+        for key in table.foreign_keys:
+            for of_team in _of_team(key, team.id):
+                session.execute(delete(table).where(of_team))
     session.execute(delete(Team).where(Team.id == team.id))
 
 
-def _pointing(table: Table, target: str) -> list[Column[object]]:
-    """Return the columns of a table whose foreign key points to `target`."""
-    return [
-        column
-        for column in table.columns
-        if any(key.target_fullname == target for key in column.foreign_keys)
-    ]
+def _of_team(key: ForeignKey, team_id: int) -> Iterator[ColumnElement[bool]]:
+    """Yield what holds for rows whose key points to a team, or to something that a team has."""
+    target = key.column.table
+    if target is Team.__table__:
+        yield key.parent == team_id
+    elif target is not Submission.__table__:
+        for own in target.foreign_keys:
+            if own.column.table is Team.__table__:
+                yield key.parent.in_(select(key.column).where(own.parent == team_id))
 
 
 # Teams that register themselves: they get a token at once, and submit when they are approved.
