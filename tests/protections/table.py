@@ -22,6 +22,12 @@ def _every_scope(principal_of: Any) -> Callable[..., Any]:
     return lambda *arguments: replace(principal_of(*arguments), scopes=frozenset(Scope))
 
 
+def _unkeyed(_: Any) -> property:
+    from exceptiondrive_schemas.base import content_digest
+
+    return property(lambda scored: content_digest(scored.sheet))
+
+
 def _any_team(find: Any) -> Callable[..., Any]:
     return lambda session, submission_id, *, team_id=None: find(session, submission_id)
 
@@ -96,6 +102,12 @@ PROTECTIONS = (
         "exceptiondrive_worker.split_floors:breaches",
         _always(()),
         "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_usual_floors_hold",
+    ),
+    Protection(
+        "sheet-digest",
+        "exceptiondrive_worker.stages:Scored.digest",
+        _unkeyed,
+        "tests/worker/test_stages.py::test_the_digest_tells_nothing_to_who_knows_the_sheet_but_not_the_regions",
     ),
     Protection(
         "second-organizer",

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.challenges import PLANNING, Challenge
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -105,6 +106,18 @@ def test_a_fresh_store_comes_to_the_same_bits(
 ) -> None:
     first, _ = counted.score(target)
     assert Counted(tmp_path / "other", counted.upload).score(target) == (first, EVERYTHING)
+
+
+def test_the_digest_tells_nothing_to_who_knows_the_sheet_but_not_the_regions(
+    counted: Counted, target: Target
+) -> None:
+    """An upload that answers one sample has a sheet of one unknown clearance: all can be tried."""
+    scored = counted.stages.score(target)
+    assert scored.digest != content_digest(scored.sheet)
+    other = replace(target, split=replace(target.split, regions_digest="f" * 64))
+    elsewhere = replace(scored, regions_digest=other.split.regions_digest)
+    assert elsewhere.sheet == scored.sheet
+    assert elsewhere.digest != scored.digest
 
 
 def test_new_required_clearances_touch_neither_upload_nor_geometry(

@@ -7,12 +7,13 @@ geometry, a new geometry touches no upload.
 """
 
 import hashlib
+import hmac
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pydantic import ValidationError
 
-from exceptiondrive_schemas.base import canonical_json, content_digest
+from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.challenges import Challenge, ChallengeId
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -52,11 +53,19 @@ class Scored:
 
     sheet: ScoreSheet
     measurement_key: str
+    regions_digest: str
+    """Of all regions of the split: withheld."""
 
     @property
     def digest(self) -> str:
-        """Digest of the exact sheet: a rescoring must come to the same."""
-        return content_digest(self.sheet)
+        """Digest of the exact sheet: a rescoring must come to the same.
+
+        It leaves the worker, so the regions are its key (HMAC-SHA256). Without one, an upload that
+        answers a single sample would let whoever sees the digest try every clearance that this
+        sample may have, and no rounding of what is published would bound that.
+        """
+        key = self.regions_digest.encode("ascii")
+        return f"sha256:{hmac.digest(key, canonical_json(self.sheet), 'sha256').hex()}"
 
 
 class RejectedUpload(Exception):  # noqa: N818 - the file is wrong, not the program
@@ -118,7 +127,8 @@ class Stages:
             "protocol": ProtocolRef(version=protocol.version, digest=protocol.digest),
             "split": target.split.manifest.ref,
         }
-        return Scored(sheet.model_copy(update=refs), measurement_key)
+        found = sheet.model_copy(update=refs)
+        return Scored(found, measurement_key, target.split.regions_digest)
 
     def measurements(self, target: Target) -> Columns:
         """Return the measurements of an upload.

@@ -101,7 +101,7 @@ def finish_scored(
         session: Of a write transaction.
         job: As it was claimed.
         sheet: Rounded for publication.
-        exact_digest: Of the unrounded sheet, which stays with the worker.
+        exact_digest: Of the unrounded sheet, which stays with the worker, keyed by the regions.
         measurement_key: Key of the measurements in the worker's private store.
         scorer_version: Which code scored.
         report: What the file looks like, where its challenge says so; told with the first score.
